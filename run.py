@@ -1,4 +1,4 @@
-"""``python run.py photo.jpg`` is ``brushexp photo.jpg``; add ``-m`` to sweep, ``--help`` to see the choices."""
+"""Run the program: ``python run.py photo.jpg`` is ``brushexp photo.jpg``; add ``-m`` to sweep, ``--help`` for help."""
 
 from brushexp.__main__ import main
 

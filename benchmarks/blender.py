@@ -1,4 +1,4 @@
-"""Render ``painting.glb`` of ``to=gltf`` from the front and from the side, by Blender (``pip install bpy``).
+"""Render the ``painting.glb`` of ``to=gltf`` from the front and the side with Blender (``pip install bpy``).
 
 python benchmarks/blender.py outputs/x/painting.glb sheet.png --frame 250 --pixels 480
 """
@@ -12,7 +12,7 @@ import bpy
 from mathutils import Vector
 from PIL import Image
 
-VIEWS = (((0, -1.6, 0), (0, 0, 0)), ((0.42, -0.3, -0.28), (0.12, 0, 0)))  # of the camera, and of what it looks at
+VIEWS = (((0, -1.6, 0), (0, 0, 0)), ((0.42, -0.3, -0.28), (0.12, 0, 0)))  # positions of the camera and of its target
 
 
 def main() -> None:
@@ -20,7 +20,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("painting", type=Path)
     parser.add_argument("sheet", type=Path)
-    parser.add_argument("--frame", type=int, help="of the animation; the last one if it is not given")
+    parser.add_argument("--frame", type=int, help="of the animation; the last by default")
     parser.add_argument("--pixels", type=int, default=480)
     options = parser.parse_args()
     bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -49,7 +49,7 @@ def main() -> None:
 
 
 def placed(thing: bpy.types.Object) -> bpy.types.Object:
-    """Put a thing into the scene."""
+    """Add an object to the scene."""
     bpy.context.scene.collection.objects.link(thing)
     return thing
 

@@ -1,11 +1,11 @@
-"""What it saves to blend the uppermost layers alone: the thesis's top-k (2020, 6.3) without anything else of a step.
+"""Measure the time saved by blending only the top layers: the thesis's top-k (2020, 6.3), without the rest of a step.
 
     python benchmarks/blending.py            (a minute on one idle core, 3 GB of memory)
 
-Layers of 384 strokes on 196 x 196 pixels, each with colours of its own at every pixel, are blended forward and
-backward: all of them; the k uppermost that are not empty, k as at the fullest pixel (eq. 6.8); and these with the
-thesis's product over pairs of layers (eq. 6.16 to 6.21). All three give one picture. The five scenes are recorded for
-``task=verdicts``.
+The layers of 384 strokes on 196 x 196 pixels, whose colours vary from pixel to pixel, are blended forward and backward
+in three ways: all layers; the top k nonempty layers, with the k of the fullest pixel (eq. 6.8); and the same k layers
+with the thesis's product over pairs of layers (eq. 6.16 to 6.21). All three give the same picture. The results of five
+scenes are recorded for ``task=verdicts``.
 """
 
 import argparse
@@ -33,7 +33,7 @@ QUESTION = "How much time does it save to blend the uppermost layers alone, apar
 
 
 def layers_of(seed: int) -> tuple[Tensor, Tensor]:
-    """Draw short strokes around a lattice: their alpha (1, N, P), and colours (1, N, P, 3) that vary a little."""
+    """Draw short strokes around a lattice: their alpha (1, N, P), and colours (1, N, P, 3) that vary slightly."""
     generator = torch.Generator().manual_seed(seed)
     pitch = SIDE / N**0.5
     place = (torch.cartesian_prod(*2 * [torch.arange(20.0)])[:N] + 0.5) * SIDE / 20
@@ -52,7 +52,7 @@ def layers_of(seed: int) -> tuple[Tensor, Tensor]:
 
 
 def uppermost(alpha: Tensor, color: Tensor, k: int) -> tuple[Tensor, Tensor]:
-    """Gather the k uppermost layers (1, k, P) and (1, k, P, 3) that are not empty at a pixel."""
+    """Gather the top k nonempty layers of each pixel: alpha (1, k, P) and colours (1, k, P, 3)."""
     filled = alpha > 0
     rank = torch.where(filled, filled.cumsum(1) - 1, k).clamp_max(k)
     place = torch.zeros(1, k + 1, alpha.shape[2], dtype=torch.long)
@@ -63,7 +63,7 @@ def uppermost(alpha: Tensor, color: Tensor, k: int) -> tuple[Tensor, Tensor]:
 
 
 def over_in_pairs(alpha: Tensor, color: Tensor) -> Tensor:
-    """Lay k layers over each other by products over pairs of layers, (1, k, k, P), as the thesis does."""
+    """Blend k layers with products over pairs of layers, (1, k, k, P), as the thesis does."""
     k = alpha.shape[1]
     lies_above = torch.ones(k, k, dtype=torch.bool).tril(-1)[None, :, :, None]
     above = torch.where(lies_above, 1 - alpha[:, None], 1.0).prod(2)
@@ -71,7 +71,7 @@ def over_in_pairs(alpha: Tensor, color: Tensor) -> Tensor:
 
 
 def cpu_seconds_of(blend: Callable[[Tensor, Tensor], Tensor], alpha: Tensor, color: Tensor) -> tuple[float, Tensor]:
-    """Median CPU seconds of blending forward and backward, after one run that does not count; and the picture."""
+    """Return the median CPU time of blending forward and backward, after one uncounted run, and the picture."""
     times = []
     for _ in range(RUNS + 1):
         leaves = [one.clone().requires_grad_() for one in (alpha, color)]
@@ -83,7 +83,7 @@ def cpu_seconds_of(blend: Callable[[Tensor, Tensor], Tensor], alpha: Tensor, col
 
 
 def main() -> None:
-    """Measure, print and record."""
+    """Measure, print and record the times."""
     torch.set_num_threads(1)
     rows, begin = {}, time.process_time()
     for seed in range(SCENES):
@@ -101,9 +101,7 @@ def main() -> None:
         for picture in pictures[1:]:
             torch.testing.assert_close(picture, pictures[0])
         ratios = [rows["layers=all", str(seed)] / rows[name, str(seed)] for name in list(ways)[1:]]
-        print(
-            f"scene {seed}: k = {k}, uppermost {ratios[0]:.2f} and in pairs {ratios[1]:.2f} times as fast", flush=True
-        )
+        print(f"scene {seed}: k = {k}, top k {ratios[0]:.2f} and in pairs {ratios[1]:.2f} times as fast", flush=True)
     index = pd.MultiIndex.from_tuples(sorted(rows, key=lambda key: list(ways).index(key[0])), names=["option", "seed"])
     table = pd.DataFrame({"cpu_seconds": [rows[key] for key in index]}, index)
     cost = f"{(time.process_time() - begin) / 3600:.2f} CPU hours, of blending and its gradient alone"

@@ -1,11 +1,11 @@
-"""Brushify of G'MIC, where that is installed, beside our looks: each picture whole, and a detail enlarged four times.
+"""Compare G'MIC's Brushify, if installed, with our looks: each painting as a whole, and a detail enlarged four times.
 
     python benchmarks/brushify.py FIGURE.jpg astronaut@190,60 photo.jpg@20,200
     python benchmarks/brushify.py FIGURE.jpg chelsea@150,90 --looks oil vangogh --folder paintings
 
-A picture is a file or a sample of scikit-image, as for image=; behind @ stand left and top of its detail, in pixels of
-the painting. With --folder, paintings that are there are not painted again. G'MIC is free software of its own
-(gmic.eu; Debian's package gmic), and no part of the program: without it there is no column of its.
+A picture is a file or a sample of scikit-image, as for image=; the numbers after @ are the left and top edges of its
+detail, in pixels of the painting. With --folder, existing paintings are reused. G'MIC is separate free software
+(gmic.eu; Debian's package gmic) and not part of this program; if it is missing, so is its column.
 """
 
 import argparse
@@ -25,23 +25,23 @@ from PIL import Image
 from brushexp.pictures.load import load_picture
 from brushexp.system.files import to_bytes
 
-SIDE = 512  # pixels of the longer side of paintings
+SIDE = 512  # pixels on the longer side of a painting
 BRUSHIFY = "7,0.25,4,64,25,12,0,2,4,0.2,0.5,30,1,1,1,5,0,0.2,1"
-CELL, ZOOM, GAP = 320, 4, 8  # pixels of the figure
+CELL, ZOOM, GAP = 320, 4, 8  # CELL and GAP in pixels of the figure
 
 
 def brushified(target: Image.Image, path: Path) -> None:
-    """Have G'MIC paint it."""
+    """Paint a picture with G'MIC."""
     with tempfile.TemporaryDirectory() as folder:
         target.save(source := Path(folder) / "target.png")
         subprocess.run(["gmic", source, "fx_brushify", BRUSHIFY, "-o", path], check=True, capture_output=True)
 
 
 def paintings(picture: str, looks: list[str], folder: Path) -> list[Image.Image]:
-    """Of one picture: by Brushify, if it is there, and in each look."""
+    """Return the paintings of one picture: by Brushify, if installed, and in each look."""
     found = []
     for painter in [*(["brushify"] if shutil.which("gmic") else []), *looks]:
-        path = folder / f"{quote(picture, safe='')}_{painter}.png"  # a/1.jpg and b/1.jpg are two pictures
+        path = folder / f"{quote(picture, safe='')}_{painter}.png"  # a/1.jpg and b/1.jpg are different pictures
         if not path.exists() and painter == "brushify":
             brushified(Image.fromarray(to_bytes(load_picture(picture, SIDE))), path)
         elif not path.exists():
@@ -51,7 +51,7 @@ def paintings(picture: str, looks: list[str], folder: Path) -> list[Image.Image]
 
 
 def row(made: list[Image.Image], left: int, top: int) -> Image.Image:
-    """Each painting whole, and its detail."""
+    """Put each painting and its detail into one row."""
     height = round(CELL * made[0].height / made[0].width)
     side = CELL // ZOOM
     sheet = Image.new("RGB", (2 * len(made) * (CELL + GAP), max(height, CELL) + GAP), "white")
@@ -69,7 +69,7 @@ def main() -> None:
     parser.add_argument("figure", type=Path)
     parser.add_argument("pictures", nargs="+", metavar="PICTURE@LEFT,TOP")
     parser.add_argument("--looks", nargs="+", default=["oil", "impasto"])
-    parser.add_argument("--folder", type=Path, help="where paintings are kept")
+    parser.add_argument("--folder", type=Path, help="folder to keep the paintings in")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         folder = options.folder or Path(scratch)

@@ -1,10 +1,10 @@
-"""Measure how many strokes a file of a given size should hold: PSNR of the decoded painting by bits per stroke.
+"""Measure how many strokes a file of a given size should hold: PSNR of the decoded painting against bits per stroke.
 
     python benchmarks/byte_goal.py docs/records/byte_goal.csv
 
-Paints three photographs of scikit-image with `look=plain` and as many strokes as the file holds at several bits per
-stroke, besides 60 bytes of a file without strokes, and rounds them as finely as fits. The share of `bits=` in
-`brushexp_coding.goal` follows from the table.
+Paints three photographs of scikit-image with `look=plain`. The number of strokes is what the file can hold at a given
+number of bits per stroke, beyond the 60 bytes of a file without strokes; the strokes are rounded as finely as the size
+allows. The share of `bits=` in `brushexp_coding.goal` follows from the table.
 """
 
 import csv
@@ -15,13 +15,13 @@ import brushexp
 
 PHOTOGRAPHS = ("astronaut", "coffee", "chelsea")
 SIZES = ((128, 800), (128, 2000), (192, 6000))  # side in pixels, bytes
-BITS = (65, 75, 85, 95, 110, 130)  # of a stroke
+BITS = (65, 75, 85, 95, 110, 130)  # per stroke
 OVERHEAD = 60  # bytes
 COLUMNS = ("photograph", "side", "size", "bits_a_stroke", "strokes", "bytes", "psnr", "psnr_decoded")
 
 
 def row_of(name, side, size, bits):
-    """Paint a photograph with the strokes that fit at so many bits each; return its row of the table."""
+    """Paint a photograph with the strokes that fit at ``bits`` bits each, and return its row of the table."""
     painting = brushexp.paint(
         name,
         look="plain",
@@ -38,7 +38,7 @@ def row_of(name, side, size, bits):
 
 
 def main():
-    """Write the table into the file that is given."""
+    """Write the table to the file named on the command line."""
     with Path(sys.argv[1]).open("w", newline="") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow(COLUMNS)

@@ -1,12 +1,12 @@
-"""Whether a canvas on disk costs the same per megapixel at any size, and what two workers gain.
+"""Measure whether a canvas on disk costs the same per megapixel at any size, and how much two workers gain.
 
     python benchmarks/canvas.py             (4, 16 and 64 megapixels; about ten minutes on two idle cores)
     python benchmarks/canvas.py --sizes 4 16 64 100
-    python benchmarks/canvas.py --grids 1024 900    errors along borders, over those of another grid at their places
+    python benchmarks/canvas.py --grids 1024 900    errors along tile borders, relative to those of the other grid
 
-The picture is the coffee of scikit-image, which goes on as in mirrors, so that borders of tiles meet all of it and no
-edge that is not its own. Of 4 megapixels no two tiles are painted side by side.
-Every table is one run: read the ratios, not the seconds.
+The picture is scikit-image's coffee, repeated by reflection, so that tile borders cross every part of it without
+creating new edges. At 4 megapixels, no two tiles are painted at the same time. Every table is one run: read the ratios,
+not the seconds.
 """
 
 import argparse
@@ -24,19 +24,19 @@ from PIL import Image
 from skimage import data
 
 SMALL = 16  # megapixels
-FAR = 40  # pixels from a border, where a painting has none
+FAR = 40  # pixels from a border beyond which a pixel counts as far from it
 SETTINGS = ("look=even", "steps=40", "report=false", "pyramid=none")
 
 
 def mirrored(side: int) -> Image.Image:
-    """Make a picture of ``side`` x ``side`` pixels out of one that goes on as in mirrors, without an edge."""
+    """Make a picture of ``side`` x ``side`` pixels by repeating a photograph by reflection, without visible joins."""
     picture = data.coffee()
     more = [(0, max(0, side - length)) for length in picture.shape[:2]]
     return Image.fromarray(np.pad(picture, [*more, (0, 0)], mode="symmetric")[:side, :side])
 
 
 def painted(picture: Path, folder: Path, workers: int, *more: str) -> dict[str, float]:
-    """Paint a picture with so many workers in a process of its own, and return its figures."""
+    """Paint a picture with ``workers`` workers in a separate process, and return its metrics."""
     words = [str(picture), f"canvas={folder / 'canvas.zarr'}", f"output={folder / 'run'}", f"workers={workers}", *more]
     subprocess.run([sys.executable, "-m", "brushexp", *words, *SETTINGS], check=True)
     figures: dict[str, float] = json.loads((folder / "run" / "metrics.json").read_text())
@@ -64,9 +64,9 @@ def main() -> None:
     """Print a row for each size and number of workers, or the error along borders."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--sizes", type=int, nargs="+", default=[4, 16, 64], help="megapixels")
-    words = f"all of them up to {SMALL} megapixels, and the last one for more"
+    words = f"all are used up to {SMALL} megapixels, only the last above"
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2], help=words)
-    parser.add_argument("--grids", type=int, nargs=2, help=f"sides of tiles; {SMALL} megapixels")
+    parser.add_argument("--grids", type=int, nargs=2, help=f"sides of tiles; paints {SMALL} megapixels")
     options = parser.parse_args()
     if options.grids:
         tell_seams(options.grids, options.workers[-1])

@@ -1,10 +1,10 @@
-"""Brush simulators side by side: the same twelve strokes, strokes per second, and how true their colours are.
+"""Compare brush simulators: the same twelve strokes, strokes per second, and colour errors.
 
-    python benchmarks/engines.py             prints the tables
-    python benchmarks/engines.py FIGURE.png  and draws the strokes
+    python benchmarks/engines.py             print the tables
+    python benchmarks/engines.py FIGURE.png  also draw the strokes
 
-The strokes are those of a picture of Fluid Paint itself: 200 of 256 pixels long, bent by 0, 50 and -80, brush radii
-8, 15, 25 and 40.
+The strokes are copied from a picture of Fluid Paint itself: 200 pixels long in a window of 256, bent by 0, 50 and -80,
+with brush radii of 8, 15, 25 and 40.
 """
 
 import sys
@@ -24,11 +24,11 @@ from brushexp.plugins.engine.base import Engine
 from brushexp.registry import build_named, plugins
 from brushexp.strokes.prior import parameters_of, sample_prior, width_parameter
 
-RADII, BENDS = (8, 15, 25, 40), (0, 50, -80)  # 256ths of the window
+RADII, BENDS = (8, 15, 25, 40), (0, 50, -80)  # in 256ths of the window
 COLORS = ((1.0, 0.1, 0.1), (0.6, 0.8, 0.1), (0.55, 0.05, 0.4), (0.35, 0.5, 0.55))
-LARGE = 256  # pixels of a window of the figure
+LARGE = 256  # pixels of a large window in the figure
 PAPER, HEAD = 0.953, 26
-# What dli/paint shows for the corners of its cube of pigments: red, blue and yellow, each 0 or 1.
+# Colours that dli/paint displays for the corners of its cube of pigments: red, blue and yellow, each 0 or 1.
 CORNERS = {
     (0, 0, 0): (1, 1, 1), (1, 0, 0): (1, 0, 0), (0, 1, 0): (0.163, 0.373, 0.6), (0, 0, 1): (1, 1, 0),
     (1, 0, 1): (1, 0.5, 0), (0, 1, 1): (0, 0.66, 0.2), (1, 1, 0): (0.5, 0, 0.5), (1, 1, 1): (0.2, 0.094, 0),
@@ -36,7 +36,7 @@ CORNERS = {
 
 
 def twelve() -> Tensor:
-    """Parameters (12, 10), one row of the figure after the other."""
+    """Return the parameters (12, 10) of the strokes, row by row."""
     rows = []
     for radius, color in zip(RADII, COLORS, strict=True):
         width = 2 * radius / 256
@@ -47,15 +47,15 @@ def twelve() -> Tensor:
 
 
 def over_paper(images: Tensor) -> Tensor:
-    """(n, 4, S, S) RGBA -> (n, 3, S, S) on light grey."""
+    """Blend RGBA images (n, 4, S, S) over light grey: (n, 3, S, S)."""
     return images[:, :3] * images[:, 3:] + PAPER * (1 - images[:, 3:])
 
 
 def panel(name: str, window: int) -> np.ndarray:
-    """The twelve strokes of one engine, four rows of three: (H, W, 3) uint8."""
+    """Draw the twelve strokes of one engine in four rows of three: (H, W, 3) uint8."""
     engine: Engine = build_named("engine", name, {"window": window})
     pictures = over_paper(engine(twelve(), seed=0).images)
-    seen = slice(window * 3 // 16, window * 12 // 16)  # above and below is nothing
+    seen = slice(window * 3 // 16, window * 12 // 16)  # the rest of the window is empty
     rows = [torch.cat(list(pictures[3 * k : 3 * k + 3, :, seen]), dim=2) for k in range(4)]
     sheet = (torch.cat(rows, dim=1).permute(1, 2, 0) * 255).round().byte().numpy()
     zoom = LARGE // window
@@ -63,7 +63,7 @@ def panel(name: str, window: int) -> np.ndarray:
 
 
 def figure(names: list[str]) -> Image.Image:
-    """All engines in columns: large windows above, windows of 64 pixels, magnified, below."""
+    """Draw all engines in columns: large windows at the top, magnified windows of 64 pixels below."""
     panels = [[panel(name, window) for name in names] for window in (LARGE, 64)]
     high, wide = panels[0][0].shape[:2]
     sheet = Image.new("RGB", (len(names) * (wide + 8), 2 * (high + HEAD)), "white")
@@ -77,7 +77,7 @@ def figure(names: list[str]) -> Image.Image:
 
 
 def strokes_per_second(name: str, options: dict[str, object], n: int = 512) -> float:
-    """Strokes of the prior simulated per second of wall time, after a first batch."""
+    """Measure the strokes simulated per second of wall time, after a first batch."""
     engine: Engine = build_named("engine", name, options)
     parameters = parameters_of(sample_prior(2 * n))
     engine(parameters[:n], seed=0)
@@ -87,7 +87,7 @@ def strokes_per_second(name: str, options: dict[str, object], n: int = 512) -> f
 
 
 def color_error(name: str) -> tuple[float, float]:
-    """Mean and 99th percentile of |shown - recorded| colour where a stroke covers more than half, 0 to 1."""
+    """Return the mean and 99th percentile of |shown - recorded| colour where a stroke covers more than half, 0 to 1."""
     engine: Engine = build_named("engine", name, {})
     parameters = parameters_of(sample_prior(1000, seed=1))
     images = engine(parameters, seed=0).images
@@ -97,7 +97,7 @@ def color_error(name: str) -> tuple[float, float]:
 
 
 def pigment_error(n: int = 2000, tried: int = 41) -> tuple[float, float]:
-    """What inverting the original's pigments would cost: mean and 99th percentile distance of RGB to their gamut."""
+    """Estimate the error of inverting the original's pigments: mean and 99th percentile distance to their gamut."""
     grid = torch.linspace(0, 1, tried, dtype=torch.float64)
     points = torch.cartesian_prod(grid, grid, grid)
     shown = torch.zeros_like(points)

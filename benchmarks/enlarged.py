@@ -1,11 +1,11 @@
-"""How much of the finest detail of a simulated stroke `renderer=textured` still has when a painting is enlarged.
+"""Measure how much of a simulated stroke's finest detail `renderer=textured` preserves when a painting is enlarged.
 
-    python benchmarks/enlarged.py            a table
-    python benchmarks/enlarged.py STROKE.png and draws them, simulated above, textured below
+    python benchmarks/enlarged.py            print a table
+    python benchmarks/enlarged.py STROKE.png also draw them: simulated above, textured below
 
-A stroke that is so many pixels wide at 4096 px, and seven times as long, is simulated at that size, and drawn with each
-texture. The energy of the finest octave is the mean square of the coverage less what a Gaussian of 1 pixel keeps of it,
-that of the next one, of the latter less what a Gaussian of 2 pixels keeps.
+Strokes of several widths at 4096 px, each seven times as long as wide, are simulated at that size and drawn with
+several textures. The energy of the finest octave is the mean square of the coverage minus the coverage blurred by a
+Gaussian of 1 pixel; that of the next octave is the mean square of the difference between the blurs of 1 and 2 pixels.
 """
 
 import sys
@@ -24,13 +24,13 @@ from brushexp.plugins.renderer.base import window_pictures
 from brushexp.registry import build_named
 from brushexp.strokes.prior import width_parameter
 
-ASPECT, INSET = 7, 0.8  # length in widths; half-windows from the middle to the ends
-WIDE = (16, 32, 64, 96, 112)  # pixels at 4096: 2 to 14 of a painting of 512
+ASPECT, INSET = 7, 0.8  # length in widths; distance from the middle to the ends in half-windows
+WIDE = (16, 32, 64, 96, 112)  # pixels at 4096 px: 2 to 14 at 512 px
 SEEDS = 3
 
 
 def pair(pixels: int, number: int) -> tuple[np.ndarray, np.ndarray]:
-    """Coverage (S, S) of one stroke, simulated and textured."""
+    """Return the coverage (S, S) of one stroke, simulated and textured."""
     window = round(pixels * ASPECT / INSET)
     width = INSET / ASPECT
     row = torch.tensor([[-INSET, 0, 0, 0, INSET, 0, width_parameter(width), 0, 0, 0]])
@@ -41,7 +41,7 @@ def pair(pixels: int, number: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def octaves(picture: np.ndarray) -> tuple[float, float]:
-    """Energy of the finest octave and of the next."""
+    """Return the energy of the finest octave and of the next one."""
     fine, coarse = gaussian_filter(picture, 1.0), gaussian_filter(picture, 2.0)
     return float(((picture - fine) ** 2).mean()), float(((fine - coarse) ** 2).mean())
 

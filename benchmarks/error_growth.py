@@ -1,12 +1,12 @@
-"""How far the float32 kernels are from float64, and what makes it worse: layers, opacity, pixels, distance, thinness.
+"""Measure how far float32 kernels are from float64, depending on layers, opacity, pixels, distance and thinness.
 
     python benchmarks/error_growth.py                       tables (20 s of processor time, 1.4 GB)
-    python benchmarks/error_growth.py --plots docs/images   and the plots numerics_*.png
+    python benchmarks/error_growth.py --plots docs/images   also draw the plots numerics_*.png
 
-The reference is eager PyTorch in float64 on the very same (float32) strokes. The error of a picture is the largest
-difference at any pixel and channel. The error of a gradient, of a randomly weighted sum of the picture, is
-|g - G| / |G| over all strokes, of that field of a stroke where it is largest. Errors are the same on every machine but
-for the last bits of vector units.
+The reference is eager PyTorch in float64 on exactly the same (float32) strokes. The error of a picture is the largest
+difference at any pixel and channel. The error of a gradient (of a randomly weighted sum of the picture) is |g - G| /
+|G| over all strokes, for the field with the largest error. Errors are the same on every machine except for the last
+bits of vector units.
 """
 
 import argparse
@@ -41,22 +41,22 @@ RENDERERS: dict[str, Renderer] = {
     "analytic": Analytic(),
     "textured": Textured(checkpoint=None).requires_grad_(False).eval(),
 }
-LEAST = 1e-10  # plots show no error below
+LEAST = 1e-10  # smallest error that the plots show
 
 
 @dataclass(frozen=True)
 class Errors:
-    """Of a picture and of its gradient."""
+    """Errors of a picture and of its gradient."""
 
     picture: float
     gradient: float
 
 
-Table = dict[float, dict[str, Errors]]  # what varies -> kernel -> errors
+Table = dict[float, dict[str, Errors]]  # variable -> kernel -> errors
 
 
 def strokes_of(n: int, *, side: float = 8.0, length: float = 12.0, width: float = 7.0, seed: int = 0) -> Strokes:
-    """``n`` hardly bent strokes through the middle third of ``side`` x ``side`` pixels, in all directions, opaque."""
+    """Make ``n`` slightly bent, opaque strokes in all directions across the middle of ``side`` x ``side`` pixels."""
     generator = torch.Generator().manual_seed(seed)
 
     def uniform(*shape: int) -> Tensor:
@@ -79,7 +79,7 @@ def strokes_of(n: int, *, side: float = 8.0, length: float = 12.0, width: float 
 def painted(
     blend: Blend, renderer: Renderer, strokes: Strokes, size: tuple[int, int], weight: Tensor
 ) -> tuple[Tensor, dict[str, Tensor]]:
-    """The picture, and the gradient of its weighted sum in each field; ``weight`` is of its last columns."""
+    """Return the picture, and the gradient of its last columns, weighted by ``weight``, in each field."""
     leaves = strokes.map(lambda value: value.clone().requires_grad_())
     image = blend(renderer(leaves), torch.arange(len(strokes)), size, BACKGROUND.to(strokes.width)).image
     image = image[:, :, -weight.shape[2] :]
@@ -88,9 +88,10 @@ def painted(
 
 
 def errors_of(blend: Blend, renderer: Renderer, strokes: Strokes, side: int, *, far: int = 0) -> Errors:
-    """Of float32 strokes on ``side`` x ``side`` pixels; with ``far``, the canvas has so many more columns before them.
+    """Measure the errors of float32 strokes on ``side`` x ``side`` pixels, or ``far`` pixels to the right.
 
-    There the strokes are ``far`` pixels to the right, as float32 rounds them, and the reference is at the origin.
+    The canvas then has ``far`` more columns on the left. The strokes are moved to the right and rounded to float32; the
+    reference paints the rounded strokes at the origin.
     """
     weight = torch.randn(3, side, side, generator=torch.Generator().manual_seed(1))
     moved = strokes.moved(shift=(far, 0))
@@ -106,7 +107,7 @@ def errors_of(blend: Blend, renderer: Renderer, strokes: Strokes, side: int, *, 
 
 
 def layers() -> Table:
-    """More and more strokes over the same 64 pixels."""
+    """Measure errors with more and more strokes over the same 64 pixels."""
     found: Table = {}
     for n in (1, 3, 10, 30, 100, 300, 1000, 3000, 10_000):
         found[n] = {}
@@ -121,7 +122,7 @@ def layers() -> Table:
 
 
 def opacities() -> Table:
-    """Alpha goes to 1: 30 strokes over the same pixels."""
+    """Measure errors as alpha approaches 1: 30 strokes over the same pixels."""
     found: Table = {}
     for k in range(1, 9):
         strokes = strokes_of(30)
@@ -132,7 +133,7 @@ def opacities() -> Table:
 
 
 def distances() -> Table:
-    """Strokes far from the origin."""
+    """Measure errors of strokes far from the origin."""
     found: Table = {}
     for far in (0, 8, 80, 800, 8000, 80_000, 1_000_000):
         strokes = strokes_of(20, side=24.0)
@@ -141,7 +142,7 @@ def distances() -> Table:
 
 
 def sizes() -> tuple[Table, Table]:
-    """Strokes shorter and thinner than a pixel: errors, and the same as a part of what the strokes change."""
+    """Measure errors of strokes smaller than a pixel, also relative to the change that the strokes cause."""
     plain, relative = Table(), Table()
     renderers = RENDERERS | {"analytic, taper 0.5": Analytic(taper=0.5)}
     for exponent in range(2, -9, -1):
@@ -164,14 +165,14 @@ def sizes() -> tuple[Table, Table]:
 
 
 def values(count: int, part: Tensor) -> Iterator[Tensor]:
-    """``count`` float32 numbers in pieces: those of ``part`` again and again."""
+    """Yield ``count`` float32 numbers in pieces by repeating ``part``."""
     while count > 0:
         yield part[:count]
         count -= len(part)
 
 
 def sums() -> dict[int, dict[str, float]]:
-    """Relative errors of means over pixels in float32: a picture's losses, a stroke's gradient, a running sum."""
+    """Measure relative errors of means over pixels in float32: losses, a stroke's gradient, a running sum."""
     generator = torch.Generator().manual_seed(0)
     image, target = torch.rand(2, 3, 600, 600, generator=generator)
     parts = {
@@ -195,7 +196,7 @@ def sums() -> dict[int, dict[str, float]]:
 
 
 def running(numbers: "np.ndarray[tuple[int], np.dtype[np.float32]]") -> np.float32:
-    """The sum as a plain loop makes it."""
+    """Sum numbers as a plain loop does."""
     total = np.float32(0)
     for begin in range(0, len(numbers), 10**7):
         piece = numbers[begin : begin + 10**7].copy()
@@ -205,7 +206,7 @@ def running(numbers: "np.ndarray[tuple[int], np.dtype[np.float32]]") -> np.float
 
 
 def of_a_stroke(numbers: Tensor) -> float:
-    """Relative error of the sum of numbers per pixel: 64 in float32, as in a tile, then over the tiles."""
+    """Measure the relative error of a sum over pixels in float32: first within tiles of 64, then over the tiles."""
     tiles = numbers[: len(numbers) // 64 * 64].reshape(-1, 64)
     pairs = np.zeros((len(tiles), 1), np.float32)
     for k in range(64):
@@ -218,7 +219,7 @@ def of_a_stroke(numbers: Tensor) -> float:
 
 
 def save_small(figure: Figure, path: Path) -> None:
-    """Write a PNG of few colours: a third of the bytes."""
+    """Write a PNG with few colours, which takes a third of the bytes."""
     save_figure(figure, path)
     with Image.open(path) as image:
         few = image.convert("RGB").quantize(64)
@@ -226,7 +227,7 @@ def save_small(figure: Figure, path: Path) -> None:
 
 
 def show(title: str, varies: str, table: Table) -> None:
-    """Print a table in Markdown: picture / gradient."""
+    """Print a table in Markdown with picture / gradient in each cell."""
     names = list(next(iter(table.values())))
     print(f"\n{title}\n\n| {varies} | {' | '.join(names)} |\n|{'---|' * (len(names) + 1)}")
     for x, row in table.items():
@@ -235,7 +236,7 @@ def show(title: str, varies: str, table: Table) -> None:
 
 
 def plot(path: Path, varies: str, table: Table, *, falling: bool = False, picture: str = "picture") -> None:
-    """Errors of picture and gradient beside each other, on logarithmic axes."""
+    """Plot errors of picture and gradient side by side, on logarithmic axes."""
     figure = new_figure(4.2)
     for axes, what in zip(figure.subplots(1, 2), ("picture", "gradient"), strict=True):
         for number, name in enumerate(next(iter(table.values()))):
@@ -254,7 +255,7 @@ def plot(path: Path, varies: str, table: Table, *, falling: bool = False, pictur
 
 
 def plot_sums(path: Path, table: dict[int, dict[str, float]]) -> None:
-    """Relative errors of sums against pixels."""
+    """Plot relative errors of sums against pixels."""
     figure = new_figure(4.2)
     axes = figure.subplots()
     for number, name in enumerate(next(iter(table.values()))):
@@ -267,7 +268,7 @@ def plot_sums(path: Path, table: dict[int, dict[str, float]]) -> None:
 
 
 def main(plots: Path | None) -> None:
-    """All studies, one after another."""
+    """Run all studies one after another."""
     studies: tuple[tuple[str, str, str, Callable[[], Table], bool], ...] = (
         ("layers", "Layers over each other: picture / gradient", "strokes over the same pixels", layers, False),
         ("alpha", "Alpha near 1, 30 strokes: picture / gradient", "1 - alpha", opacities, True),

@@ -1,7 +1,7 @@
-"""Count the faces that `find_faces` finds, misses and makes up, by tilt and size.
+"""Count the faces that `find_faces` finds and misses, and its false hits, by tilt and size.
 
-python benchmarks/faces.py              # two portraits, and pictures without faces, of scikit-image and matplotlib
-python benchmarks/faces.py faces.csv    # pictures of your own: lines of picture,x,y,side; without numbers: no face
+python benchmarks/faces.py              # two portraits, and pictures without faces, from scikit-image and matplotlib
+python benchmarks/faces.py faces.csv    # your own pictures: lines of picture,x,y,side; without numbers: no face
 python benchmarks/faces.py faces.csv --sizes 256 512 1024 --tilts 0 30 -30 --least 0.7
 """
 
@@ -24,8 +24,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "src"))
 from brushexp.pictures.face import Face
 from brushexp.pictures.faces.detection import LEAST_SCORE, find_faces
 
-NEAR = 0.4  # sides of a face within which the middle of one that is found must lie
-LIKE = 2.0  # times as large or as small it may be
+NEAR = 0.4  # largest distance of a hit from the middle of a face, in sides of the face
+LIKE = 2.0  # largest ratio between the sides of a hit and a face, either way
 WITHOUT_FACES = (
     "brick", "chelsea", "clock_motion", "coffee", "coins", "grass", "gravel", "horse", "hubble_deep_field", "moon",
     "rocket",
@@ -35,7 +35,7 @@ Truth = tuple[float, float, float]  # x, y and side of a face, in pixels
 
 @dataclass
 class Count:
-    """What became of the faces of some pictures."""
+    """Counts of found, missed and false faces in some pictures."""
 
     faces: int = 0
     hits: int = 0
@@ -44,7 +44,7 @@ class Count:
     made_up: list[str] = field(default_factory=list)
 
     def add(self, name: str, truths: list[Truth], found: list[Face]) -> None:
-        """Match what was found with the truth, one to one."""
+        """Match the faces found with the true ones, one to one."""
         left = list(found)
         for x, y, side in truths:
             hit = next((face for face in left if is_hit(face, x, y, side)), None)
@@ -61,12 +61,12 @@ class Count:
 
 
 def is_hit(face: Face, x: float, y: float, side: float) -> bool:
-    """Tell whether a face that was found is one of a middle and side in pixels."""
+    """Check whether a found face matches a true one with a given middle and side in pixels."""
     return math.hypot(face.x - x, face.y - y) < NEAR * side and 1 / LIKE < face.side / side < LIKE
 
 
 def samples() -> dict[str, list[Truth]]:
-    """List pictures that come with scikit-image and matplotlib, with their faces."""
+    """List pictures that come with scikit-image and matplotlib, and their faces."""
     hopper = Path(matplotlib.get_data_path()) / "sample_data" / "grace_hopper.jpg"
     pictures: dict[str, list[Truth]] = {
         str(Path(data_dir) / "astronaut.png"): [(225, 121, 100)],
@@ -81,7 +81,7 @@ def samples() -> dict[str, list[Truth]]:
 
 
 def read(table: Path) -> dict[str, list[Truth]]:
-    """Read which faces pictures have; their paths are relative to the table."""
+    """Read the faces of pictures from a table; paths are relative to the table."""
     pictures: dict[str, list[Truth]] = defaultdict(list)
     with table.open() as file:
         for picture, *face in csv.reader(file):
@@ -93,7 +93,7 @@ def read(table: Path) -> dict[str, list[Truth]]:
 
 
 def turned(picture: Image.Image, truths: list[Truth], tilt: float) -> tuple[Image.Image, list[Truth]]:
-    """Turn a picture and its faces clockwise by ``tilt`` degrees."""
+    """Rotate a picture and its faces clockwise by ``tilt`` degrees."""
     canvas = picture.rotate(-tilt, Image.Resampling.BICUBIC, expand=True)
     c, s = math.cos(math.radians(tilt)), math.sin(math.radians(tilt))
     moved = []
@@ -109,8 +109,8 @@ def main() -> None:
     parser.add_argument("table", nargs="?", type=Path, help="CSV of picture,x,y,side in pixels of the file")
     parser.add_argument("--sizes", type=int, nargs="+", default=[256, 512, 768, 1024], help="longer side in pixels")
     parser.add_argument("--tilts", type=float, nargs="+", default=[0, 15, -15, 30, -30, 45, -45], help="degrees")
-    parser.add_argument("--least", type=float, default=LEAST_SCORE, help="confidence from which a candidate is a face")
-    parser.add_argument("--list", action="store_true", help="name each miss and each false hit")
+    parser.add_argument("--least", type=float, default=LEAST_SCORE, help="least confidence of a face")
+    parser.add_argument("--list", action="store_true", help="list each miss and each false hit")
     asked = parser.parse_args()
     torch.set_num_threads(1)
     pictures = read(asked.table) if asked.table else samples()

@@ -1,13 +1,13 @@
-"""A painted film against its pictures painted one by one with the same settings: flicker, PSNR, seconds a picture.
+"""Compare a painted film with its pictures painted one by one with the same settings: flicker, PSNR and time.
 
-    python benchmarks/film.py                          a piece of a photograph that moves over another one
+    python benchmarks/film.py                          a piece of a photograph moving over another photograph
     python benchmarks/film.py clip.mp4 --count 12      the first pictures of a film
     python benchmarks/film.py --look ink --side 256
-    python benchmarks/film.py --side 256 --sheet film.jpg    and three of its pictures, painted, and what then changes
-    python benchmarks/film.py --cut --count 5 --override steps=8    PSNR of each picture beside a cut
+    python benchmarks/film.py --side 256 --sheet film.jpg    also save three painted pictures and how they change
+    python benchmarks/film.py --cut --count 5 --override steps=8    PSNR of each picture around a cut
 
-Flicker is the mean change (levels of 255) from picture to picture where the target stays as it is. Both are measured on
-pictures as they are shown, in their light; PSNR is of the colours.
+Flicker is the mean change (levels of 255) from picture to picture where the target does not change, measured on the
+pictures as displayed, under their lamp. PSNR compares the colours.
 """
 
 import argparse
@@ -37,12 +37,12 @@ from brushexp.pictures.similarity import psnr_of
 from brushexp.pictures.video import filming
 from brushexp.strokes.storage import load_catalogue
 
-GAIN = 8  # of what changes, in a sheet
+GAIN = 8  # amplification of changes in a sheet
 MOVED = 6  # pixels from picture to picture
 
 
 def scene(count: int, side: int) -> list[np.ndarray]:
-    """A round piece of one photograph on its way over a still one."""
+    """Make pictures of a round piece of one photograph moving over another, still one."""
     still = transform.resize(data.coffee()[:, 100:500], (side, side), anti_aliasing=True)
     piece = transform.resize(data.chelsea()[20:280, 110:370], (side // 3, side // 3), anti_aliasing=True)
     row, column = np.mgrid[: side // 3, : side // 3] - (side // 3 - 1) / 2
@@ -57,7 +57,7 @@ def scene(count: int, side: int) -> list[np.ndarray]:
 
 
 def cut(count: int, side: int) -> list[np.ndarray]:
-    """Two photographs, one after the other, each of which moves to the left."""
+    """Make pictures of two photographs, one after the other, each moving to the left."""
     parts = (data.coffee()[:, :400], data.chelsea()[:, :300])
     larger = [transform.resize(part, (side, side + MOVED * count), anti_aliasing=True) for part in parts]
     places = [(picture, MOVED * k) for picture in larger for k in range(count)]
@@ -73,7 +73,7 @@ def tell_pictures(folder: Path, clip: Path) -> None:
 
 
 def write_sheet(sheet: Path, folder: Path, clip: Path) -> None:
-    """Write the first, the middle and the last but one picture of a film, painted, and how it changes to the next."""
+    """Write the first, middle and next-to-last painted pictures of a film, and how each changes in the next one."""
     shown = [one.picture for one in timed_pictures(open_clip(clip))]
     paths = sorted((folder / FRAMES).glob("*.h5"))
     painted = [export_job(load_catalogue(path)).picture().astype(int) for path in paths]
@@ -87,14 +87,14 @@ def write_sheet(sheet: Path, folder: Path, clip: Path) -> None:
 def main() -> None:
     """Print a Markdown table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("clip", nargs="?", help="a film; without one it is made")
+    parser.add_argument("clip", nargs="?", help="a film; one is made by default")
     parser.add_argument("--look", default="oil")
-    parser.add_argument("--side", type=int, default=512, help="longer side, pixels")
+    parser.add_argument("--side", type=int, default=512, help="longer side in pixels")
     parser.add_argument("--count", type=int, default=12, help="pictures")
     parser.add_argument("--threads", type=int, default=None)
-    parser.add_argument("--cut", action="store_true", help="a film of two photographs, and the PSNR of its pictures")
+    parser.add_argument("--cut", action="store_true", help="make a film of two photographs; print the PSNR")
     parser.add_argument("--override", nargs="+", default=[], help="keys of the painting")
-    parser.add_argument("--sheet", type=Path, help="picture of three pictures of the film, to be written")
+    parser.add_argument("--sheet", type=Path, help="file to write three pictures of the film to")
     options = parser.parse_args()
     brushexp.list_plugins()
     make, total = (cut, 2 * options.count) if options.cut else (scene, options.count)

@@ -1,9 +1,9 @@
-"""Everything that only a GPU can tell, in one command: tests, time of a step, a painting, and where the time goes.
+"""Run everything that needs a GPU with one command: tests, step times, a painting, and a profile.
 
-    python benchmarks/gpu.py kodim03.png    (some minutes; needs the extras gpu and test)
+    python benchmarks/gpu.py kodim03.png    (a few minutes; needs the extras gpu and test)
 
-Writes what it found, with the card's name, into the last section of docs/gpu.md. The picture is optional; without it a
-photograph of scikit-image is painted in its size.
+Writes the results, with the card's name, into the last section of docs/gpu.md. The picture is optional; the default is
+a photograph of scikit-image, resampled to the same size.
 """
 
 import argparse
@@ -38,26 +38,24 @@ ROOT = Path(__file__).parents[1]
 PAGE, HEADING = ROOT / "docs" / "gpu.md", "## Measured\n"
 TESTS = ["tests/test_gpu.py", "packages/gpu/tests"]
 SIDE, STROKES, PSNR = 1024, 10_000, 40
-CARE = (
-    "run this where there is one, with a build of PyTorch for CUDA and pip install -c constraints.txt -e '.[gpu,test]'"
-)
+CARE = "run this where there is one, with a CUDA build of PyTorch and pip install -c constraints.txt -e '.[gpu,test]'"
 Step = Callable[[], tuple[torch.Tensor, ...]]
 
 
 def missing() -> str | None:
-    """Say what this machine lacks."""
+    """Describe what this machine lacks, or return None."""
     if not torch.cuda.is_available():
         return f"PyTorch {torch.__version__} finds no CUDA device"
     return None if find_spec("triton") else "Triton is not installed"
 
 
 def step_of(kind: str, kernel: str, device: str = "cuda", side: int = SIDE, count: int = STROKES) -> Step:
-    """Make a function that takes one step of a kind of strokes: forward, mean squared error, backward."""
+    """Make a function that takes one step on one kind of strokes: forward, mean squared error, backward."""
     blend: Any = Tiled(kernel=kernel)
     blend = Compositor(blend, Pigment()) if kind == "pigment" else blend
     renderer = Textured().requires_grad_(False).eval() if kind == "textured" else Analytic()
     strokes = scene(count, side)
-    if kind == "shaped":  # each with an edge, a growth and a change of colour of its own, as in look=plain
+    if kind == "shaped":  # each stroke with its own edge, growth and change of colour, as in look=plain
         shapes = {"softness": 0.05 * torch.rand(count), "drift": 0.2 * torch.rand(count, 3) - 0.1}
         strokes = replace(strokes, widening=torch.rand(count) - 0.5, **shapes)
     leaves = strokes.map(lambda value: value.to(device).requires_grad_(bool(value.any())))
@@ -75,7 +73,7 @@ def step_of(kind: str, kernel: str, device: str = "cuda", side: int = SIDE, coun
 
 
 def seconds_of(step: Step, runs: int) -> tuple[float, float]:
-    """Wall time of the first run, compiling included, and the median of others."""
+    """Return the wall time of the first run, including compilation, and the median of the others."""
     times = []
     for _ in range(runs + 1):
         start = time.perf_counter()
@@ -86,7 +84,7 @@ def seconds_of(step: Step, runs: int) -> tuple[float, float]:
 
 
 def steps() -> Iterator[str]:
-    """Steps of all kinds, against PyTorch's."""
+    """Compare steps of all kinds of strokes with PyTorch's."""
     yield "| strokes | Triton ms | PyTorch ms | times | first step s | memory MB | picture, difference | gradient |"
     yield "|---|---|---|---|---|---|---|---|"
     for kind in ("plain", "shaped", "textured", "pigment"):
@@ -99,13 +97,13 @@ def steps() -> Iterator[str]:
         again = all(torch.equal(a, b) for a, b in zip(ours, fast(), strict=True))
         picture = float((ours[0] - theirs[0]).abs().max())
         gradient = max(float((a - b).norm() / b.norm()) for a, b in zip(ours[1:], theirs[1:], strict=True))
-        name = kind if again else f"{kind} (NOT the same bits again)"
+        name = kind if again else f"{kind} (NOT reproducible)"
         numbers = f"{1e3 * seconds:.2f} | {1e3 * other:.0f} | {other / seconds:.0f} | {first:.1f} | {memory:.0f}"
         yield f"| {name} | {numbers} | {picture:.1e} | {gradient:.1e} |"
 
 
 def side_by_side() -> Iterator[str]:
-    """The choice of how many tiles a program has."""
+    """Compare numbers of tiles per Triton program."""
     from brushexp_gpu import rasterization  # noqa: PLC0415  (imports Triton)
 
     chosen, times = rasterization.TILES, []
@@ -114,11 +112,11 @@ def side_by_side() -> Iterator[str]:
         _, seconds = seconds_of(step_of("plain", "triton"), 50)
         times.append(f"{1e3 * seconds:.2f} ms with {tiles}")
     rasterization.TILES = chosen
-    yield f"Plain steps by tiles side by side in a program, of which {chosen} is chosen: {', '.join(times)}."
+    yield f"Plain steps by the number of tiles per program ({chosen} is the default): {', '.join(times)}."
 
 
 def painting(picture: Path | None) -> Iterator[str]:
-    """A painting of a picture of Kodak's size, until it is as near as was asked."""
+    """Paint a picture of Kodak's size until it reaches the PSNR."""
     source: Any = picture or transform.resize(data.rocket(), (512, 768))
     for again in ("first", "again"):
         done = brushexp.paint(source, look="even", strokes=STROKES, psnr=PSNR, steps=1500, device="cuda")
@@ -130,7 +128,7 @@ def painting(picture: Path | None) -> Iterator[str]:
 
 
 def where_time_goes() -> Iterator[str]:
-    """What the device does in ten plain steps."""
+    """Profile the device during ten plain steps."""
     step = step_of("plain", "triton")
     step()
     with profile(activities=[ProfilerActivity.CPU, ProfilerActivity.CUDA]) as seen:
@@ -152,8 +150,8 @@ def where_time_goes() -> Iterator[str]:
 
 
 def tests() -> Iterator[str]:
-    """The tests that are marked gpu."""
-    versions = "-Wdefault"  # of libraries that come with other builds of PyTorch: their warnings are no faults here
+    """Run the tests marked gpu."""
+    versions = "-Wdefault"  # other builds of PyTorch bring libraries that warn; these are no faults of ours
     command = [sys.executable, "-m", "pytest", "-n", "auto", versions, "-m", "gpu", *TESTS]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     print(done.stdout[-4000:], file=sys.stderr)
@@ -161,7 +159,7 @@ def tests() -> Iterator[str]:
 
 
 def report(picture: Path | None) -> str:
-    """All of it, as the section of the page."""
+    """Return all results as the section of the page."""
     import triton  # noqa: PLC0415  (it may not be there)
 
     card, capability = torch.cuda.get_device_name(), "".join(map(str, torch.cuda.get_device_capability()))

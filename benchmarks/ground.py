@@ -1,4 +1,4 @@
-"""What painters look for in saved paintings: share of pixels that show the ground by more than a tenth, median bend.
+"""Measure two figures of saved paintings: the share of pixels that show the ground by over a tenth, and median bend.
 
 python benchmarks/ground.py outputs/a/catalogue.h5 outputs/b/catalogue.h5
 """
@@ -17,12 +17,12 @@ from brushexp.strokes.bezier import shape_of
 from brushexp.strokes.measures import curvature_of
 from brushexp.strokes.storage import Saved, load_catalogue
 
-VISIBLE = 0.1  # share of the light that the strokes of a pixel let through
+VISIBLE = 0.1  # share of the light that passes through all strokes at a pixel
 
 
 @torch.no_grad()
 def ground_visible(saved: Saved) -> float:
-    """Share of the pixels at which the strokes together let more than a tenth of the light through."""
+    """Return the share of the pixels at which more than a tenth of the light passes through all strokes."""
     renderer, blend, order = renderer_of(saved), build_named("blend", "tiled", {}), saved.depth.argsort(descending=True)
     on_white, on_black = (
         torch.cat(

@@ -1,9 +1,9 @@
-"""What losses cost: milliseconds of a gradient step on a picture of 512 x 512 pixels, and times the step of mse.
+"""Measure the cost of losses: milliseconds of a gradient step at 512 x 512 pixels, and the ratio to a step with mse.
 
     python benchmarks/losses.py                    every loss that needs no file (about two minutes on two idle cores)
-    python benchmarks/losses.py lpips perceptual   some of them
+    python benchmarks/losses.py lpips perceptual   only these losses
 
-Every table is one run: read the ratios, not the milliseconds. Features of the target are computed before.
+Every table is one run: read the ratios, not the milliseconds. Features of the target are computed in advance.
 """
 
 import argparse
@@ -28,11 +28,11 @@ from brushexp.registry.loading import load_plugins
 
 SIDE = 512
 N = SIDE * SIDE // 100
-WARM = 5  # steps that do not count: perceptual sees the target in four places
+WARM = 5  # uncounted steps: perceptual views the target at four offsets
 
 
 def on_the_picture(loss: Loss) -> Callable[[], None]:
-    """A function that computes a loss and its gradient in the picture and the strokes."""
+    """Make a function that computes a loss and its gradient in the picture and the strokes."""
     image = torch.rand(3, SIDE, SIDE, requires_grad=True)
     target, strokes = torch.rand(3, SIDE, SIDE), scene(N, SIDE).map(lambda value: value.requires_grad_())
 
@@ -44,7 +44,7 @@ def on_the_picture(loss: Loss) -> Callable[[], None]:
 
 
 def of_a_painting(losses: list[Loss]) -> Callable[[], None]:
-    """A function that renders the strokes and computes the weighted sum of losses and its gradient in them."""
+    """Make a function that renders strokes and computes a weighted sum of losses and its gradient in the strokes."""
     leaves = scene(N, SIDE).map(lambda value: value.requires_grad_())
     target, order, renderer, blend = torch.rand(3, SIDE, SIDE), torch.arange(N), Analytic(), Tiled()
 
@@ -59,7 +59,7 @@ def of_a_painting(losses: list[Loss]) -> Callable[[], None]:
 
 
 def against(function: Callable[[], None], other: Callable[[], None], runs: int) -> tuple[float, float]:
-    """Median milliseconds of a step, and the median of its ratio to another that is taken in turn with it."""
+    """Return the median milliseconds of a step, and the median ratio to another step, run in alternation with it."""
     for _ in range(WARM):
         function()
         other()
@@ -90,14 +90,14 @@ def main(chosen: list[str], runs: int) -> None:
             step, ratio = against(of_a_painting([loss]), of_a_painting([mse]), runs)
             _, both = against(of_a_painting([mse, loss]), of_a_painting([mse]), runs)
         except UserError as error:
-            print(f"| {name} | not without more: {error} | | | | |")
+            print(f"| {name} | needs more: {error} | | | | |")
             continue
         print(f"| {name} | {alone:.1f} | {times:.1f} | {step:.1f} | {ratio:.2f} | {both:.2f} |", flush=True)
 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("losses", nargs="*", help="names; all without any")
-    parser.add_argument("--runs", type=int, default=15, help="steps of which the median is taken")
+    parser.add_argument("losses", nargs="*", help="names of losses; all by default")
+    parser.add_argument("--runs", type=int, default=15, help="steps to take the median of")
     arguments = parser.parse_args()
     main(arguments.losses, arguments.runs)

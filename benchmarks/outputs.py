@@ -1,14 +1,14 @@
-"""What leaves the program: how long it takes, how large it is, how much memory it needs, and how true it is.
+"""Measure the program's exports: their time, size, memory and faithfulness.
 
     python benchmarks/outputs.py                      (about three minutes on two idle cores)
     python benchmarks/outputs.py --strokes 2621 --resolution 4096
-    python benchmarks/outputs.py --looks oil ink      (only how true SVG and replay of these looks are)
-    python benchmarks/outputs.py --runs outputs/a     (the same of paintings that there are)
-    python benchmarks/outputs.py --replay outputs/a   (only how smoothly the page of this one replays)
+    python benchmarks/outputs.py --looks oil ink      (only the faithfulness of SVG and replay in these looks)
+    python benchmarks/outputs.py --runs outputs/a     (the same for existing paintings)
+    python benchmarks/outputs.py --replay outputs/a   (only how smoothly the page of this run replays)
 
-Paints the default picture twice, as it is and at 1000 px with 10,000 strokes, then exports: each in a process of its
-own, imports included in seconds and memory. Pages are opened in headless Chromium. PSNR is of the SVG, drawn by resvg
-and by Chromium, and of the last picture of the page's replay, all against painting.png.
+Paints the default picture twice, with default settings and at 1000 px with 10,000 strokes, then exports it; each export
+is a separate process whose time and memory include the imports. Pages are opened in headless Chromium. PSNR compares
+painting.png with the SVG as drawn by resvg and by Chromium, and with the last picture of the page's replay.
 """
 
 import argparse
@@ -45,7 +45,7 @@ PLAY = """async () => {
 
 
 def program(*overrides: str) -> tuple[float, float]:
-    """Run run.py; seconds and the most memory (MB) of the process."""
+    """Run run.py, and return the seconds it took and the peak memory (MB) of the process."""
     meter = (
         "import resource, subprocess, sys; "
         "code = subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode; "
@@ -58,7 +58,7 @@ def program(*overrides: str) -> tuple[float, float]:
 
 
 def exported(catalogue: Path, folder: Path, form: str, *overrides: str) -> Path:
-    """Print a row of the table for one kind of export; its folder."""
+    """Export in one format, print a row of the table, and return the folder."""
     seconds, memory = program(
         "task=export", f"catalogue={catalogue}", f"to=[{form}]", f"output={folder / form}", *overrides
     )
@@ -68,7 +68,7 @@ def exported(catalogue: Path, folder: Path, form: str, *overrides: str) -> Path:
 
 
 def psnr(drawn: bytes, painting: Path) -> float:
-    """Of a picture that another program has drawn, an encoded file, against a PNG; enlarged to its size."""
+    """Compute the PSNR between a PNG and an encoded picture drawn by another program, scaled to the size of the PNG."""
     ours = Image.open(painting).convert("RGB")
     theirs = Image.open(io.BytesIO(drawn)).convert("RGB").resize(ours.size)
     return -10 * math.log10(((np.asarray(theirs, float) - np.asarray(ours, float)) ** 2).mean() / 255**2)
@@ -76,7 +76,7 @@ def psnr(drawn: bytes, painting: Path) -> float:
 
 @contextmanager
 def chromium() -> Iterator[Any]:
-    """Headless, with the colours of the pages as they are."""
+    """Start headless Chromium without colour management."""
     from playwright.sync_api import sync_playwright  # noqa: PLC0415
 
     with sync_playwright() as playwright:
@@ -87,7 +87,7 @@ def chromium() -> Iterator[Any]:
 
 
 def replayed(browser: Any, run: Path) -> bytes:
-    """The last picture of the replay on a run's page."""
+    """Return the last picture of the replay on a run's page."""
     width, height = Image.open(run / "painting.png").size
     tab = browser.new_page(viewport={"width": 1440, "height": round(1560 * height / width)}, reduced_motion="reduce")
     tab.goto((run / "report.html").as_uri())
@@ -98,13 +98,13 @@ def replayed(browser: Any, run: Path) -> bytes:
 
 
 def painted(look: str, folder: Path) -> Path:
-    """The folder of a run of the default picture."""
+    """Paint the default picture in a look, and return the folder of the run."""
     program(f"look={look}", "frames=0", f"output={folder / look}")
     return folder / look
 
 
 def vectors(runs: Iterable[Path]) -> None:
-    """Print how true the SVG and the replay of each run are."""
+    """Print how faithful the SVG and the replay of each run are."""
     import resvg_py  # noqa: PLC0415
 
     print(
@@ -123,7 +123,7 @@ def vectors(runs: Iterable[Path]) -> None:
 
 
 def page(run: Path) -> None:
-    """Print how long the page of a run takes to write and to open, and how smoothly it replays."""
+    """Print the time to write and to open the page of a run, and how smoothly it replays."""
     from brushexp_studio.view import read_painting  # noqa: PLC0415
 
     from brushexp.config.publish import prepare  # noqa: PLC0415
@@ -133,7 +133,7 @@ def page(run: Path) -> None:
 
     prepare(ROOT)
     finished = read_painting(run, export_job(load_catalogue(run / "catalogue.h5")))
-    write_run_page(run, finished)  # to compile and load all code
+    write_run_page(run, finished)  # compiles and loads all code
     begin = time.perf_counter()
     path = write_run_page(run, finished)
     print(f"\nreport.html: written in {time.perf_counter() - begin:.2f} s, {path.stat().st_size / 1e6:.2f} MB")
@@ -143,20 +143,18 @@ def page(run: Path) -> None:
         tab.goto(path.as_uri())
         tab.wait_for_selector("#replay-stage[data-busy=false]", timeout=120_000)
         opened, (rate, late, latest, seconds) = time.perf_counter() - begin, tab.evaluate(PLAY)
-    print(
-        f"opened and drawn in {opened:.2f} s, replayed in {seconds:.1f} s (planned: 20) at {rate:.0f} frames/s; between"
-    )
-    print(f"two of them at most {late:.0f} ms in 95 of 100, and {latest:.0f} ms")
+    print(f"opened and drawn in {opened:.2f} s, replayed in {seconds:.1f} s (planned: 20) at {rate:.0f} frames/s; time")
+    print(f"between frames: 95 % at most {late:.0f} ms, all at most {latest:.0f} ms")
 
 
 def main() -> None:
-    """Print Markdown."""
+    """Print the tables in Markdown."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--strokes", type=int, default=10_000, help="of the larger painting")
-    parser.add_argument("--resolution", type=int, default=8192, help="of the largest pictures")
-    parser.add_argument("--looks", nargs="+", help="only how true SVG and replay of these looks are")
-    parser.add_argument("--runs", nargs="+", type=Path, help="the same of these runs, which have a page")
-    parser.add_argument("--replay", type=Path, help="only how smoothly the page of this run replays")
+    parser.add_argument("--strokes", type=int, default=10_000, help="strokes of the larger painting")
+    parser.add_argument("--resolution", type=int, default=8192, help="pixels on the longer side of the largest exports")
+    parser.add_argument("--looks", nargs="+", help="measure only the faithfulness of SVG and replay in these looks")
+    parser.add_argument("--runs", nargs="+", type=Path, help="the same for these runs, which must have a page")
+    parser.add_argument("--replay", type=Path, help="measure only how smoothly the page of this run replays")
     options = parser.parse_args()
     if options.replay:
         page(options.replay)

@@ -1,10 +1,10 @@
-"""What painting costs beside its steps: a second picture in one process, and a folder against one program a picture.
+"""Measure the cost of painting beyond its steps: a second picture in one process, and a folder in one process.
 
-    python benchmarks/overhead.py second              brushexp.paint at 512 px, after a first one
-    python benchmarks/overhead.py folder photos/      brushexp photos/ against brushexp photo, picture by picture
+    python benchmarks/overhead.py second              brushexp.paint at 512 px, after a first call
+    python benchmarks/overhead.py folder photos/      brushexp photos/ against brushexp photo for each picture
     python benchmarks/overhead.py folder photos/ --count 4 quality=draft jobs=2
 
-Least of several rounds, in turn; words with = are settings. CPU seconds are those of all threads.
+Times are minima over several alternating rounds; words with = are settings. CPU seconds include all threads.
 """
 
 import argparse
@@ -27,7 +27,7 @@ STEPS = 5
 
 
 def second(rounds: int, words: list[str]) -> None:
-    """Seconds of a later call beside those of its steps, for each look."""
+    """Print the seconds of a later call that its steps do not account for, for each look."""
     options = dict(word.split("=", 1) for word in words)
     least = {look: float("inf") for look in LOOKS}
     for number in range(rounds + 1):
@@ -37,13 +37,13 @@ def second(rounds: int, words: list[str]) -> None:
             spent = time.perf_counter() - since
             if number:
                 least[look] = min(least[look], spent - painting.metrics["seconds"])
-    print(f"seconds beside {STEPS} steps, 512 px, least of {rounds}\n\n| look | seconds |\n|---|---|")
+    print(f"seconds beyond {STEPS} steps, 512 px, least of {rounds}\n\n| look | seconds |\n|---|---|")
     for look, seconds in least.items():
         print(f"| {look} | {seconds:.2f} |")
 
 
 def spent_on(words: list[str]) -> tuple[float, float]:
-    """Wall and CPU seconds of one start of the program."""
+    """Return the wall and CPU seconds of one run of the program."""
     since, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
     subprocess.run([sys.executable, "-m", "brushexp", *words], check=True, stdout=subprocess.DEVNULL)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -52,7 +52,7 @@ def spent_on(words: list[str]) -> tuple[float, float]:
 
 
 def folder(place: str, count: int, rounds: int, words: list[str]) -> None:
-    """A Markdown table of both ways, in seconds and as a ratio."""
+    """Print a Markdown table of both ways, in seconds and as a ratio."""
     pictures = [Path(name).resolve() for name in pictures_in(place)[:count]]
     singly = [word for word in words if not word.startswith("jobs=")]
     least = {"one by one": (float("inf"), float("inf")), "the folder": (float("inf"), float("inf"))}

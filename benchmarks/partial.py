@@ -1,8 +1,9 @@
-"""What partial updates cost and save: time and memory of a step against looking at the whole canvas.
+"""Measure the time and memory of steps with partial updates, compared with steps on the whole canvas.
 
     python benchmarks/partial.py            (about three minutes on two idle cores)
 
-Every table is one run: read the ratios, not the seconds. Each row is a process of its own, for its peak of memory.
+Every table is one run: read the ratios, not the seconds. Each row comes from a separate process, so that its peak
+memory is its own.
 """
 
 import argparse
@@ -30,7 +31,7 @@ STEPS = 30
 
 
 class StepTimes(L.Callback):
-    """Seconds of each step."""
+    """Callback that records the seconds of each step."""
 
     def __init__(self) -> None:
         self.seconds: list[float] = []
@@ -43,7 +44,7 @@ class StepTimes(L.Callback):
 
 
 def row(side: int, sampler: str) -> None:
-    """Print milliseconds and peak memory of steps on ``side`` x ``side`` pixels, one stroke per 105 of them."""
+    """Print milliseconds and peak memory of steps on ``side`` x ``side`` pixels with one stroke per 105 pixels."""
     target = torch.rand(3, side, side)
     parts = standard_components(steps=10**6, sampler=Whole() if sampler == "whole" else Patches())
     strokes = scene(side * side // 105, side)
@@ -52,7 +53,7 @@ def row(side: int, sampler: str) -> None:
     times = StepTimes()
     options: dict[str, Any] = {"enable_progress_bar": False, "enable_checkpointing": False, "logger": False}
     L.Trainer(max_steps=STEPS, accelerator="cpu", enable_model_summary=False, callbacks=[times], **options).fit(painter)
-    canvas = 2 * target.numel() * 4 / 2**20  # the target, and the picture as it was last seen
+    canvas = 2 * target.numel() * 4 / 2**20  # the target, and the latest picture
     print(
         f"| {side * side / 1e6:.1f} | {len(strokes):,} | {sampler} | {1e3 * statistics.median(times.seconds):.1f} "
         f"| {peak_memory() - before:.0f} | {canvas:.0f} |",

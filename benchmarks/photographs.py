@@ -1,10 +1,10 @@
-"""Photographs of 1 to 50 megapixels: time and memory of the default painting, and how many pixels strokes need.
+"""Measure time and memory of default paintings of 1 to 50 megapixels, and how many pixels strokes need.
 
-    python benchmarks/photographs.py                     whole runs, as ratios to the one of 1,024 pixels
-    python benchmarks/photographs.py --pixels            PSNR and seconds by pixels of the working picture for a stroke
+    python benchmarks/photographs.py                     whole runs, relative to 1,024 pixels
+    python benchmarks/photographs.py --pixels            PSNR and seconds against working pixels per stroke
 
-The photographs are samples of scikit-image, enlarged and with the grain of a camera. Each is a process of its own; a
-first, uncounted run compiles the kernels.
+The photographs are samples of scikit-image, enlarged, with added grain. Each is painted in a separate process; a first,
+uncounted run compiles the kernels.
 """
 
 import argparse
@@ -25,15 +25,15 @@ from brushexp.pictures.similarity import picture_psnr
 
 ROOT = Path(__file__).parents[1]
 SIDES = {"1,024 px": 1024, "12 MP": 4000, "50 MP": 8160}
-GRAIN = 4  # levels of 255: standard deviation
+GRAIN = 4  # standard deviation, levels of 255
 KILOBYTES_PER_MB = 1024
 STROKES = 8_000
-PIXELS = (10, 20, 40, 80, 160)  # of the working picture for a stroke
-SEEN_SIDE = 2048  # pixels at which paintings are compared with the photograph
+PIXELS = (10, 20, 40, 80, 160)  # working pixels per stroke
+SEEN_SIDE = 2048  # side in pixels at which paintings are compared with the photograph
 
 
 def make_photograph(name: str, side: int, folder: Path) -> Path:
-    """Enlarge a sample to so many pixels on its longer side, 3 to 4, with grain, and save it as a JPEG."""
+    """Enlarge a sample to ``side`` pixels on its longer side, 3 to 4, add grain, and save it as a JPEG."""
     sample = Image.open(samples()[name]).convert("RGB")
     height, width = side * 3 // 4, side
     fitted = sample.crop((0, 0, sample.width, min(sample.height, sample.width * 3 // 4)))
@@ -45,7 +45,7 @@ def make_photograph(name: str, side: int, folder: Path) -> Path:
 
 
 def paint(image: Path, folder: Path, *words: str) -> dict[str, float]:
-    """Paint as a user does; return wall and CPU seconds and the largest memory of the process."""
+    """Paint like a user, and return wall and CPU seconds and peak memory of the process."""
     command = [sys.executable, str(ROOT / "run.py"), f"image={image}", f"output={folder}", "overwrite=true", *words]
     start = time.perf_counter()
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -57,7 +57,7 @@ def paint(image: Path, folder: Path, *words: str) -> dict[str, float]:
 
 
 def print_sizes(names: list[str], folder: Path) -> None:
-    """Print whole runs by size, as they are and as ratios to the smallest."""
+    """Print time and memory of whole runs by size, and their ratios to the smallest size."""
     print("| photograph | size | wall s | ratio | CPU s | ratio | memory MB | PSNR dB |")
     print("|---|---|---|---|---|---|---|---|")
     for name in names:
@@ -75,7 +75,7 @@ def print_sizes(names: list[str], folder: Path) -> None:
 
 
 def print_pixels(names: list[str], folder: Path) -> None:
-    """Print how near paintings of many strokes come to the photograph, by the pixels they are optimised on."""
+    """Print the PSNR of paintings of many strokes, by the number of pixels they are optimised on."""
     print("| photograph | pixels a stroke | working side | PSNR dB at 2,048 px | optimisation s |")
     print("|---|---|---|---|---|")
     for name in names:
@@ -94,8 +94,8 @@ def print_pixels(names: list[str], folder: Path) -> None:
 def main() -> None:
     """Print one of two Markdown tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("samples", nargs="*", default=["coffee", "astronaut"], help="of scikit-image")
-    parser.add_argument("--pixels", action="store_true", help="by pixels of the working picture for a stroke")
+    parser.add_argument("samples", nargs="*", default=["coffee", "astronaut"], help="samples of scikit-image")
+    parser.add_argument("--pixels", action="store_true", help="compare numbers of working pixels per stroke")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)

@@ -1,9 +1,10 @@
-"""Whole runs of the program on pictures, as a user starts them: seconds of everything, PSNR, SSIM, strokes.
+"""Measure whole runs of the program, started as a user would: wall time, PSNR, SSIM and strokes.
 
     python benchmarks/pictures.py                        the default picture
     python benchmarks/pictures.py a.jpg b.png --strokes 10000 --override quality=fine
 
-Each picture is a process of its own, and look=plain if none is given; a first, uncounted run compiles the kernels.
+Each picture is painted in a separate process, with look=plain unless another is given; a first, uncounted run compiles
+the kernels.
 """
 
 import argparse
@@ -31,11 +32,9 @@ def main() -> None:
     """Print a Markdown table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("pictures", nargs="*", default=["astronaut"], help="files, or samples of scikit-image")
-    parser.add_argument("--strokes", type=int, help="how many; left out: one per 100 pixels")
+    parser.add_argument("--strokes", type=int, help="number of strokes; one per 100 pixels by default")
     parser.add_argument("--keep", type=Path, help="folder to keep the runs in")
-    parser.add_argument(
-        "--override", action="append", default=[], help="more of run.py's key=value, any number of times"
-    )
+    parser.add_argument("--override", action="append", default=[], help="another key=value for run.py; may be repeated")
     options = parser.parse_args()
     overrides = options.override + ([f"strokes={options.strokes}"] if options.strokes else [])
     print(

@@ -1,11 +1,12 @@
-"""The paints of color=pigment: how their reflectances were chosen.
+"""Compute the reflectances of the paints of color=pigment.
 
     python benchmarks/pigments.py        (less than a minute)
 
-Unknown are the shares of light that six pure paints reflect in seven bands; white reflects all. The matrix from bands
-to linear RGB follows: it is the one by which each paint has exactly its colour. Least squares ask that mixtures
-(geometric means) of two paints have the colours of MIXTURES, that no mixture of two colours leaves what displays show,
-and that spectra and matrix are smooth. The wanted colours are what painters expect, not measurements.
+The unknowns are the shares of light that six pure paints reflect in seven bands; white reflects all light. They
+determine the matrix from bands to linear RGB, which gives each paint exactly its colour. A least-squares fit requires
+that mixtures (geometric means) of two paints have the colours of MIXTURES, that no mixture of two colours leaves the
+gamut of displays, and that spectra and matrix are smooth. The wanted colours are what painters expect, not
+measurements.
 """
 
 import torch
@@ -14,7 +15,7 @@ from brushexp_media.colors.pigment import DEEPEST, PURE, paints
 from torch import Tensor
 
 BANDS, STEPS, RATE = 7, 4000, 0.02
-MIXTURES = {  # two colours in equal parts, and what they make
+MIXTURES = {  # two colours in equal parts, and their mixture
     "0000ff ffff00": "1f8a3c", "002185 fcd200": "2a7a35", "1a4fc0 f5d90a": "2f9a44", "00ffff ffff00": "5fe05a",
     "00ffff ff00ff": "4a4ae0", "ff00ff ffff00": "f04a35", "ff0000 ffff00": "ff8a10", "ff0000 0000ff": "70206a",
     "ff0000 00ff00": "80752a", "ff0000 ffffff": "ff8c8c", "0000ff ffffff": "7f9cff", "00ff00 ffffff": "a0ffa0",
@@ -23,17 +24,17 @@ MIXTURES = {  # two colours in equal parts, and what they make
 
 
 def color(text: str) -> Tensor:
-    """Of its hexadecimal digits."""
+    """Parse a colour from its hexadecimal digits."""
     return torch.tensor([int(text[k : k + 2], 16) / 255 for k in (0, 2, 4)], dtype=torch.float64)
 
 
 def logarithms(light: Tensor, spectra: Tensor) -> Tensor:
-    """Channels before they are scaled."""
+    """Return the logarithms of the channels before scaling."""
     return (paints(light) @ spectra + DEEPEST).log()
 
 
 def started() -> Tensor:
-    """Blocks with soft edges, before the sigmoid."""
+    """Return the initial spectra, blocks with soft edges, before the sigmoid."""
     place = torch.linspace(0, 1, BANDS, dtype=torch.float64)
 
     def block(low: float, high: float) -> Tensor:

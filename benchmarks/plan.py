@@ -1,13 +1,13 @@
-"""Plans under the constraints of a table against a palette that is put on afterwards, on pictures that packages ship.
+"""Compare plans painted under the constraints of a table with a palette applied afterwards, on pictures from packages.
 
     python benchmarks/plan.py        (a minute for each picture and number of mixtures, on one core)
 
-Each picture is painted with as many strokes and steps: by `tubes=`, and by look=even, whose strokes then get the same
-mixtures and brushes. Of the latter the better of two is taken: laid in the order of the plan, or in their own. Both are
-played back, with brushes that run dry. Told is the median CIEDE2000 from the target: if each pixel had its nearest
-mixture (pixels), of the painting by look=even before it gets mixtures (plain) and after (afterwards), of the plan
-(planned), and of the plan from the photograph, whose tones are not yet between those of the paints. Means are
-geometric, with two standard errors.
+Each picture is painted twice with the same numbers of strokes and steps: with `tubes=`, and with look=even, whose
+strokes then get the same mixtures and brushes. The latter strokes are painted in the order of the plan and in their own
+order, and the better result counts. Both plans are played back, with brushes that run dry. The table has the median
+CIEDE2000 from the target if each pixel had its nearest mixture (pixels), for the painting with look=even before (plain)
+and after (afterwards) it gets mixtures, and for the plan (planned). The last column compares the plan with the
+photograph, whose tones are not yet within those of the paints. Means are geometric, with two standard errors.
 """
 
 import argparse
@@ -37,19 +37,19 @@ QUIET = {"frames": 0, "report": False, "logger": []}
 
 
 def shown(job: ExportJob) -> Tensor:
-    """Paint a picture (3, H, W)."""
+    """Play back a painting as a tensor (3, H, W)."""
     return torch.from_numpy(job.picture()).movedim(2, 0) / 255
 
 
 def best_pixels(target: Tensor, table: Table) -> Tensor:
-    """Give each pixel the mixture that is nearest to the eye."""
+    """Give each pixel the perceptually nearest mixture."""
     colors, which = np.unique((255 * target.flatten(1).T).round().byte().numpy(), axis=0, return_inverse=True)
     nearest = torch.cat([table.mixture_of(part) for part in (torch.from_numpy(colors) / 255).split(4096)])
     return table.mixtures.color[nearest[torch.from_numpy(which)]].T.reshape(target.shape)
 
 
 def paint_plain(cfg: DictConfig, strokes: int, target: Tensor) -> ExportJob:
-    """Paint a target by look=even, with as many strokes and steps."""
+    """Paint a target with look=even, with the same numbers of strokes and steps."""
     same = {"strokes": strokes, "steps": cfg.steps, "resolution": cfg.resolution, "threads": cfg.threads}
     free = settings_of("paint", {"image": target.movedim(0, 2).numpy(), "look": "even", **same, **QUIET})
     with free.as_asked():
@@ -57,7 +57,7 @@ def paint_plain(cfg: DictConfig, strokes: int, target: Tensor) -> ExportJob:
 
 
 def compare(image: str, options: dict[str, object], counts: list[int]) -> Iterator[dict[str, object]]:
-    """Paint a picture both ways, for each number of mixtures, and measure by how much they differ from the target."""
+    """Paint a picture both ways for each number of mixtures, and measure the differences from the target."""
     plain = None
     for count in counts:
         constrained = settings_of("paint", {"image": image, "tubes": "eight", "mixtures": count, **options, **QUIET})
@@ -85,7 +85,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--pictures", nargs="+", default=[])
     parser.add_argument("--mixtures", nargs="+", type=int, default=[24, 96])
-    parser.add_argument("--set", nargs="*", default=[], help="keys beside tubes=: resolution=512 width_cm=30")
+    parser.add_argument("--set", nargs="*", default=[], help="keys in addition to tubes=: resolution=512 width_cm=30")
     arguments = parser.parse_args()
     logging.getLogger("brushexp").setLevel(logging.WARNING)
     options = {"resolution": 320, **OmegaConf.to_container(OmegaConf.from_dotlist(arguments.set))}

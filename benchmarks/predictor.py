@@ -1,12 +1,12 @@
-"""What strokes are worth that a network lays at a glance: without a step, after some steps, and at equal seconds.
+"""Measure the quality of strokes that a network predicts: without a step, after some steps, and at equal time.
 
     python benchmarks/predictor.py                               thesis12 at 512 px (about half an hour on one core)
     python benchmarks/predictor.py --pictures kodak --side 0     a folder at full size
     python benchmarks/predictor.py --only strokes                one table of: strokes, steps, seconds, edges, drafts
-    python benchmarks/predictor.py --sheet sheet.jpg             two pictures beside what is laid, without a step
+    python benchmarks/predictor.py --sheet sheet.jpg             two pictures and their predicted strokes
 
-Differences are paired over the pictures, with intervals of Student's t at 95 %. Seconds are CPU seconds of one thread,
-those of the start included.
+Differences are paired by picture, with intervals of Student's t at 95 %. Times are CPU seconds of one thread, including
+the initialisation.
 """
 
 import argparse
@@ -31,7 +31,7 @@ from brushexp.strokes.catalogue import Strokes
 from brushexp.system.words import SHIPPED
 
 INITS = ("predicted", "slic", "layers", "random")
-DRAFTS: dict[str, tuple[dict[str, str | int | float], ...]] = {  # by look: as they were, as they are, and others
+DRAFTS: dict[str, tuple[dict[str, str | int | float], ...]] = {  # by look: former keys, present keys, and others
     "plain": (
         {"init": "slic", "optimizer": "adam", "effort": 0.1, "coarse": 0.5},
         {"init": "predicted"},
@@ -48,22 +48,22 @@ Row = Sequence[str | int | float]
 
 @cache
 def target_of(name: str, side: int) -> Tensor:
-    """Load a picture once."""
+    """Load a picture, once."""
     return load_picture(name, side or None)
 
 
 def begin(name: str, side: int, init: str, n: int, **options: object) -> tuple[Strokes, float]:
-    """Place first strokes, and count the CPU seconds."""
+    """Create initial strokes, and measure the CPU seconds."""
     target, start = target_of(name, side), time.process_time()
     strokes = brushexp.create("init", init, **options)(target, n, torch.Generator().manual_seed(0))
     return strokes, time.process_time() - start
 
 
 def paint(name: str, side: int, init: str, n: int, steps: int) -> tuple[float, float, float]:
-    """Paint a picture: PSNR in dB, perceptual distance, and CPU seconds without those of the start."""
+    """Paint a picture, and return PSNR in dB, perceptual distance, and CPU seconds without the initialisation."""
     keys: dict[str, str | int] = {"look": "even", "strokes": n, "init": init, "steps": steps, "threads": 1}
     if init == "predicted" and not steps:
-        keys["painter"] = "predictor"  # which keeps its order; an optimiser begins by its own
+        keys["painter"] = "predictor"  # which keeps the predicted order; an optimiser starts with its own
     painting = brushexp.paint(name, **keys, **({"resolution": side} if side else {}))
     metrics = painting.metrics
     return metrics["psnr"], metrics["perceptual"], metrics["cpu_seconds"] if steps else 0.0
@@ -79,14 +79,14 @@ def table(title: str, head: Row, rows: Sequence[Row]) -> None:
 
 
 def paired(ours: Sequence[float], theirs: Sequence[float]) -> str:
-    """Write the mean difference with its interval."""
+    """Format the mean difference with its interval."""
     mean, low, high = interval(one - other for one, other in zip(ours, theirs, strict=True))
     digits = 2 if max(map(abs, theirs)) > 1 else 3
     return f"{mean:+.{digits}f} [{low:+.{digits}f}, {high:+.{digits}f}]"
 
 
 def by_strokes(names: Sequence[str], side: int, counts: Sequence[int]) -> None:
-    """Print what is painted without a step, and how soon."""
+    """Print the quality and the time of paintings without a step."""
     rows = []
     for n in counts:
         ours = [paint(name, side, "predicted", n, 0) for name in names]
@@ -101,7 +101,7 @@ def by_strokes(names: Sequence[str], side: int, counts: Sequence[int]) -> None:
 
 
 def wall_of(name: str, side: int, n: int) -> float:
-    """Measure the wall time in which strokes are laid, on all cores."""
+    """Measure the wall time of predicting strokes on all cores."""
     torch.set_num_threads(CORES)
     start = time.perf_counter()
     begin(name, side, "predicted", n)
@@ -111,7 +111,7 @@ def wall_of(name: str, side: int, n: int) -> float:
 
 
 def by_steps(names: Sequence[str], side: int, n: int, steps: Sequence[int]) -> None:
-    """Print what is painted after some steps."""
+    """Print the quality of paintings after some steps."""
     rows = []
     for count in steps:
         found = {init: [paint(name, side, init, n, count)[0] for name in names] for init in INITS}
@@ -122,7 +122,7 @@ def by_steps(names: Sequence[str], side: int, n: int, steps: Sequence[int]) -> N
 
 
 def by_seconds(names: Sequence[str], side: int, n: int, budgets: Sequence[float]) -> None:
-    """Print what is painted in so many CPU seconds."""
+    """Print the quality of paintings at equal CPU time."""
     a_step = statistics.median(paint(name, side, "slic", n, 20)[2] / 20 for name in names[:4])
     starts = {init: statistics.median(begin(name, side, init, n)[1] for name in names[:4]) for init in INITS}
     rows = []
@@ -138,7 +138,7 @@ def by_seconds(names: Sequence[str], side: int, n: int, budgets: Sequence[float]
 
 
 def by_place(names: Sequence[str], side: int, n: int) -> None:
-    """Print how much worse a painting is near its edge."""
+    """Print how much larger the error is near the edge of a painting."""
     ratios = []
     for name in names:
         target = target_of(name, side)
@@ -158,7 +158,7 @@ def by_place(names: Sequence[str], side: int, n: int) -> None:
 
 
 def draft(name: str, side: int, look: str, keys: dict[str, str | int | float]) -> tuple[float, float, float]:
-    """Paint a draft: PSNR in dB, perceptual distance, and CPU seconds of start and steps."""
+    """Paint a draft, and return PSNR in dB, perceptual distance, and CPU seconds of initialisation and steps."""
     size = {"resolution": side} if side else {}
     metrics = brushexp.paint(name, look=look, quality="draft", threads=1, **keys, **size).metrics
     own = {"init": "predicted", "checkpoint": "brushed"} if keys["init"] == "brushed" else {"init": str(keys["init"])}
@@ -170,7 +170,7 @@ def draft(name: str, side: int, look: str, keys: dict[str, str | int | float]) -
 
 
 def by_draft(names: Sequence[str], side: int) -> None:
-    """Print what a draft is, and what it was before it began with a network's strokes."""
+    """Print the quality of drafts, now and before they started from a network's strokes."""
     rows = []
     for look, choices in DRAFTS.items():
         found = [list(zip(*(draft(name, side, look, keys) for name in names), strict=True)) for keys in choices]
@@ -188,7 +188,7 @@ def by_draft(names: Sequence[str], side: int) -> None:
 def sheet(
     path: Path, names: Sequence[str] = ("coffee", "astronaut"), counts: Sequence[int] = (200, 1000, 2600)
 ) -> None:
-    """Save pictures beside their paintings with more and more strokes."""
+    """Save pictures side by side with their paintings, which have more and more strokes."""
     rows = []
     for name in names:
         target = target_of(name, 400)[:, :266].contiguous()
@@ -203,14 +203,14 @@ def sheet(
 
 
 def main() -> None:
-    """Print the tables that are asked for."""
+    """Print the requested tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--pictures", nargs="+", default=["thesis12"], help="names, files, folders or sets")
-    parser.add_argument("--side", type=int, default=512, help="longer side in pixels; 0 = as they are")
+    parser.add_argument("--side", type=int, default=512, help="longer side in pixels; 0 keeps the size")
     parser.add_argument("--strokes", type=int, nargs="+", default=[200, 1000, 2600, 10000])
     parser.add_argument("--steps", type=int, nargs="+", default=[0, 5, 10, 15, 30, 60])
     parser.add_argument("--only", default="strokes,steps,seconds,edges")
-    parser.add_argument("--sheet", type=Path, help="file of a picture; then no tables")
+    parser.add_argument("--sheet", type=Path, help="file to write the pictures to, instead of tables")
     given = parser.parse_args()
     brushexp.list_plugins()
     torch.set_num_threads(1)

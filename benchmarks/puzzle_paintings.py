@@ -1,9 +1,9 @@
-"""Put the paintings of GCompris's puzzle together, for the set ``pictures=held_out_paintings`` of the studies.
+"""Assemble the paintings of GCompris's puzzle for the studies' set ``pictures=held_out_paintings``.
 
     apt-get download gcompris-qt-data && dpkg -x gcompris-qt-data_*.deb gcompris
     python benchmarks/puzzle_paintings.py gcompris/usr/share/gcompris-qt/rcc/paintings.rcc paintings/
 
-writes 21 pictures (the photograph of a sculpture is left out), whose checksums the set knows for version 3.1.
+This writes 21 pictures (without the photograph of a sculpture); the set has their checksums for version 3.1.
 """
 
 import argparse
@@ -25,13 +25,13 @@ NAMES = {
     17: "bruegel_harvesters", 18: "renoir_piano", 19: "kandinsky_composition_8", 20: "bazille_ramparts",
     21: "cassatt_summertime", 22: "gogh_auvers",
 }  # fmt: skip
-BORDER = 3  # pixels: where the pieces do not all end on one line
-PACKED, FOLDER, ZSTD = 1, 2, 4  # flags of a node of a Qt resource file
+BORDER = 3  # pixels at the edge, where the pieces do not all end on the same line
+PACKED, FOLDER, ZSTD = 1, 2, 4  # flags of nodes in a Qt resource file
 PIECE = re.compile(r'"image/(.*?)",\s*"x"\s*:\s*"([\d.]+)",\s*"y"\s*:\s*"([\d.]+)"')
 
 
 def files_in(data: bytes) -> Iterator[tuple[str, bytes]]:
-    """Read names and contents of the files of a Qt resource file (version 3) that zlib or nothing has packed."""
+    """Yield names and contents of files in a Qt resource file (version 3) that are unpacked or packed with zlib."""
     _, tree, contents, names = struct.unpack(">4I", data[4:20])
     waiting = [0]
     while waiting:
@@ -47,7 +47,7 @@ def files_in(data: bytes) -> Iterator[tuple[str, bytes]]:
 
 
 def painting_of(board: str, files: dict[str, bytes]) -> Image.Image:
-    """Lay the pieces of a board beside each other; what is left open between them is as the nearest pixel is."""
+    """Assemble the pieces of a board, and fill gaps between them with the nearest pixels."""
     size = tuple(int(re.search(rf'"{side}": (\d+)', board)[1]) for side in ("width", "height"))  # type: ignore[index]
     whole = Image.new("RGBA", size)
     for name, x, y in PIECE.findall(board):
@@ -63,11 +63,11 @@ def painting_of(board: str, files: dict[str, bytes]) -> Image.Image:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("resources", type=Path, help="paintings.rcc")
-    parser.add_argument("folder", type=Path, help="where the pictures go")
+    parser.add_argument("folder", type=Path, help="folder to write the pictures to")
     arguments = parser.parse_args()
     files = dict(files_in(arguments.resources.read_bytes()))
     arguments.folder.mkdir(parents=True, exist_ok=True)
     for number, name in NAMES.items():
-        path = arguments.folder / f"{name}.bmp"  # without compression, so that the file is the same everywhere
+        path = arguments.folder / f"{name}.bmp"  # uncompressed, so that the file is the same everywhere
         painting_of(files[f"board{number}_0.qml"].decode(), files).save(path)
         print(path)

@@ -1,11 +1,11 @@
-"""Rate and distortion of coded strokes beside picture codecs: the PSNR of what is decoded, by bits per pixel.
+"""Compare rate and distortion of coded strokes and picture codecs: PSNR of the decoded picture against bits per pixel.
 
-    python benchmarks/rate.py paint records.csv --kodak ../shared/images/kodak   # paints and codes; adds to the records
-    python benchmarks/rate.py show records.csv figure.png                        # tables in Markdown, and the figure
+    python benchmarks/rate.py paint records.csv --kodak ../shared/images/kodak   # paint, code, and add to the records
+    python benchmarks/rate.py show records.csv figure.png                        # print the tables, and draw the figure
 
-Pictures are icons that the script draws, photographs of scikit-image, and, from a folder, some of Kodak's, all made
-small. Each is painted with several numbers of strokes, which are coded; files of JPEG, WebP, AVIF and JPEG 2000 come
-from Pillow at many qualities. Rates are those of whole files. What the records have is not done again. Bjontegaard's
+The pictures are icons drawn by this script, photographs of scikit-image, and some of Kodak's pictures from a folder,
+all reduced. Each is painted with several numbers of strokes, which are coded; Pillow writes JPEG, WebP, AVIF and JPEG
+2000 files at many qualities. Rates include the whole files. Pictures already in the records are skipped. Bjontegaard's
 difference of rates (2001) is the mean difference of log rate over the range of PSNR that two curves share, here of
 monotone cubic curves; intervals are of 2,000 bootstrap samples of the pictures of a set.
 """
@@ -24,18 +24,18 @@ from PIL import Image, ImageDraw
 from scipy.interpolate import PchipInterpolator
 from skimage import data
 
-SIDE = 192  # pixels of the longer side
+SIDE = 192  # pixels on the longer side
 KODAK = ("kodim05", "kodim08", "kodim15", "kodim23")
 PHOTOGRAPHS = ("astronaut", "chelsea", "coffee")
 STROKES = (40, 160, 640)
-LOSS = 0.5  # PSNR that rounding may cost, dB
+LOSS = 0.5  # PSNR in dB that rounding may cost
 STEPS = 200
-RATES = (0.1, 0.25, 0.5, 1.0, 2.0)  # bits per pixel, of the table
+RATES = (0.1, 0.25, 0.5, 1.0, 2.0)  # bits per pixel in the table
 SUPERSAMPLING = 4
-SAMPLES = 2_000  # of the bootstrap
+SAMPLES = 2_000  # bootstrap samples
 FIELDS = ("set", "picture", "width", "height", "codec", "setting", "bits_per_pixel", "psnr")
 LAYERS = (0.06, 0.1, 0.16, 0.25, 0.4, 0.6, 0.9, 1.3, 1.9, 2.7, 4.0)  # bits per pixel
-ALL_CHROMA = {"subsampling": "4:4:4"}  # by default, colours have a quarter of the pixels
+ALL_CHROMA = {"subsampling": "4:4:4"}  # by default, chroma is stored at a quarter of the pixels
 CODECS: dict[str, tuple[str, list[dict[str, object]]]] = {
     "JPEG": (
         "JPEG",
@@ -103,7 +103,7 @@ def _badge(draw: ImageDraw.ImageDraw) -> None:
 
 
 def pictures(kodak: Path | None) -> Iterator[tuple[str, str, np.ndarray]]:
-    """Yield set, name and pixels (H, W, 3) of each picture, of all sets in turn."""
+    """Yield set, name and pixels (H, W, 3) of each picture, alternating between the sets."""
     drawn = [("icons", name, np.asarray(picture)) for name, picture in icons().items()]
     taken = [("scikit-image", name, _shrunk(Image.fromarray(getattr(data, name)()), SIDE)) for name in PHOTOGRAPHS]
     paths = [] if kodak is None else [kodak / f"{name}.png" for name in KODAK]
@@ -124,7 +124,7 @@ def psnr(picture: np.ndarray, target: np.ndarray) -> float:
 
 
 def by_codecs(target: np.ndarray) -> Iterator[tuple[str, str, float, float]]:
-    """Yield codec, setting, bits per pixel and PSNR of the files of Pillow."""
+    """Yield codec, setting, bits per pixel and PSNR of the files that Pillow writes."""
     for codec, (form, qualities) in CODECS.items():
         for options in qualities:
             Image.fromarray(target).save(file := io.BytesIO(), form, **options)
@@ -138,7 +138,7 @@ def by_codecs(target: np.ndarray) -> Iterator[tuple[str, str, float, float]]:
 
 
 def by_strokes(target: np.ndarray) -> Iterator[tuple[str, str, float, float]]:
-    """Paint, code and decode: yield the same of strokes."""
+    """Paint, code and decode strokes, and yield the same values as `by_codecs`."""
     import brushexp  # noqa: PLC0415  (tables need none of it)
     from brushexp.contracts import build_named  # noqa: PLC0415
     from brushexp.contracts.families import Comparison  # noqa: PLC0415
@@ -153,7 +153,7 @@ def by_strokes(target: np.ndarray) -> Iterator[tuple[str, str, float, float]]:
 
 
 def paint(records: Path, kodak: Path | None) -> None:
-    """Append to the records what they lack."""
+    """Append missing rows to the records."""
     done = {(row["set"], row["picture"], row["codec"]) for row in read(records)} if records.exists() else set()
     with records.open("a", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -167,7 +167,7 @@ def paint(records: Path, kodak: Path | None) -> None:
                     (group, name, target.shape[1], target.shape[0], codec, setting, f"{rate:.4f}", f"{quality:.3f}")
                     for codec, setting, rate, quality in method(target)
                 ]
-                writer.writerows(rows)  # of a picture all or none
+                writer.writerows(rows)  # all rows of a picture or none
                 file.flush()
             print(group, name, flush=True)
 
@@ -179,7 +179,7 @@ def read(records: Path) -> list[Record]:
 
 
 def curves(rows: list[Record]) -> dict[tuple[str, str, str], Curve]:
-    """Collect the points of each set, picture and codec that no other point of the curve beats, by rate."""
+    """Collect the points of each set, picture and codec by rate, leaving out points beaten by others."""
     points = defaultdict(list)
     for row in rows:
         points[row["set"], row["picture"], row["codec"]].append((float(row["bits_per_pixel"]), float(row["psnr"])))
@@ -194,7 +194,7 @@ def curves(rows: list[Record]) -> dict[tuple[str, str, str], Curve]:
 
 
 def quality_at(curve: Curve, rate: float) -> float:
-    """Interpolate the PSNR at a rate; nan outside of the curve."""
+    """Interpolate the PSNR at a rate; nan outside the curve."""
     rates, qualities = np.array(curve).T
     if not rates[0] <= rate <= rates[-1]:
         return float("nan")
@@ -215,7 +215,7 @@ def difference_of_rates(curve: Curve, against: Curve) -> float:
 
 
 def show(records: Path, figure: Path | None) -> None:
-    """Print the tables; draw the figure."""
+    """Print the tables, and draw the figure."""
     found = curves(read(records))
     groups = list(dict.fromkeys(group for group, _, _ in found))
     codecs = [OURS, *CODECS]
@@ -239,12 +239,12 @@ def show(records: Path, figure: Path | None) -> None:
             )
             logs = logs[~np.isnan(logs)]
             if not len(logs):
-                print(f"| {group} | {codec} | no PSNR that both reach | | 0 |")
+                print(f"| {group} | {codec} | no common PSNR | | 0 |")
                 continue
             means = logs[random.integers(0, len(logs), (SAMPLES, len(logs)))].mean(1)
             low, high = np.exp(np.quantile(means, [0.025, 0.975]))
             print(f"| {group} | {codec} | x {np.exp(logs.mean()):.2f} | {low:.2f} to {high:.2f} | {len(logs)} |")
-    print("\n| set | bits per pixel of WebP without loss, mean |\n|---|---:|")
+    print("\n| set | bits per pixel of lossless WebP, mean |\n|---|---:|")
     for group in groups:
         rates = [curve[0][0] for (one, _, codec), curve in found.items() if (one, codec) == (group, LOSSLESS)]
         print(f"| {group} | {np.mean(rates):.2f} |")
@@ -272,14 +272,14 @@ def draw(found: dict[tuple[str, str, str], Curve], groups: list[str], codecs: li
                     label = None
         panel.set(xscale="log", xlim=(0.04, 4), ylim=(14, 52), xlabel="bits per pixel", title=group)
         panel.grid(alpha=0.3)
-    panels[0][0].set_ylabel("PSNR of what is decoded, dB")
+    panels[0][0].set_ylabel("PSNR of the decoded picture, dB")
     panels[0][0].legend(fontsize=8)
     drawing.tight_layout()
     drawing.savefig(figure, dpi=90)
 
 
 def main() -> None:
-    """Paint, or show what was painted."""
+    """Paint pictures, or show the records."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=["paint", "show"])
     parser.add_argument("records", type=Path, help="CSV file")

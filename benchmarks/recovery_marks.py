@@ -1,12 +1,12 @@
-"""How much do a few marks by hand improve the recovery of the other strokes? On known paintings and marked ones.
+"""Measure how much a few marks by hand improve the recovery of other strokes, in known and in marked paintings.
 
     python benchmarks/recovery_marks.py --kinds impasto daubs dabs
     python benchmarks/recovery_marks.py --kinds --hand FOLDER        # NAME.json and NAME.png
 
 In each known painting, weathered, ``--marks`` random strokes replace the marks of a person: they determine the scale
 and train the judges, as in ``recover marks=``. A row has the recall of the other strokes at an IoU of 0.5 before and
-after, and F1 of all regions. Of marks by hand, one half is used for training and the other half for testing, then the
-other way round.
+after, and F1 of all regions. One half of the marks by hand is used for training and the other half for testing, then
+the other way round.
 """
 
 import argparse
@@ -29,8 +29,8 @@ from brushexp.contracts.pictures import load_picture
 from brushexp.contracts.runs import load_plugins
 
 SEED = 61
-MATCH, SOFT = 0.5, 0.3  # intersections over union
-LEAST_PIXELS = 12  # smallest region that counts
+MATCH, SOFT = 0.5, 0.3  # intersection over union
+LEAST_PIXELS = 12  # area of the smallest region that counts
 
 
 def find(model, image, scale=None):

@@ -1,4 +1,4 @@
-"""Does recovery recognise photographs that show no painting, and bare ground?
+"""Measure whether recovery recognises bare ground, and photographs that show no painting.
 
     python benchmarks/recovery_photographs.py camera.png coins.png kodim15.png kodim23.png --side 224
 
@@ -21,7 +21,7 @@ from brushexp_recovery.recover.pipeline import recover_with
 from brushexp.contracts.pictures import load_picture
 from brushexp.contracts.runs import load_plugins
 
-SEED, NUMBER, SIDE = 61, 7, 192  # seed, number and side in pixels of the paintings
+SEED, NUMBER, SIDE = 61, 7, 192  # seed, number, and side in pixels of the paintings
 PAINTINGS = (
     ("textured", 75, "clean"),
     ("fluid", 75, "hard"),

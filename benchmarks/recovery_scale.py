@@ -1,4 +1,4 @@
-"""At which scale are strokes found best, and which criterion would choose it? Known paintings at wrong resolutions.
+"""Find the scale at which strokes are recovered best, and a criterion to choose it, on known rescaled paintings.
 
     python benchmarks/recovery_scale.py scales.csv
 
@@ -24,7 +24,7 @@ from brushexp_recovery.raster.resampling import nearest_pixels, resample
 
 from brushexp.contracts.runs import load_plugins
 
-SEED, SIDE = 61, 256  # seed and side in pixels of the paintings
+SEED, SIDE = 61, 256  # seed, and side in pixels of the paintings
 PAINTINGS = (  # kind, strokes, number, enlargement, look
     ("impasto", 20, 0, 0.6, "clean"),
     ("textured", 60, 0, 2.0, "hard"),
@@ -43,11 +43,11 @@ PAINTINGS = (  # kind, strokes, number, enlargement, look
     ("hatching", 60, 1, 2.0, "clean"),
     ("slabs", 20, 1, 1.0, "hard"),
 )
-SIDES = (64, 90, 128, 181, 256, 362)  # sides in pixels of a painting at the scales of the ladder
-NEAR = 1.4  # times the best scale, within which a scale is near it
-LEAST_PIXELS = 12  # of a stroke that counts
-FEWEST_REGIONS = 25  # of the candidate criterion
-GAIN = 1.05  # by which it must beat the present choice
+SIDES = (64, 90, 128, 181, 256, 362)  # sides in pixels to which a painting is resampled
+NEAR = 1.4  # largest ratio to the best scale that counts as near
+LEAST_PIXELS = 12  # of the smallest stroke that counts
+FEWEST_REGIONS = 25  # for the candidate criterion
+GAIN = 1.05  # factor by which a scale must beat the present choice
 FIELDS = ("painting", "scale", "is_present", "f1", "regions", "explained", "rooted")
 
 
@@ -59,7 +59,7 @@ def f1_of(known, found):
 
 
 def look_at(model, image, labels, scale):
-    """Recover strokes at a scale, and compute F1 and the figures that need no truth."""
+    """Recover strokes at a scale, and compute F1 and the quantities that need no truth."""
     regions = find_regions(model, image, scale, 1, lambda *_: None)
     area = count_pixels(regions.labels, len(regions.chance))
     return {
@@ -71,7 +71,7 @@ def look_at(model, image, labels, scale):
 
 
 def measure(options, path, done):
-    """Write the lines that are not there yet."""
+    """Write missing rows to the file."""
     model = load_model(options.weights)
     classifiers = model.classifiers()
     with path.open("a", newline="") as file:
@@ -92,12 +92,12 @@ def measure(options, path, done):
                 {"painting": name, "scale": scale, "is_present": is_present} | look_at(model, image, labels, scale)
                 for scale, is_present in ladder
             ]
-            writer.writerows(lines)  # all of a picture, or none
+            writer.writerows(lines)  # all rows of a picture or none
             file.flush()
 
 
 def candidate(lines):
-    """Choose the scale whose regions, if enough, explain most, and clearly more than those of the present one."""
+    """Choose the scale whose regions explain most, if they are enough and clearly beat those of the present one."""
     present = next(line for line in lines if int(line["is_present"]))
     enough = [line for line in lines if int(line["regions"]) >= FEWEST_REGIONS] or [present]
     best = max(enough, key=lambda line: float(line["explained"]))

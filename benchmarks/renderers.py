@@ -1,11 +1,11 @@
-"""Renderers on two fronts: how many strokes a second they draw, and how near these are to simulated strokes.
+"""Compare renderers by the strokes they draw per second and by their similarity to simulated strokes.
 
     brushexp task=evaluate renderer=neural data=data/brushes other_data=true n=2500 output=judged/neural
     python benchmarks/renderers.py FRONT.png judged/*
 
-Folders are runs of task=evaluate on a calm machine, one after another, and their names are the labels. Prints a table,
-and draws the Frechet distance of the sets of strokes, and the bristle energy of thick strokes, over the speed. On the
-front is who has none beside that is as fast and as near to the truth; of energy, too much is as wrong as too little.
+The folders are runs of task=evaluate on an idle machine, one after another, and their names are the labels. Prints a
+table, and plots the Frechet distance of the sets of strokes and the bristle energy of thick strokes against the speed.
+A renderer is on the front if no other is both as fast and as accurate; too much energy is as wrong as too little.
 """
 
 import sys
@@ -21,15 +21,15 @@ from brushexp.results.runs import gather
 
 SHOWN = ["l2", "psnr_alpha", "psnr_color", "bristles_thick", "bristles_thin", "light_thick", "fid_effl0"]
 SHOWN += ["strokes_per_second", "strokes_per_second_backward", "parameters", "file_mb"]
-MISSES = {  # on an axis of this name, how far from perfect: of a share, the ratio by which it is too large or too small
+MISSES = {  # error measure of each quantity, with the label of its axis; a share is wrong by its ratio to 1, either way
     "fid_effl0": ("FID (effl0), lower is better", lambda distance: distance),
     "bristles_thick": ("share of the true bristle energy, thick strokes", lambda share: np.abs(np.log(share))),
 }
-BESIDE = ((6, 4), (6, -12))  # points from a dot to its label: above and below in turn, for neighbours
+BESIDE = ((6, 4), (6, -12))  # points from a dot to its label, alternately above and below
 
 
 def main(picture: Path, folders: list[Path]) -> None:
-    """Print the table of all runs, and draw their fronts."""
+    """Print the table of all runs, and plot their fronts."""
     metrics = gather(folders, Path())["metric"].reindex(columns=SHOWN).astype(float)
     metrics.insert(0, "renderer", [folder.name for folder in folders])
     print(markdown_table(metrics, {name: metric.digits for name, metric in quantities().items()}))
@@ -43,7 +43,7 @@ def main(picture: Path, folders: list[Path]) -> None:
             axes.annotate(label, (x, y), xytext=BESIDE[k % 2], textcoords="offset points", fontsize=9)
         plotting.fit_scale(axes, "x", speed)
         plotting.fit_scale(axes, "y", metrics[name])
-        axes.set(xlabel="strokes a second, forward", ylabel=title)
+        axes.set(xlabel="strokes per second, forward", ylabel=title)
         axes.margins(x=0.25, y=0.1)
     plotting.save_figure(figure, picture)
 

@@ -1,4 +1,4 @@
-"""Measure the cost of rounding strokes: PSNR of decoded strokes and bits per stroke, compared with a plain packing.
+"""Measure the cost of rounding strokes: PSNR and bits per stroke, compared with a plain packing.
 
     python benchmarks/rounding.py
 
@@ -31,7 +31,7 @@ PLACES, LEVELS, OPACITIES, WIDENINGS = 4, 255, 63, 31  # steps per pixel, colour
 
 
 def pack(strokes):
-    """Pack strokes plainly; return the LZMA bytes and the decoded strokes."""
+    """Pack strokes plainly, and return the LZMA bytes and the decoded strokes."""
     start, control, end = curve_of(strokes).unbind(1)
     across = torch.stack([2 * half_width_of(strokes), softness_of(strokes)], dim=1)
     lengths = torch.cat([start, control - start, end - start, across], dim=1) * PLACES
@@ -49,7 +49,7 @@ def pack(strokes):
 
 
 def row_of(name):
-    """Paint a photograph and print its row of the table; return both shares of the bits of the plain packing."""
+    """Paint a photograph, print its row of the table, and return both ratios of its bits to the plain packing."""
     keys = {"look": "plain", "resolution": SIDE, "strokes": STROKES, "steps": STEPS, "threads": 1}
     painting = brushexp.paint(name, **keys)
     job = painting.finished.job.bare()
@@ -83,7 +83,7 @@ def row_of(name):
 
 
 def main():
-    """Print the table and the mean shares of the bits of the plain packing."""
+    """Print the table and the mean shares of bits relative to the plain packing."""
     heads = ("plain packing: bits per stroke, PSNR", f"at {LOSS} dB", "at the loss of the plain packing", "CPU, s")
     print(f"| photograph | PSNR of the strokes | {' | '.join(heads)} |\n|---{'|---:' * 5}|")
     shares = np.mean([row_of(name) for name in PHOTOGRAPHS], 0)

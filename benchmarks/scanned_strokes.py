@@ -1,9 +1,9 @@
-"""Straighten scanned strokes along their curves into one grey picture, used by marks and `task=train_recovery`.
+"""Straighten scanned strokes along their curves into one grey picture for marks and `task=train_recovery`.
 
     python benchmarks/scanned_strokes.py ../shared/real/public/strokes
 
-The folder holds a picture of the coverage of each stroke, and ``strokes.json`` with its curve. Scans whose curve does
-not fit (a bend that one curve cannot follow) are left out.
+The folder holds a picture of the coverage of each stroke, and ``strokes.json`` with its curve. Scans with a poorly
+fitting curve (a bend that one curve cannot follow) are left out.
 """
 
 import json
@@ -18,8 +18,8 @@ from scipy.ndimage import map_coordinates
 
 from brushexp.contracts.strokes import SCAN_COLUMNS, SCAN_ROWS, SCANS
 
-LEAST_FIT = 0.6  # intersection over union of a scan with its curve
-POINTS = 400  # of a curve
+LEAST_FIT = 0.6  # intersection over union of a scan and its curve
+POINTS = 400  # per curve
 
 
 def straighten(cover, curve, width):
@@ -42,7 +42,7 @@ def straighten(cover, curve, width):
 
 
 def main(folder):
-    """Write the sheets of all strokes of a folder, one below the other."""
+    """Write the straightened strokes of a folder, one below another, to one picture."""
     sheets = []
     for stroke in json.loads((Path(folder) / "strokes.json").read_text()):
         if stroke["fit_iou"] < LEAST_FIT:

@@ -1,12 +1,12 @@
-"""Paint the sealed set, once: pictures on which nothing has been chosen.
+"""Paint the sealed set once: pictures that no choice was based on.
 
-    python benchmarks/sealed.py collect unpacked/ sealed/    (unpacked: the packages that sealed.yaml names)
+    python benchmarks/sealed.py collect unpacked/ sealed/    (unpacked/: the packages named in sealed.yaml)
     python benchmarks/sealed.py paint sealed/ outputs/sealed
 
-`collect` copies the pictures of the list from wherever they lie below a folder. `paint` notes in sealed.json, before
-the first stroke, when and by which version the set is painted; then it paints each picture as `WORDS` say, and writes
-the figures of each picture to sealed.csv. A set that has been painted is refused. `--again REASON` paints it all the
-same and notes the reason: from then on it is a development set, and whoever reports it says so.
+`collect` copies the pictures of the list from anywhere below a folder. Before the first stroke, `paint` records the
+date and the version in sealed.json; then it paints each picture with the settings in `WORDS`, and writes the metrics of
+each picture to sealed.csv. A set that has been painted before is refused. `--again REASON` paints it nevertheless and
+records the reason: from then on it is a development set, and reports must say so.
 """
 
 import argparse
@@ -29,7 +29,7 @@ WORDS = ("experiment=kodak24", "resolution=768", "threads=1", "logger=[]", "repo
 
 
 def digests_in(listed: Path) -> dict[str, str]:
-    """Read the SHA-256 of each file of a list of pictures."""
+    """Read the SHA-256 of each file in a list of pictures."""
     lines = yaml_of(read_text(listed, "give a list of pictures with their SHA-256"), list)
     return {name: digest for line in lines for name, digest in line.items()}
 
@@ -40,7 +40,7 @@ def digest_of(path: Path) -> str:
 
 
 def collect(packages: Path, into: Path, listed: Path = LIST) -> None:
-    """Copy the pictures of a list from wherever they lie below a folder; exit if some are not there."""
+    """Copy the pictures of a list from anywhere below a folder; exit if some are missing."""
     digests = digests_in(listed)
     found = {path.name: path for path in packages.rglob("*") if digests.get(path.name) and path.is_file()
              and digest_of(path) == digests[path.name]}  # fmt: skip
@@ -55,21 +55,21 @@ def paint(
     pictures: Path, output: Path, again: str = "", listed: Path = LIST, words: Sequence[str] = WORDS,
     run: Callable[[Sequence[str]], int] = subprocess.call,
 ) -> None:  # fmt: skip
-    """Paint the pictures of a list and write their figures beside it; exit if they have been painted before."""
+    """Paint the pictures of a list and write their metrics next to it; exit if they have been painted before."""
     openings = listed.with_suffix(".json")
     before = json_of(read_text(openings, "")) if openings.is_file() else []
     if before and not again:
         first = before[0]
         sys.exit(
             f"{listed.name} was painted on {first['date']} by version {first['version']}, and its figures are in "
-            f"{listed.stem}.csv; to paint it again is to make a development set of it: say why with --again REASON"
+            f"{listed.stem}.csv; painting it again makes it a development set: give the reason with --again REASON"
         )
     digests = digests_in(listed)
     wrong = [name for name, digest in digests.items()
              if not (pictures / name).is_file() or digest_of(pictures / name) != digest]  # fmt: skip
     if wrong:
         sys.exit(
-            f"{pictures} has not the files of {listed.name}: {', '.join(wrong)}; `sealed.py collect` puts them there"
+            f"{pictures} lacks files of {listed.name}: {', '.join(wrong)}; copy them there with `sealed.py collect`"
         )
     paths = ",".join(str(pictures.resolve() / name) for name in digests)
     typed = [*words, f"pictures=[{paths}]", f"output={output.resolve()}"]
@@ -85,7 +85,7 @@ def paint(
 
 
 def commit_of(folder: Path) -> str:
-    """Name the commit that is checked out in a folder, with ``-dirty`` if files differ; "" outside of a repository."""
+    """Return the commit checked out in a folder, with ``-dirty`` if files differ; "" outside a repository."""
     described = subprocess.run(
         ["git", "describe", "--always", "--dirty", "--abbrev=40"],
         cwd=folder,
@@ -97,16 +97,16 @@ def commit_of(folder: Path) -> str:
 
 
 def main() -> None:
-    """Collect or paint, as the command line says."""
+    """Collect or paint, depending on the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True)
-    collecting = commands.add_parser("collect", help="copy the pictures together")
+    collecting = commands.add_parser("collect", help="copy the pictures into one folder")
     collecting.add_argument("packages", type=Path)
     collecting.add_argument("into", type=Path)
-    painting = commands.add_parser("paint", help="paint them, once")
+    painting = commands.add_parser("paint", help="paint the pictures, once")
     painting.add_argument("pictures", type=Path)
     painting.add_argument("output", type=Path)
-    painting.add_argument("--again", default="", metavar="REASON", help="paint a set that has been painted")
+    painting.add_argument("--again", default="", metavar="REASON", help="paint a set that has been painted before")
     given = parser.parse_args()
     if given.command == "collect":
         collect(given.packages, given.into)

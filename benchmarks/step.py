@@ -1,8 +1,8 @@
-"""What one gradient step costs: the compiled blend against eager PyTorch and the thesis's top-k, memory, and growth.
+"""Measure one gradient step: the compiled blend against eager PyTorch and the thesis's top-k, memory, and growth.
 
-    python benchmarks/step.py            all of it (about four minutes on two idle cores, 10 GB of memory)
+    python benchmarks/step.py            everything (about four minutes on two idle cores, 10 GB of memory)
     python benchmarks/step.py --quick    without the eager blends
-    python benchmarks/step.py --lightning    only what Lightning adds
+    python benchmarks/step.py --lightning    only the cost of Lightning
 
 Every table is one run: read the ratios, not the seconds.
 """
@@ -36,7 +36,7 @@ BACKGROUND = torch.ones(3)
 
 
 def scene(n: int, side: int) -> Strokes:
-    """``n`` gently bent strokes, 15 to 35 px long and 4 to 12 px wide, on ``side`` x ``side`` pixels."""
+    """Make ``n`` slightly bent strokes, 15 to 35 px long and 4 to 12 px wide, on ``side`` x ``side`` pixels."""
     torch.manual_seed(0)
     length, angle = 15 + 20 * torch.rand(n), math.pi * torch.rand(n)
     along = torch.stack([angle.cos(), angle.sin()], -1) * length[:, None] / 64
@@ -53,7 +53,7 @@ def scene(n: int, side: int) -> Strokes:
 
 
 def gradient_step(blend: Blend, strokes: Strokes, target: torch.Tensor) -> Callable[[], tuple[torch.Tensor, ...]]:
-    """A function that takes one step: forward, mean squared error, backward."""
+    """Make a function that takes one step: forward, mean squared error, backward."""
     leaves = strokes.map(lambda value: value.clone().requires_grad_(bool(value.any())))
     order, size = torch.arange(len(strokes)), (target.shape[1], target.shape[2])
     renderer = Analytic()
@@ -69,7 +69,7 @@ def gradient_step(blend: Blend, strokes: Strokes, target: torch.Tensor) -> Calla
 
 
 def seconds_of(function: Callable[[], object], runs: int) -> float:
-    """Median wall time after one run that does not count."""
+    """Return the median wall time after one uncounted run."""
     function()
     times = []
     for _ in range(runs):
@@ -80,7 +80,7 @@ def seconds_of(function: Callable[[], object], runs: int) -> float:
 
 
 def against_eager() -> None:
-    """The compiled blend, eager PyTorch on the same tile lists, and the thesis's top-k."""
+    """Compare the compiled blend, eager PyTorch on the same tile lists, and the thesis's top-k."""
     strokes, target = scene(10_000, 1024), torch.rand(3, 1024, 1024)
     fast = gradient_step(Tiled(), strokes, target)
     reference, seconds = fast(), seconds_of(fast, 15)
@@ -94,7 +94,7 @@ def against_eager() -> None:
         slow = gradient_step(blend, strokes, target)
         result = slow()
         other = seconds_of(slow, 1)
-        again = seconds_of(fast, 5)  # beside the slow one, so that the ratio is of one moment
+        again = seconds_of(fast, 5)  # right after the slow step, so that both are timed under the same load
         picture = (result[0] - reference[0]).abs().max()
         gradient = max(float((a - b).norm() / b.norm()) for a, b in zip(reference[1:], result[1:], strict=True))
         print(f"| {name} | {1e3 * other:.0f} | {other / again:.0f} | {picture:.1e} | {gradient:.1e} |", flush=True)
@@ -102,7 +102,7 @@ def against_eager() -> None:
 
 @torch.no_grad()
 def against_double() -> None:
-    """How far the float32 pictures are from eager PyTorch in float64."""
+    """Print how far the float32 pictures are from eager PyTorch in float64."""
     strokes, order = scene(10_000, 1024), torch.arange(10_000)
 
     def picture(blend: Blend, dtype: torch.dtype) -> torch.Tensor:
@@ -116,7 +116,7 @@ def against_double() -> None:
 
 
 def growth() -> None:
-    """Cost against pixels and strokes."""
+    """Print the cost against pixels and strokes."""
     print("\nGrowth at 105 px per stroke\n\n| megapixels | strokes | ms per step | per megapixel, against the first |")
     print("|---|---|---|---|")
     first = 0.0
@@ -129,25 +129,25 @@ def growth() -> None:
 
 
 def switches() -> None:
-    """What each saving brings."""
+    """Print the time of a step with different settings of the blend."""
     strokes, target = scene(10_000, 1024), torch.rand(3, 1024, 1024)
     print("\nSwitches of the tiled blend, 1024 x 1024 px, 10,000 strokes\n\n| setting | ms per step |\n|---|---|")
     for text, blend in (
-        ("as is (opaque 5e-5)", Tiled()),
-        ("every stroke looked at (opaque 0)", Tiled(opaque=0.0)),
+        ("default (opaque 5e-5)", Tiled()),
+        ("no stroke skipped (opaque 0)", Tiled(opaque=0.0)),
         ("opaque 1/512", Tiled(opaque=1 / 512)),
     ):
         print(f"| {text} | {1e3 * seconds_of(gradient_step(blend, strokes, target), 9):.1f} |", flush=True)
 
 
 def memory() -> None:
-    """Peak memory of ten steps at a megapixel, in a process of its own, beyond what the imports take."""
+    """Print the peak memory of ten steps at a megapixel in a separate process, beyond that of the imports."""
     code = "from step import memory_of_ten_steps; memory_of_ten_steps()"
     subprocess.run([sys.executable, "-c", code], check=True, cwd=sys.path[0])
 
 
 def memory_of_ten_steps() -> None:
-    """Print the growth of this process's peak."""
+    """Print the growth of this process's peak memory."""
     Tiled()
     before = peak_memory()
     step = gradient_step(Tiled(), scene(10_000, 1024), torch.rand(3, 1024, 1024))
@@ -159,9 +159,9 @@ def memory_of_ten_steps() -> None:
 
 
 def lightning_cost(blocks: int = 12, steps: int = 15) -> None:
-    """A painter's step through Lightning, with the callbacks of a run, against a bare loop over the same parts.
+    """Compare a painter's step in Lightning, with the callbacks of a run, with a bare loop over the same parts.
 
-    The bare loop does not look whether what it has computed is finite; what that costs stands beside it.
+    The bare loop does not check that its results are finite; the cost of that check is in a separate row.
     """
     import lightning as L  # noqa: PLC0415
 
@@ -174,10 +174,10 @@ def lightning_cost(blocks: int = 12, steps: int = 15) -> None:
     parts = standard_components(steps=10**6)
     painter = StrokeOptimizer(Catalogue(strokes, parts.optimizer.units), parts, target, BACKGROUND, seed=0)
     bare = bare_step(Catalogue(strokes, parts.optimizer.units), parts, target)
-    times: dict[str, list[float]] = {"bare": [], "lightning": [], "of it, the check for finite numbers": []}
+    times: dict[str, list[float]] = {"bare": [], "lightning": [], "bare, only the check for finite numbers": []}
 
     class Alternate(L.Callback):
-        """After each block of steps through Lightning, as many of the bare loop."""
+        """Callback that runs as many bare steps after each block of Lightning's steps."""
 
         begin = 0.0
 
@@ -193,7 +193,7 @@ def lightning_cost(blocks: int = 12, steps: int = 15) -> None:
                 for _ in range(steps):
                     assert painter.catalogue.is_finite()
                     assert all(term.isfinite() for term in painter.terms.values())
-                times["of it, the check for finite numbers"].append(time.process_time() - begin)
+                times["bare, only the check for finite numbers"].append(time.process_time() - begin)
                 self.begin = time.process_time()
 
     with tempfile.TemporaryDirectory() as folder:
@@ -204,14 +204,14 @@ def lightning_cost(blocks: int = 12, steps: int = 15) -> None:
         options |= {"logger": logger, "callbacks": callbacks, "profiler": NoProfiler()}
         L.Trainer(max_steps=blocks * steps, accelerator="cpu", **options).fit(painter)
     each = {name: 1e3 * statistics.median(values) / steps for name, values in times.items()}
-    print("\n512 x 512 px, 2,621 strokes: time of the processor, medians of alternated blocks\n")
+    print("\n512 x 512 px, 2,621 strokes: CPU time, medians of alternated blocks\n")
     print("| | ms per step | times bare |\n|---|---|---|")
     for name, milliseconds in each.items():
         print(f"| {name} | {milliseconds:.2f} | {milliseconds / each['bare']:.3f} |", flush=True)
 
 
 def bare_step(catalogue: Catalogue, parts: Components, target: torch.Tensor) -> Callable[[], None]:
-    """View, render, blend, loss, backward, optimiser, clamp: nothing else."""
+    """Make a function that takes one bare step: view, render, blend, loss, backward, optimiser, clamp."""
     optimizer = parts.optimizer.over(catalogue.parameters())
     renderer, size = parts.stages[0].renderer, (target.shape[1], target.shape[2])
     order, generator = torch.arange(len(catalogue)), torch.Generator()
@@ -233,8 +233,8 @@ def bare_step(catalogue: Catalogue, parts: Components, target: torch.Tensor) -> 
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="leave out the eager blends")
-    parser.add_argument("--lightning", action="store_true", help="only what Lightning adds to a step")
+    parser.add_argument("--quick", action="store_true", help="skip the eager blends")
+    parser.add_argument("--lightning", action="store_true", help="measure only the cost of Lightning")
     quick = parser.parse_args().quick
     lightning_cost()
     if parser.parse_args().lightning:

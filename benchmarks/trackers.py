@@ -1,11 +1,11 @@
-"""What trackers cost: whole runs of the program with each, against none; and what they take by themselves.
+"""Measure the cost of trackers: whole runs of the program with and without each, and the trackers alone.
 
     python benchmarks/trackers.py                     (about five minutes on two idle cores)
     python benchmarks/trackers.py --rounds 1 --steps 50
 
-Each run is a process of its own. Those of one round follow each other, and the ratio is the median of the ratios within
-the rounds. A point of the curves is logged about every 0.25 s, so that a millisecond for it is 0.4 % of the run.
-Nothing is sent: wandb is offline.
+Each run is a separate process. The runs of a round follow each other, and the ratio is the median of the ratios within
+the rounds. A point of the curves is logged about every 0.25 s, so a millisecond per point is 0.4 % of the run. Nothing
+is sent: wandb is offline.
 """
 
 import argparse
@@ -31,7 +31,7 @@ CHOICES = {
 
 
 def alone(names: list[str], folder: Path) -> None:
-    """Print how long the trackers take to open, imports included, for a point of the curves, and for a run's end."""
+    """Print how long the trackers take to open, including imports, to log a point of the curves, and to end a run."""
     import lightning  # noqa: F401, PLC0415  (the program has it anyway)
 
     from brushexp.config.publish import prepare  # noqa: PLC0415
@@ -61,7 +61,7 @@ def main() -> None:
     """Print a Markdown table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=5, help="runs of each choice")
-    parser.add_argument("--steps", type=int, default=300, help="of each run")
+    parser.add_argument("--steps", type=int, default=300, help="steps of each run")
     options = parser.parse_args()
     os.environ["WANDB_MODE"] = "offline"
     steps: dict[str, list[float]] = {name: [] for name in CHOICES}

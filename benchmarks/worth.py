@@ -1,12 +1,12 @@
-"""How many strokes strokes=auto psnr=30 finds, against the fewest of a fixed number that reach as much.
+"""Compare the number of strokes chosen by strokes=auto psnr=30 with the smallest fixed number that reaches the PSNR.
 
     python benchmarks/worth.py
     python benchmarks/worth.py --scenes emblem,horse --side 96
     python benchmarks/worth.py --prices   (the same price on a logo, a portrait and a street, at 512 px)
 
-The oracle paints with `look=plain density=traced_surplus`, a fixed number of strokes and 500 steps, again and again. It
-searches for the smallest number, until two numbers are within 4 % of each other. strokes=auto takes 1,000 steps at
-most. The scenes are drawn here or come from scikit-image; they are a development set.
+The oracle paints repeatedly with `look=plain density=traced_surplus`, a fixed number of strokes and 500 steps. It
+searches for the smallest sufficient number until it is within 4 % of an insufficient one. strokes=auto takes at most
+1,000 steps. The scenes are drawn here or come from scikit-image; they are a development set.
 """
 
 import argparse
@@ -22,9 +22,9 @@ import numpy as np
 import skimage.data
 from PIL import Image, ImageDraw
 
-DRAWN = 768  # pixels of a drawn scene, before it is resampled
-TOLERANCE = 1.04  # of two numbers of strokes of the oracle
-DECIBELS_PER_DOUBLING = 3.0  # first guess of what twice the strokes gain
+DRAWN = 768  # pixels on the longer side of a drawn scene before resampling
+TOLERANCE = 1.04  # ratio of the oracle's two numbers of strokes at which its search ends
+DECIBELS_PER_DOUBLING = 3.0  # first guess of the gain from twice as many strokes
 MOST_PAINTINGS = 8
 PHOTOGRAPHS = ("horse", "logo", "moon", "rocket", "coffee", "chelsea", "astronaut", "motorcycle")
 PRICED = ("emblem", "astronaut", "street")
@@ -59,7 +59,7 @@ def flag() -> Image.Image:
 
 
 def horizon() -> Image.Image:
-    """Draw a sunset: smooth colours, three hills, a sun."""
+    """Draw a sunset with smooth colours, three hills and a sun."""
     y, x = np.mgrid[0:1:512j, 0:1:768j]
     sky = np.stack([0.95 - 0.5 * (1 - y), 0.6 - 0.3 * (1 - y), 0.35 + 0.4 * (1 - y)], axis=-1)
     sky[(x - 0.3) ** 2 + ((y - 0.5) * 2 / 3) ** 2 < 0.005] = (1.0, 0.93, 0.7)
@@ -97,7 +97,7 @@ def street() -> Image.Image:
 
 
 def photograph(name: str) -> Image.Image:
-    """Load a picture that scikit-image ships."""
+    """Load a photograph from scikit-image."""
     pixels = skimage.data.stereo_motorcycle()[0] if name == "motorcycle" else getattr(skimage.data, name)()
     return Image.fromarray(pixels if pixels.dtype == np.uint8 else (255 * pixels).astype(np.uint8)).convert("RGB")
 
@@ -107,7 +107,7 @@ SCENES = (*DRAWINGS, *PHOTOGRAPHS)
 
 
 def scene(name: str, side: int) -> Image.Image:
-    """Make a scene with ``side`` pixels on its longer side."""
+    """Return a scene with ``side`` pixels on its longer side."""
     picture = DRAWINGS[name]() if name in DRAWINGS else photograph(name)
     zoom = side / max(picture.size)
     width, height = (max(1, round(zoom * length)) for length in picture.size)
@@ -115,14 +115,14 @@ def scene(name: str, side: int) -> Image.Image:
 
 
 def figures_of(picture: Image.Image, **keys: Any) -> Mapping[str, Any]:
-    """Paint a picture, in plain strokes and with one thread, and return its metrics."""
+    """Paint a picture with plain strokes and one thread, and return its metrics."""
     return brushexp.paint(picture, look="plain", metric=["psnr"], frames=0, threads=1, **keys).metrics
 
 
 def fewest(picture: Image.Image, psnr: float, guess: int) -> tuple[int, int]:
-    """Find the smallest fixed number of strokes that reaches a PSNR, and count the paintings that it took.
+    """Find the smallest fixed number of strokes that reaches a PSNR, and count the paintings needed.
 
-    The search goes by secants, since PSNR is nearly linear in the logarithm of the number.
+    Secant search, since PSNR is nearly linear in the logarithm of the number.
     """
     seen: dict[int, float] = {}
     count = guess
@@ -143,7 +143,7 @@ def fewest(picture: Image.Image, psnr: float, guess: int) -> tuple[int, int]:
 
 
 def compare(names: list[str], side: int, psnr: float) -> None:
-    """Print strokes=auto beside the oracle for each scene."""
+    """Print the results of strokes=auto and of the oracle for each scene."""
     print(f"| scene, {side} px | strokes=auto psnr={psnr:g} | PSNR, dB | CPU, s | oracle | ratio |")
     print("|---|---|---|---|---|---|", flush=True)
     for name in names:
@@ -157,7 +157,7 @@ def compare(names: list[str], side: int, psnr: float) -> None:
 
 
 def price(names: list[str], side: int) -> None:
-    """Print what the same price asks of scenes."""
+    """Print the number of strokes chosen at the same price for each scene."""
     print(f"| scene, {side} px | strokes=auto | PSNR, dB | steps | CPU, s |")
     print("|---|---|---|---|---|", flush=True)
     for name in names:
@@ -168,8 +168,8 @@ def price(names: list[str], side: int) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scenes", help="names with commas between them", default="")
-    parser.add_argument("--side", type=int, default=0, help="pixels of the longer side")
+    parser.add_argument("--scenes", help="names, separated by commas", default="")
+    parser.add_argument("--side", type=int, default=0, help="pixels on the longer side")
     parser.add_argument("--psnr", type=float, default=30.0)
     parser.add_argument("--prices", action="store_true", help="compare scenes at the same price")
     chosen = parser.parse_args()

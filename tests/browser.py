@@ -1,7 +1,7 @@
-"""A real browser for the tests of pages: headless Chromium, the errors in a page, and what it asked for.
+"""Headless Chromium for the tests of pages, with the errors and requests of each page.
 
-The fixtures ``browser`` and ``opened`` are known to every test. Wait for what a page does with selectors: what
-Playwright evaluates again and again (``wait_for_function``) is refused by the policy of our pages.
+The fixtures ``browser`` and ``opened`` are available in every test. Wait for a page with selectors: the content
+security policy of our pages refuses the scripts that ``wait_for_function`` evaluates repeatedly.
 """
 
 import shutil
@@ -18,7 +18,7 @@ WIDE, NARROW = (1440, 900), (375, 740)
 
 @dataclass
 class Watched:
-    """A page, the errors of its console, and the addresses that it asked for."""
+    """A page, the errors in its console, and the addresses that it requested."""
 
     page: Any
     errors: list[str] = field(default_factory=list)
@@ -26,21 +26,21 @@ class Watched:
 
     @property
     def foreign(self) -> list[str]:
-        """What was asked for beyond files and pictures in the page itself."""
+        """Return the requested addresses other than files and data in the page itself."""
         return [address for address in self.requests if not address.startswith(("file:", "data:", "blob:"))]
 
     def evaluate(self, script: str, argument: object = None) -> Any:
-        """The value of a JavaScript expression or function in the page."""
+        """Evaluate a JavaScript expression or function in the page."""
         return self.page.evaluate(script, argument)
 
     def is_too_wide(self) -> bool:
-        """Whether the page can be scrolled sideways."""
+        """Check whether the page scrolls sideways."""
         return self.evaluate("document.documentElement.scrollWidth > document.documentElement.clientWidth")
 
 
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Any]:
-    """Chromium from the machine, or else Playwright's own; the test is skipped where there is neither."""
+    """Start the machine's Chromium, or else Playwright's own; skip the test if neither exists."""
     sync_api = pytest.importorskip("playwright.sync_api", reason="pages are tested with playwright")
     with sync_api.sync_playwright() as playwright:
         path = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -54,7 +54,7 @@ def browser() -> Iterator[Any]:
 
 @pytest.fixture(scope="module")
 def opened(browser: Any) -> Iterator[Callable[..., Watched]]:
-    """Open a page: ``opened(path, size=WIDE)``; nothing in it moves by itself (``prefers-reduced-motion``)."""
+    """Open pages without animations (``prefers-reduced-motion``): ``opened(path, size=WIDE)``."""
     contexts = []
 
     def open_page(path: Path, size: tuple[int, int] = WIDE, **options: Any) -> Watched:

@@ -1,4 +1,4 @@
-"""Catalogues for tests, and what is asked of them when they are read."""
+"""Catalogues for tests, and assertions about reading them."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -26,7 +26,7 @@ CONFIG = "renderer: {_target_: brushexp.plugins.renderer.analytic.Analytic, soft
 
 
 def catalogue(n: int = 7) -> Saved:
-    """Random strokes of a small painting."""
+    """Make a catalogue of random strokes for a small painting."""
     torch.manual_seed(n)
     strokes = {name: field.nearest(torch.rand(field.shape(n)).clamp(min=0.01)) for name, field in FIELDS.items()}
     return Saved(Strokes(**strokes), torch.randperm(n).int(), (30, 50), torch.rand(3), "analytic", "", 3, CONFIG)
@@ -36,7 +36,7 @@ def job_of(
     strokes: Strokes, size: tuple[int, int], *, depth: torch.Tensor | None = None, renderer: Renderer | None = None,
     blend: Blend | None = None, light: Light = UNLIT, source: str = "a test", **saved: object,
 ) -> ExportJob:  # fmt: skip
-    """Strokes as exporters take them, the first at the bottom unless ``depth`` says otherwise."""
+    """Make an export job of strokes, the first at the bottom unless ``depth`` says otherwise."""
     depth = torch.arange(len(strokes)) if depth is None else depth
     saved = {"background": torch.full((3,), 0.5), "renderer": "analytic"} | saved
     record = Saved(strokes, depth.int(), size, **saved)
@@ -44,12 +44,12 @@ def job_of(
 
 
 def changed(job: ExportJob, **fields: object) -> ExportJob:
-    """The same job of a catalogue with other fields."""
+    """Copy a job with changed fields of its catalogue."""
     return replace(job, saved=replace(job.saved, **fields))
 
 
 def assert_same(read: Saved, saved: Saved) -> None:
-    """Both hold the same, to the last bit."""
+    """Assert that two catalogues are equal to the last bit."""
     for name in FIELDS:
         torch.testing.assert_close(getattr(read.strokes, name), getattr(saved.strokes, name), rtol=0, atol=0)
     torch.testing.assert_close(read.depth, saved.depth, rtol=0, atol=0)
@@ -59,7 +59,7 @@ def assert_same(read: Saved, saved: Saved) -> None:
 
 
 def refused(path: Path, read: Callable[[Path], object] = load_catalogue) -> str:
-    """The message with which reading is refused: one line that names the file, once at its beginning."""
+    """Return the message of a refused file: one line that names the file once, at the beginning."""
     message = refusal(read, path)
     assert str(path) in message
     assert f"{path}: {path}" not in message
@@ -68,7 +68,7 @@ def refused(path: Path, read: Callable[[Path], object] = load_catalogue) -> str:
 
 
 def refused_if_foreign(path: Path, refusal: Callable[[Path], str]) -> str:
-    """The message about an HDF5 file of something else; what is no HDF5 at all is said to be that."""
+    """Return the message about an HDF5 file with other contents; other kinds of files must be refused as such."""
     for data in (b"", b"\x89PNG\r\n\x1a\n" + bytes(3000), b"x" * 5000):
         path.write_bytes(data)
         assert "not an HDF5 file" in refusal(path)
@@ -78,7 +78,7 @@ def refused_if_foreign(path: Path, refusal: Callable[[Path], str]) -> str:
 
 
 def give_attribute(path: Path, name: str, value: object) -> None:
-    """Change an attribute of an HDF5 file; None takes it out."""
+    """Change an attribute of an HDF5 file; None deletes it."""
     with h5py.File(path, "a") as file:
         del file.attrs[name]
         if value is not None:
@@ -86,9 +86,9 @@ def give_attribute(path: Path, name: str, value: object) -> None:
 
 
 def spoil_every(path: Path, step: int, unchanged: Callable[[], None]) -> None:
-    """Spoil one byte of a file at a time, so many apart: it is refused, or what it holds is ``unchanged``."""
+    """Change single bytes of a file, ``step`` apart: each change is refused, or the contents are ``unchanged``."""
     data = path.read_bytes()
     for position in range(0, len(data), step):
         path.write_bytes(data[:position] + bytes([data[position] ^ 0x55]) + data[position + 1 :])
-        with suppress(UserError):  # some bytes say nothing
+        with suppress(UserError):  # some bytes have no meaning
             unchanged()

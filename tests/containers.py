@@ -1,4 +1,4 @@
-"""What files of boxes (ISO/IEC 14496-12) declare of their pictures is written into them."""
+"""Helpers that write declarations about pictures into box files (ISO/IEC 14496-12)."""
 
 import struct
 from collections.abc import Iterable, Sequence
@@ -11,7 +11,7 @@ TO_ENTRY = (
     (b"minf", 0),
     (b"stbl", 0),
     (b"stsd", 8),
-)  # and bytes before boxes
+)  # names of boxes, and the number of bytes before their inner boxes
 
 
 def packed(name: bytes, contents: bytes) -> bytes:
@@ -19,12 +19,12 @@ def packed(name: bytes, contents: bytes) -> bytes:
 
 
 def clap(width: int, height: int, right: int, low: int, parts: int = 2) -> Box:
-    """Show so many pixels, whose middle lies ``right`` and ``low`` halves of a pixel from that of the picture."""
+    """Make a crop box of a size whose middle lies ``right`` and ``low`` half-pixels from that of the picture."""
     return b"clap", struct.pack(">IIIIiIiI", width, 1, height, 1, right, parts, low, parts)
 
 
 def place_of(data: bytes, path: Iterable[tuple[bytes, int]]) -> list[tuple[int, int]]:
-    """Find the beginnings and lengths of boxes inside each other."""
+    """Find positions and lengths of nested boxes."""
     begin, end, places = 0, len(data), []
     for name, before in path:
         at = begin
@@ -38,7 +38,7 @@ def place_of(data: bytes, path: Iterable[tuple[bytes, int]]) -> list[tuple[int, 
 
 
 def inserted(data: bytes, path: Sequence[tuple[bytes, int]], extra: bytes) -> bytes:
-    """Put bytes at the end of the last box of a path."""
+    """Insert bytes at the end of the last box on a path."""
     places = place_of(data, path)
     whole = bytearray(data)
     end = sum(places[-1])
@@ -49,7 +49,7 @@ def inserted(data: bytes, path: Sequence[tuple[bytes, int]], extra: bytes) -> by
 
 
 def film_with(data: bytes, entry: bytes, properties: Sequence[Box]) -> bytes:
-    """Declare properties of the pictures of the first track of a film, in the ``entry`` that describes them."""
+    """Declare properties of the pictures in a film's first track, in the ``entry`` that describes them."""
     extra = b"".join(packed(*one) for one in properties)
     is_first = data.index(b"moov") < data.index(b"mdat")
     whole = bytearray(inserted(data, [*TO_ENTRY, (entry, 78)], extra))
@@ -61,7 +61,7 @@ def film_with(data: bytes, entry: bytes, properties: Sequence[Box]) -> bytes:
 
 
 def picture_with(data: bytes, properties: Sequence[Box]) -> bytes:
-    """Declare properties of the first item of a HEIF or AVIF with one item, behind those that it has."""
+    """Declare further properties of the only item of a HEIF or AVIF file."""
     meta, iprp = (b"meta", 4), (b"iprp", 0)
     before = place_of(data, [meta])[0][1]
     (at, length) = place_of(data, [meta, iprp, (b"ipco", 0)])[-1]
@@ -74,7 +74,7 @@ def picture_with(data: bytes, properties: Sequence[Box]) -> bytes:
     data = inserted(data, [meta, iprp, (b"ipma", 4)], numbers)
     (at, _) = place_of(data, [meta, iprp, (b"ipma", 4)])[-1]
     whole = bytearray(data)
-    assert whole[at + 8] == 0  # numbers of items have two bytes
+    assert whole[at + 8] == 0  # item numbers have two bytes
     assert int.from_bytes(whole[at + 12 : at + 16]) == 1
     whole[at + 18] += len(properties)  # of the only item
     growth = place_of(whole, [meta])[0][1] - before
@@ -82,7 +82,7 @@ def picture_with(data: bytes, properties: Sequence[Box]) -> bytes:
 
 
 def moved(data: bytes, growth: int) -> bytes:
-    """Add to the place of the item's data, which the table of places tells in four bytes."""
+    """Shift the position of the item's data, stored as four bytes in the table of positions."""
     (at, _) = place_of(data, [(b"meta", 4), (b"iloc", 4)])[-1]
     whole = bytearray(data)
     version, sizes = whole[at + 8], whole[at + 12]

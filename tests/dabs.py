@@ -1,4 +1,4 @@
-"""A renderer as a plugin may have it: soft discs, with layers of their own kind and their own kernel."""
+"""A renderer like a plugin's: soft discs with their own kind of layers and their own kernel."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ from brushexp.plugins.renderer.base import Renderer
 from brushexp.strokes.bezier import half_width_of
 from brushexp.strokes.catalogue import Strokes
 
-COVER = 1  # row of a stroke in a tile
+COVER = 1  # row of the coverage of a stroke in a tile
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def pull(p, i, data, ox, oy, own, temporary, buf, out):
         for c in range(CHANNELS):
             of_alpha += color[c] * of_color(own, buf, q, c)
             out[4 + c] += opacity * k * k * of_color(own, buf, q, c)
-        of_square = F(2) * opacity * k * of_alpha / (r * r)  # with respect to -(x^2 + y^2), and 0 outside
+        of_square = F(2) * opacity * k * of_alpha / (r * r)  # with respect to -(x^2 + y^2); 0 outside the disc
         out[0] += F(2) * x * of_square
         out[1] += F(2) * y * of_square
         out[2] += F(2) * (x * x + y * y) / r * of_square
@@ -91,7 +91,7 @@ KERNEL = TileKernel(rows=2, cover=cover, tint=tint, shade=shade, tone=tone, pull
 
 
 class DabRenderer(Renderer):
-    """Soft discs as wide as strokes."""
+    """Renderer of soft discs as wide as the strokes."""
 
     def forward(self, strokes: Strokes) -> Dabs:
         return Dabs(strokes.position, half_width_of(strokes).clamp_min(0.5), strokes.color, strokes.opacity)

@@ -1,4 +1,4 @@
-"""What a blend makes of strokes, and how far it may be from every stroke at every pixel in float64."""
+"""Comparisons of blends with the dense blend in float64."""
 
 from dataclasses import replace
 
@@ -47,17 +47,17 @@ SCENES = st.fixed_dictionaries(
 
 
 def paint(renderer, blend, strokes, size, *, order=None, target=None) -> Canvas:
-    """Picture of strokes in the dtype they have."""
+    """Paint strokes in their own dtype."""
     order = torch.arange(len(strokes)) if order is None else order
     dtype = strokes.position.dtype
     return blend(renderer(strokes), order, size, BACKGROUND.to(dtype), None if target is None else target.to(dtype))
 
 
 def paint_with_gradient(renderer, blend, strokes, size, weight, *, order=None) -> tuple[Tensor, dict[str, Tensor]]:
-    """Picture, and the gradient of its weighted sum with respect to each field, in float64."""
+    """Return the picture, and the gradient of its weighted sum with respect to each field, in float64."""
     leaves = strokes.map(lambda value: value.detach().clone().requires_grad_())
     if not strokes.drift.any():
-        leaves = replace(leaves, drift=strokes.drift)  # strokes of one colour have kernels of their own
+        leaves = replace(leaves, drift=strokes.drift)  # strokes of one colour use separate kernels
     image = paint(renderer, blend, leaves, size, order=order).image
     (image * weight.to(image)).sum().backward()
     zero = {name: torch.zeros_like(value) for name, value in leaves.items()}
@@ -67,7 +67,7 @@ def paint_with_gradient(renderer, blend, strokes, size, weight, *, order=None) -
 def assert_agree(
     renderer, blend, strokes, size, fields=tuple(FIELDS), *, order=None, slack=1e-3, exactness=1e-4, dense=DENSE
 ):
-    """Value to ``exactness``, gradient to ``slack`` of its size, against the reference in float64."""
+    """Assert that picture and gradient agree with the float64 reference, within ``exactness`` and ``slack``."""
     weight = torch.randn(3, *size, generator=torch.Generator().manual_seed(0))
     image, gradient = paint_with_gradient(renderer, blend, strokes, size, weight, order=order)
     exact, slope = paint_with_gradient(renderer, dense, strokes.map(lambda v: v.double()), size, weight, order=order)
@@ -78,15 +78,16 @@ def assert_agree(
 
 
 def check_random_scene(renderer, blend, n, size, seed, bend, thick, shaped, fields=tuple(FIELDS)):
-    # Where two points of a curve are equally near, a taper or a texture jumps; only gently bent ones have none nearby.
+    # Where two points of a curve are equally near, a taper or texture jumps; slightly bent curves have no such points
+    # nearby.
     textured = isinstance(renderer, Textured)
     bend = min(bend, 0.15) if textured or shaped or getattr(renderer, "taper", 0) else bend
     strokes = random_strokes(n, size, seed=seed, bend=bend, width=(0.0, thick))
     if shaped:
         strokes = with_shapes(strokes, seed)
     order = torch.randperm(n, generator=torch.Generator().manual_seed(seed))
-    # Beside the edge of a texel the slope of a bilinear lookup jumps, and a pixel may fall on either side.
-    # Across a narrow stroke the texture itself is steep: a thousandth of a pixel is a few ten-thousandths of alpha.
+    # At the edge of a texel, the slope of a bilinear lookup jumps, and a pixel may fall on either side. Across a narrow
+    # stroke the texture itself is steep: a thousandth of a pixel is a few ten-thousandths of alpha.
     loose = {"slack": 3e-3, "exactness": 5e-4} if textured else {}
     assert_agree(renderer, blend, strokes, size, fields, order=order, **loose)
 
@@ -106,7 +107,7 @@ def check_accuracy(renderer, blend):
 
 @torch.no_grad()
 def check_importance(renderer, blend):
-    """Also return what the blend was given."""
+    """Check importances, and return the inputs of the blend."""
     size, strokes = (20, 29), with_shapes(random_strokes(25, (20, 29), bend=0.05))
     order, target, weight = torch.randperm(25), torch.rand(3, *size), torch.rand(size)
     layers = renderer(strokes)
@@ -133,7 +134,7 @@ def check_degenerate(renderer, blend, name):
     size, stroke, weight = (16, 19), DEGENERATE[name], torch.randn(3, 16, 19)
     image, gradient = paint_with_gradient(renderer, blend, stroke, size, weight)
     exact, slope = paint_with_gradient(renderer, DENSE, stroke.map(lambda v: v.double()), size, weight)
-    # At the tip of a fold the curve all but stands still: where on it the nearest point lies is not known so well.
+    # At the tip of a fold the curve nearly stands still, so the nearest point on it is less certain.
     assert ((image - exact).abs() > 1e-4).float().mean() <= (0.05 if name == "almost folded" else 0)
     for gradients in (gradient, slope):
         assert all(value.isfinite().all() and value.abs().max() < 1e4 for value in gradients.values())

@@ -1,4 +1,4 @@
-"""Painters for tests, and steps of one without a Trainer."""
+"""Painters for tests, and their steps without a Trainer."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -29,7 +29,7 @@ QUIET = {
 def painter_of(
     *stages: Stage, n=60, target=None, size=SIZE, strokes=None, steps=1000, renderer=None, options=None, **parts
 ):
-    """A painter of ``n`` random strokes in the prior; ``parts`` are components, ``options`` those of `Painter`."""
+    """Make a painter of ``n`` random strokes in the prior; ``parts`` are components, ``options`` those of `Painter`."""
     torch.manual_seed(5)
     stages = list(stages) or [Stage("it", renderer or Analytic(), steps)]
     components = standard_components(**{"stages": stages, "blend": Tiled(opaque=0), **parts})
@@ -40,7 +40,7 @@ def painter_of(
 
 
 def take(painter: StrokeOptimizer, steps: int, loop: Any = None) -> Any:
-    """Take steps in a bare loop; what it returns continues them."""
+    """Take steps in a bare loop; the returned value continues the loop."""
     if loop is None:
         loop = painter.configure_optimizers()
         painter.prepare()
@@ -59,7 +59,7 @@ def fit(painter: StrokeOptimizer, callbacks=(), ckpt_path=None, **options: Any) 
 
 
 def assert_resumes(make: Callable[[], StrokeOptimizer], steps: int, folder: Path) -> None:
-    """A fit that is interrupted after some steps ends as one that is not."""
+    """Assert that a fit interrupted after ``steps`` steps ends like an uninterrupted fit."""
     straight, first, second = (make() for _ in range(3))
     fit(straight)
     fit(first, max_steps=steps).save_checkpoint(folder / "it.ckpt")
@@ -70,12 +70,12 @@ def assert_resumes(make: Callable[[], StrokeOptimizer], steps: int, folder: Path
 
 
 def error_of(painter: StrokeOptimizer) -> float:
-    """Mean squared error of the picture as it is now."""
+    """Return the mean squared error of the current picture."""
     return float((painter.draw_whole() - painter.picture.target).square().mean())
 
 
 def gradient_of(painter: StrokeOptimizer, view: View, part: Catalogue | None = None) -> dict[str, torch.Tensor]:
-    """Gradient of the loss of what a view shows, in the strokes of ``part`` (all for None)."""
+    """Return the gradient of the loss of a view in the strokes of ``part`` (all for None)."""
     moving = painter.catalogue if part is None else part
     moving.zero_grad()
     painter.loss(view, moving()).backward()

@@ -1,7 +1,7 @@
-"""The program in processes of its own, without the seconds that its imports take.
+"""The program in separate processes, without the seconds that its imports take.
 
-Every process is a fork of one that has imported everything, and Numba its tables, and done nothing; from there on it
-is what ``brushexp`` is: its own environment, folder, output, signals and exit code.
+Every process is forked from one that has done nothing but import everything, with Numba's tables filled. A fork behaves
+like ``brushexp``: it has its own environment, folder, output, signals and exit code.
 """
 
 import http.client
@@ -44,10 +44,10 @@ Kill = tuple[str, int, bool]
 
 
 class Program:
-    """``brushexp`` with overrides in the folder ``cwd``; used as a `subprocess.Popen` is.
+    """A process of ``brushexp`` with overrides in the folder ``cwd``, used like `subprocess.Popen`.
 
-    The program gets the signal ``sent`` when it moves a file to its place: ``kill`` is the end of the file's path, a
-    count of such files, and whether the signal comes after the move.
+    ``kill`` is the end of a path, a count and a flag: the program gets the signal ``sent`` when it moves that many such
+    files into place, before or after the move.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class Program:
             os.kill(self._process.pid, number)
 
     def communicate(self, timeout: float = 280) -> tuple[str, str]:
-        """Wait for the end; what was written to stdout and stderr."""
+        """Wait for the end, and return what was written to stdout and stderr."""
         self._process.join(timeout)
         if self.poll() is None:
             self._process.kill()
@@ -86,14 +86,14 @@ class Program:
 
 @cache
 def start_server() -> None:
-    """Start the process that is forked, which looks for modules among those of the tests, too."""
+    """Start the process to fork, which also finds the modules of the tests."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setenv("PYTHONPATH", str(Path(__file__).parent), prepend=os.pathsep)
         forkserver.ensure_running()
 
 
 def in_plain(words: Sequence[str]) -> list[str]:
-    """The words with ``look=plain`` before their keys if they paint and name no look: few tests are of looks."""
+    """Add ``look=plain`` to words that paint without naming a look, since few tests are about looks."""
     if any(word.startswith(("task=", "look=", "experiment=", "resume=", "--")) for word in words):
         return [*words]
     flags = next((k for k, word in enumerate(words) if not word.startswith("-")), len(words))
@@ -101,7 +101,7 @@ def in_plain(words: Sequence[str]) -> list[str]:
 
 
 def run(*overrides: str, cwd: Path, **environment: str) -> CompletedProcess:
-    """The program, finished."""
+    """Run the program to its end."""
     program = Program(*overrides, cwd=cwd, **environment)
     out, err = program.communicate()
     return CompletedProcess(program.args, program.returncode, out, err)
@@ -115,7 +115,7 @@ def ended(cwd: Path, *words: str, kill: Kill | None = None, sent: int = signal.S
 
 
 def disturb_move(name: str, number: int, after: bool, disturb: Callable[[], object]) -> None:
-    """Let ``disturb`` be called when this process moves a file to its place; see `Program`."""
+    """Call ``disturb`` when this process moves a file into place; see `Program`."""
     real, moved = os.replace, 0
 
     def replace(source: Path, target: Path) -> None:
@@ -131,7 +131,7 @@ def disturb_move(name: str, number: int, after: bool, disturb: Callable[[], obje
 
 
 def publish(folder: Path, name: str, version: str, points: dict[str, str]) -> None:
-    """Lay a package with entry points of plugins into a folder, as pip would install it in place."""
+    """Write a package with entry points for plugins to a folder, as pip would install it."""
     info = folder / f"{name.replace('-', '_')}-{version}.dist-info"
     info.mkdir()
     (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n")
@@ -142,7 +142,7 @@ def publish(folder: Path, name: str, version: str, points: dict[str, str]) -> No
 def ask(
     address: str, path: str, method: str = "GET", body: bytes | None = None, **headers: str
 ) -> tuple[int, bytes, dict[str, str]]:
-    """Status, content and head of what a server answers."""
+    """Send a request, and return status, content and headers of the answer."""
     connection = http.client.HTTPConnection(urlsplit(address).netloc, timeout=30)
     connection.request(method, path, body, {name.replace("_", "-"): value for name, value in headers.items()})
     answer = connection.getresponse()
@@ -155,14 +155,14 @@ def _main(
     words: list[str], folder: str, environment: dict[str, str], outputs: Path,
     disturbed: tuple[str, int, bool, int] | None,
 ) -> None:  # fmt: skip
-    """Run in a fork what ``python -W ignore::FutureWarning`` would with these words."""
+    """Run ``python -W ignore::FutureWarning`` with these words in a fork."""
     for number, name in ((1, "out"), (2, "err")):
         os.dup2(os.open(outputs / name, os.O_CREAT | os.O_WRONLY | os.O_APPEND), number)
     os.environ.clear()
     os.environ.update(environment)
     os.chdir(folder)
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    for number in (signal.SIGTERM, signal.SIGHUP):  # whatever started the tests may ignore them
+    for number in (signal.SIGTERM, signal.SIGHUP):  # the process that started the tests may ignore them
         signal.signal(number, signal.SIG_DFL)
     warnings.simplefilter("ignore", FutureWarning)
     if disturbed:

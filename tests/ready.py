@@ -1,6 +1,6 @@
-"""Imported first where processes of the program are forked, see `program`: what would take time in each is done once.
+"""Shared setup of the processes in `program`, imported before they are forked.
 
-Modules are no garbage, and are not searched for any; Numba fills its tables.
+Modules are never garbage, so garbage collection is off; Numba fills its tables.
 """
 
 import gc

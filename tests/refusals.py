@@ -1,4 +1,4 @@
-"""What a user can mend is refused in one line, which says what to type."""
+"""Assertions that calls are refused with a line that says how to fix them."""
 
 import re
 from collections.abc import Callable
@@ -9,7 +9,7 @@ from brushexp.errors import UserError
 
 
 def refusal(function: Callable[..., object], *arguments: object, **options: object) -> str:
-    """The line with which a call is refused."""
+    """Return the line with which a call is refused."""
     with pytest.raises(UserError) as caught:
         function(*arguments, **options)
     assert "\n" not in str(caught.value)
@@ -17,6 +17,6 @@ def refusal(function: Callable[..., object], *arguments: object, **options: obje
 
 
 def refuses(match: str, function: Callable[..., object], *arguments: object, **options: object) -> None:
-    """Assert that a call is refused in a line that matches."""
+    """Assert that a call is refused with a line that matches."""
     line = refusal(function, *arguments, **options)
     assert re.search(match, line), line

@@ -1,4 +1,4 @@
-"""Fixtures every test may use, and what holds while tests run."""
+"""Fixtures for all tests, and settings during tests."""
 
 import gc
 import os
@@ -20,24 +20,24 @@ from brushexp.config.check import check
 from brushexp.config.publish import prepare
 from brushexp.runs.runner import perform
 
-# The same examples at every run: a failure is one of the change, and not of chance.
+# The same examples in every run, so that failures come from changes and not from chance.
 settings.register_profile("repeatable", derandomize=True)
 settings.load_profile("repeatable")
 
-if not torch.cuda.is_available():  # Triton interprets its kernels then, and decides so when it is first imported
+if not torch.cuda.is_available():  # Triton decides when first imported whether to interpret its kernels
     os.environ["TRITON_INTERPRET"] = "1"
 
-gc.disable()  # until tests begin: modules are no garbage, and to look for it takes a fifth of the time
-prepare(ROOT)  # at import, so that @parametrize can list what is registered
-signal.signal(signal.SIGINT, signal.default_int_handler)  # tests that run in the background may begin without it
-torch.set_num_threads(1)  # tiny tensors: threads cost more than they give, most of all on a busy machine
+gc.disable()  # until tests begin: modules are never garbage, and searching them takes a fifth of the time
+prepare(ROOT)  # at import, so that @parametrize can list the registered plugins
+signal.signal(signal.SIGINT, signal.default_int_handler)  # tests started in the background may lack this handler
+torch.set_num_threads(1)  # for tiny tensors, threads cost more than they save, especially on a busy machine
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Long tests come first, so that no worker is left alone with one at the end.
+    """Run long tests first, so that no worker runs one alone at the end.
 
-    The second of two workers begins in the middle, with those that need no kernels: the first compiles them meanwhile,
-    and what it stores the second need not compile.
+    The second of two workers begins in the middle, with long tests that need no kernels, while the first compiles and
+    stores the kernels for both.
     """
     first, second, others = [], [], []
     for item in sorted(items, key=lambda item: item.path):
@@ -69,7 +69,7 @@ def config() -> Callable[..., DictConfig]:
 
 @pytest.fixture
 def run_task(config, tmp_path, monkeypatch) -> Callable[..., dict[str, object]]:
-    """Run the task of a module in this process; its folder is ``tmp_path``, and speed is measured on few strokes."""
+    """Run a task's module in this process, in ``tmp_path``, with few strokes to measure speed."""
 
     def run(module: ModuleType, *overrides: str) -> dict[str, object]:
         monkeypatch.setattr("brushexp_training.evaluation.benchmark.ACROSS", 2)

@@ -1,26 +1,26 @@
-"""Light in the numbers of other standards, by their own formulas."""
+"""Conversions of light to the signals of other standards, by their formulas."""
 
 import numpy as np
 
-# Light of sRGB's primaries in those of others, from their chromaticities (CIE 15): rows are red, green, blue.
+# Matrices from sRGB's primaries to other primaries by their chromaticities (CIE 15); rows are red, green, blue.
 TO_ADOBE = [[0.71512, 0.28488, 0], [0, 1, 0], [0, 0.04117, 0.95883]]
 TO_P3 = [[0.82246, 0.17754, 0], [0.03319, 0.96681, 0], [0.01708, 0.07240, 0.91052]]
 TO_BT2020 = [[0.62740, 0.32928, 0.04331], [0.06910, 0.91954, 0.01136], [0.01639, 0.08801, 0.89559]]
 
 
 def srgb(light: np.ndarray) -> np.ndarray:
-    """IEC 61966-2-1."""
+    """Encode light by IEC 61966-2-1."""
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.clip(light, 0, 1) ** (1 / 2.4) - 0.055)
 
 
 def pq(light: np.ndarray) -> np.ndarray:
-    """ITU-R BT.2100, of light in units of 203 nits."""
+    """Encode light, in units of 203 nits, by the PQ of ITU-R BT.2100."""
     y = (203 * light / 10_000) ** 0.1593017578125
     return ((0.8359375 + 18.8515625 * y) / (1 + 18.6875 * y)) ** 78.84375
 
 
 def hlg(light: np.ndarray) -> np.ndarray:
-    """ITU-R BT.2100, of light in units of 203 nits, on a screen of 1000 nits: system gamma 1.2."""
+    """Encode light, in units of 203 nits, by the HLG of ITU-R BT.2100 for a screen of 1000 nits: system gamma 1.2."""
     shown = 0.203 * light
     luminance = (shown @ [0.2627, 0.6780, 0.0593])[..., None]
     scene = shown * luminance ** ((1 - 1.2) / 1.2)

@@ -1,4 +1,4 @@
-"""Abstraction: fewer strokes and flatter forms, while faces stay faces."""
+"""Tests of abstraction: fewer strokes and flatter forms, while faces remain faces."""
 
 import pytest
 import torch
@@ -21,7 +21,7 @@ def test_abstraction_makes_strokes_fewer_forms_flat_where_nobody_looks_and_leave
     distances = [painting.metrics["perceptual"] for painting in paintings]
     assert distances == sorted(distances)
     (face,) = find_faces(torch.from_numpy(paintings[0].target).float().movedim(-1, 0) / 255)
-    for painting in paintings:  # a face keeps strokes of its own, and stays one
+    for painting in paintings:  # faces keep many strokes, and are still found
         position = painting.strokes.position
         on_face = (position - torch.tensor([face.x, face.y])).norm(dim=1) < face.side / 2
         assert on_face.sum() > 80

@@ -1,4 +1,4 @@
-"""``import brushexp``: the tasks as functions, with the messages of the command line, and nothing on disk unasked."""
+"""Tests of ``import brushexp``: tasks as functions, with the messages of the command line, writing no files unasked."""
 
 import io
 import json
@@ -32,7 +32,7 @@ from brushexp.tasks import paint as task
 
 resvg = pytest.importorskip("resvg_py", reason="pip install resvg-py: it draws our SVG independently")
 SMALL = {"look": "plain", "resolution": 32, "strokes": 20, "steps": 4}
-SAME = ("psnr", "ssim", "l1", "perceptual", "n_strokes", "steps", "status")  # numbers of two equal runs
+SAME = ("psnr", "ssim", "l1", "perceptual", "n_strokes", "steps", "status")  # metrics that are equal for equal runs
 
 
 def small_cat() -> torch.Tensor:
@@ -113,7 +113,7 @@ def test_a_painting_and_a_state_come_back_from_another_process(tmp_path):
 
 
 @pytest.mark.parametrize(("name", "options", "words"), [
-    ("recover", {"copies": 0}, "copies=0 is not 1 to 8; try copies=1"),  # no pixel was looked at, and memory overrun
+    ("recover", {"copies": 0}, "copies=0 is not 1 to 8; try copies=1"),  # used to skip all pixels and overrun memory
     ("recover", {"scale": float("nan")}, "scale=nan is not 0.05 to 8"),
     ("recover", {"weights": "x"}, r"^weights=x is not a shipped checkpoint \(.*\); give the path of a .\w+ file$"),
     ("sample_brushwork", {"samples": 1}, "samples=1 is not 2 to 10000"),
@@ -139,7 +139,7 @@ def test_a_run_with_a_folder_leaves_all_and_can_be_repeated(tmp_path):
     assert f" image={tmp_path}/b/.hydra/image.tif " in command_of(tmp_path / "b")
     assert not [held for held in run_folder._locks if str(run) in held.lock_file], "a refusal keeps nobody out"
     brushexp.paint(picture, **SMALL, output=run, overwrite=True)
-    lock(run)  # nobody keeps it
+    lock(run)  # it is unlocked
 
 
 def test_a_painting_is_drawn_exported_and_saved_later(tmp_path):
@@ -184,7 +184,7 @@ def test_paint_that_is_to_be_trained_is_asked_for_and_the_slow_way_is_told_once(
     brushexp.render(strokes, (20, 30), renderer=frozen)
     brushexp.render(strokes.map(torch.Tensor.double), (20, 30))
     slow = "PyTorch draws the strokes, many times slower than compiled kernels: "
-    reasons = ["renderer.requires_grad_(False) freezes", "they are torch.float64, but kernels take float32"]
+    reasons = ["renderer.requires_grad_(False) freezes", "they are torch.float64, but kernels need float32"]
     assert len(caplog.messages) == 2
     for message, reason in zip(caplog.messages, reasons, strict=True):
         assert message.startswith(slow)
@@ -210,7 +210,7 @@ def test_a_painting_is_saved_beside_what_is_the_users_in_place_of_another_and_en
 
 @pytest.fixture
 def quickly_measured(monkeypatch):
-    """A trained renderer is measured on few strokes."""
+    """Measure trained renderers on few strokes."""
     monkeypatch.setattr("brushexp_training.evaluation.benchmark.ACROSS", 2)
     monkeypatch.setattr("brushexp_training.evaluation.benchmark.REPETITIONS", 1)
     monkeypatch.setattr("brushexp_training.stroke_sets.stroke_data.HELD_OUT", 128)
@@ -234,7 +234,7 @@ def test_a_renderer_or_a_preset_of_one_is_trained_and_paints(tmp_path, quickly_m
 
 
 class OfAnotherLibrary:
-    """An array as those of JAX, h5py or xarray are."""
+    """An array like those of JAX, h5py or xarray."""
 
     def __init__(self, array):
         self.array = array
@@ -278,7 +278,7 @@ def test_a_picture_may_be_of_any_kind():
 def test_transparent_pixels_lie_over_white_and_count_nothing_in_a_mask_and_true_is_bright():
     color, alpha = np.full((4, 5, 3), 51, np.uint8), np.array([[0, 255, 255, 255, 102]] * 4, np.uint8)
     rgba = np.dstack([color, alpha])
-    expected = {1.0: [255, 51, 51, 51, 173], 0.0: [0, 51, 51, 51, 20]}  # 51 * 0.4 and 0.6 of the backdrop
+    expected = {1.0: [255, 51, 51, 51, 173], 0.0: [0, 51, 51, 51, 20]}  # 0.4 * 51 plus 0.6 of the backdrop
     for backdrop, row in expected.items():
         for picture in (rgba, rgba / 255, torch.from_numpy(rgba).permute(2, 0, 1), Image.fromarray(rgba)):
             pixels = hold(picture).over[backdrop]
@@ -335,5 +335,5 @@ def closed_picture() -> Image.Image:
     ),
 ])  # fmt: skip
 def test_a_mistake_is_a_message_of_one_line(picture, options, words):
-    for call in (brushexp.paint, brushexp.iterate):  # at once, and not with the first state
+    for call in (brushexp.paint, brushexp.iterate):  # immediately, not with the first state
         refuses(words, call, picture, **SMALL | options)

@@ -1,4 +1,4 @@
-"""The tree is the architecture: imports go one way, the map names real modules, and plugins know only contracts."""
+"""Tests of the architecture: imports go one way, the map names real modules, and plugins use only contracts."""
 
 import ast
 import inspect
@@ -19,12 +19,12 @@ from brushexp.config.tasks import TASKS
 from brushexp.registry import FAMILIES, FOLDERS, plugins
 
 SOURCE = ROOT / "src" / "brushexp"
-LIBRARIES = {"compat", "compositing", "features", "pictures", "shading", "strokes", "system"}  # of plugins
+LIBRARIES = {"compat", "compositing", "features", "pictures", "shading", "strokes", "system"}  # for plugins
 TOOLS = {"registry", "errors", "bounds"}
 
 
 def imports(path: Path) -> set[str]:
-    """Modules of brushexp that a file imports, without the leading ``brushexp.``; of packages, what is taken."""
+    """List the modules of brushexp that a file imports, without ``brushexp.``; for packages, the imported names."""
     nodes = (node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.ImportFrom))
     found = set()
     for node in nodes:
@@ -40,7 +40,7 @@ def modules() -> dict[str, Path]:
 
 
 def imports_by(room) -> dict[str, set[str]]:
-    """What the modules of each room import from other rooms, also in functions and for types alone."""
+    """List the rooms that the modules of each room import, including imports in functions and for types."""
     names, found = modules(), {}
     for name, path in names.items():
         inner = {module for module in imports(path) if module in names or f"{module}.__init__" in names}
@@ -60,7 +60,7 @@ ROOMS = {
 def test_no_imports_go_in_circles(room):
     graph = imports_by(ROOMS[room])
     graph.pop("", None)
-    TopologicalSorter(graph).prepare()  # raises CycleError with the circle
+    TopologicalSorter(graph).prepare()  # raises CycleError with the cycle
 
 
 @pytest.mark.parametrize(
@@ -75,7 +75,7 @@ def test_no_imports_go_in_circles_within_a_package(package):
 
 def test_layers_of_the_design_are_those_of_the_imports():
     table = (ROOT / "docs" / "design.md").read_text().partition("## 3. ")[2].partition("`src/hydra_plugins`")[0]
-    rows = [line.split("|")[1] for line in table.splitlines() if line.startswith("| `")]  # without its head
+    rows = [line.split("|")[1] for line in table.splitlines() if line.startswith("| `")]  # without the header
     order = [word for row in rows for word in row.replace("`", " ").replace(",", " ").split()]
     graph = imports_by(ROOMS["top"])
     assert {path.stem for path in SOURCE.iterdir() if path.suffix == ".py" or (path / "__init__.py").is_file()} - {

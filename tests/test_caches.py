@@ -1,4 +1,4 @@
-"""Machine code and other caches find a place, or none is needed: no home, a read-only one, a read-only installation."""
+"""Tests of places for caches: no home, a read-only home, a read-only installation."""
 
 import errno
 import logging
@@ -24,16 +24,16 @@ VARIABLES = ("HOME", KERNELS, CACHES, *caches.OF_LIBRARIES, *caches.TEMPORARY_PL
 
 @pytest.fixture
 def surroundings(tmp_path, monkeypatch):
-    """Set an environment, with temporary folders in ``tmp_path``, and the folder of the code."""
+    """Set the environment, with temporary folders in ``tmp_path``, and the folder of the code."""
 
     def surround(code: str | Path = UNWRITABLE, **environment: str) -> None:
         for name in VARIABLES:
-            monkeypatch.setenv(name, "")  # restored in the end
+            monkeypatch.setenv(name, "")  # so that it is restored at the end
             monkeypatch.delenv(name)
         (tmp_path / "tmp").mkdir(exist_ok=True)
         for name, value in ({"TMPDIR": str(tmp_path / "tmp")} | environment).items():
             monkeypatch.setenv(name, value)
-        monkeypatch.setattr(caches.tempfile, "tempdir", None)  # it is chosen once
+        monkeypatch.setattr(caches.tempfile, "tempdir", None)  # tempfile chooses it only once
         monkeypatch.setattr(caches, "CODE", Path(code))
         has_home.cache_clear()
 
@@ -44,7 +44,7 @@ def surroundings(tmp_path, monkeypatch):
 
 
 def nobody(monkeypatch) -> None:
-    """Take the user out of the list of users."""
+    """Remove the user from the list of users."""
     monkeypatch.setattr("pwd.getpwuid", lambda number: {}[number])
 
 
@@ -140,7 +140,7 @@ def double(values):  # pragma: no cover
 
 
 def doubled() -> float:
-    """Compile the function anew, and call it."""
+    """Compile the function again, and call it."""
     values = np.ones(2)
     compiled.Compiled(double.function, {})(values)
     return values[0]
@@ -148,10 +148,10 @@ def doubled() -> float:
 
 @pytest.fixture
 def kernels(tmp_path, monkeypatch):
-    """Keep machine code in a folder of this test."""
+    """Store machine code in a folder of the test."""
     monkeypatch.setattr(kept_kernels, "_unkept", set())
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr("numba.core.config.reload_config", lambda: None)  # it reads the environment again
+    monkeypatch.setattr("numba.core.config.reload_config", lambda: None)  # it would read the environment again
     return tmp_path
 
 
@@ -161,8 +161,8 @@ def test_without_any_place_functions_are_compiled_and_a_line_says_so(kernels, mo
     with caplog.at_level(logging.WARNING):
         assert doubled() == doubled() == 2
     assert [record.message for record in caplog.records] == [
-        "what is compiled cannot be kept, so each run compiles anew; "
-        "NUMBA_CACHE_DIR=FOLDER before the command names a folder for it"
+        "compiled code cannot be stored, so every run compiles again; "
+        "to choose a folder for it, put NUMBA_CACHE_DIR=FOLDER before the command"
     ]
     assert not kept_kernels.is_kept()
 
@@ -210,5 +210,5 @@ def test_a_kernel_is_kept_by_a_user_without_a_home_and_an_installation_of_their_
     command = [sys.executable, "-W", "ignore", "-c", SCRIPT]
     done = subprocess.run(command, cwd=tmp_path / "here", env=environment, capture_output=True, text=True, check=True)
     assert done.stdout.strip().startswith(str(tmp_path / f"brushexp-{os.getuid()}"))
-    assert len(done.stdout.split()) == 1  # nothing lies in the folder of the command
+    assert len(done.stdout.split()) == 1  # the working folder stays empty
     assert done.stderr == ""

@@ -1,4 +1,4 @@
-"""Callbacks, trackers and options of every fit do what Lightning's manual says: progress, checkpoints, Ctrl-C."""
+"""Tests of callbacks, trackers and options of fits: progress, checkpoints, Ctrl-C."""
 
 import logging
 import math
@@ -39,7 +39,7 @@ from brushexp.system.status import Status
 
 
 class Line(L.LightningModule):
-    """One weight that is drawn to 1; a step takes what ``beside`` does."""
+    """A module with one weight that is fitted to 1; each step also calls ``beside``."""
 
     def __init__(self, steps=8, beside=lambda step: None):
         super().__init__()
@@ -56,7 +56,7 @@ class Line(L.LightningModule):
         return f"weight {self.weight.item():.2f}"
 
     def train_dataloader(self):
-        return iter(lambda: 0, 1)  # without end
+        return iter(lambda: 0, 1)  # endless
 
     def training_step(self, batch, batch_idx):
         self.beside(batch_idx)
@@ -110,7 +110,7 @@ def test_ctrl_c_ends_cleanly_and_the_fit_continues_exactly(tmp_path):
 
 
 class Noting(Logger):
-    """Notes what it is told, and fails where it should."""
+    """A logger that records its calls, and fails where requested."""
 
     def __init__(self, fails: str = "") -> None:
         self.fails, self.calls = fails, []
@@ -219,7 +219,7 @@ def test_what_ends_a_fit_before_its_plan_is_told(end, tmp_path, monkeypatch):
 
 
 class Watch(L.Callback):
-    """Keeps what a callback may look at after each step, and what it was then."""
+    """A callback that keeps the metrics of each step, and copies of their values at that time."""
 
     def __init__(self):
         self.kept, self.then = [], []
@@ -277,7 +277,7 @@ PLANS = {
 }
 
 
-# In the middle of an epoch, and at the end of one.
+# In the middle and at the end of an epoch.
 @pytest.mark.parametrize(("plan", "steps"), [*((plan, 11) for plan in PLANS), ("whole", 14), ("patches", 14)])
 def test_a_resumed_fit_ends_as_an_uninterrupted_one(plan, steps, tmp_path, monkeypatch):
     monkeypatch.setattr("brushexp.painting.painting_module.STEPS_PER_EPOCH", 7)

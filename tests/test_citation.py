@@ -1,4 +1,4 @@
-"""The citation, the program and its package agree on the version, which stands in one place."""
+"""Tests that citation, program and package agree on the version, which is defined once."""
 
 import re
 import tomllib

@@ -1,4 +1,4 @@
-"""What a checksum or a decoder can tell of damage to a picture is told, and what a file is that cannot be read."""
+"""Tests of damaged pictures: detected if a checksum or decoder can, and unreadable files named by their format."""
 
 import io
 import logging
@@ -25,7 +25,7 @@ from brushexp.pictures.packing import MISCOUNTED, remark_on_packing
 
 PICTURE = ramps(3, 8).astype(np.uint8)
 PNG = encoded(Image.fromarray(PICTURE), "PNG")
-PIXELS = range(PNG.index(b"IDAT") + 4, len(PNG) - 16)  # bytes of a PNG that are its packed pixels
+PIXELS = range(PNG.index(b"IDAT") + 4, len(PNG) - 16)  # positions of the compressed pixels in the PNG
 
 
 def flipped(data: bytes, at: int, bit: int = 0) -> bytes:
@@ -39,7 +39,7 @@ def test_a_flip_in_a_png_is_refused_before_anything_is_painted(tmp_path, at):
     for read in (read_picture, picture_size):
         assert refusal(read, path) == f"image={path} {SUMS_DIFFER}"
     assert refusal(load_picture, str(path), 16) == refusal(size_of_picture, str(path), "image", 16)
-    assert SUMS_DIFFER in refusal(hold, path.read_bytes())  # as the studio and Python get them
+    assert SUMS_DIFFER in refusal(hold, path.read_bytes())  # also through the studio and Python
 
 
 def test_every_flip_in_the_pixels_of_a_png_is_told(tmp_path):
@@ -61,7 +61,7 @@ def test_no_flip_in_a_png_gives_another_picture(tmp_path):
 
 
 def test_an_error_while_exif_data_are_sought_is_that_of_the_decoder():
-    with pytest.raises((OSError, SyntaxError)):  # and no black picture
+    with pytest.raises((OSError, SyntaxError)):  # not a black picture
         decode_image(Image.open(io.BytesIO(flipped(PNG, PIXELS[2], 4))))
     with Image.open(io.BytesIO(PNG)) as picture:
         assert np.array_equal(decode_image(picture), PICTURE)
@@ -137,7 +137,7 @@ UNREAD = {
 def test_a_known_format_in_a_form_that_is_not_read_is_called_by_its_name(tmp_path, words):
     (tmp_path / "a").write_bytes(UNREAD[words])
     assert words in refusal(read_picture, tmp_path / "a")
-    if "without loss" not in words:  # some decoders know it
+    if "without loss" not in words:  # some decoders support it
         assert words in refusal(picture_size, tmp_path / "a")
 
 
@@ -170,7 +170,7 @@ def test_a_chunk_that_a_png_can_do_without_may_be_anything(tmp_path):
 
 
 SCENE = Image.fromarray(astronaut()[:320, 60:380]).resize((64, 64))
-PACKED = {  # format, options -> least share that is told of the flips that change the picture (by a mean of 2 levels)
+PACKED = {  # format, options -> least share of detected flips that change the picture (by a mean of 2 levels)
     "PNG": ("PNG", {}, 1),
     "TIFF deflate": ("TIFF", {"compression": "tiff_adobe_deflate"}, 1),
     "TIFF LZW": ("TIFF", {"compression": "tiff_lzw"}, 0.8),
@@ -178,7 +178,7 @@ PACKED = {  # format, options -> least share that is told of the flips that chan
     "TIFF": ("TIFF", {}, 1),
     "AVIF": ("AVIF", {"quality": 85}, 1),
     "progressive JPEG": ("JPEG", {"progressive": True, "quality": 90}, 0.6),
-    "JPEG": ("JPEG", {"quality": 90}, 0.6),  # a small flip in a number shifts the colours of all that follows
+    "JPEG": ("JPEG", {"quality": 90}, 0.6),  # a small flip in a number shifts the colours of everything after it
     "TIFF JPEG": ("TIFF", {"compression": "jpeg", "quality": 90}, 0.6),
     "JPEG 2000": ("JPEG2000", {}, 0.5),
     "GIF": ("GIF", {}, 0.5),
@@ -249,7 +249,7 @@ def test_tiles_planes_and_strips_that_are_filled_up_are_whole(tmp_path, compress
 
 def test_pixels_that_are_missing_or_more_are_told(tmp_path):
     whole = encoded(SCENE, "QOI")
-    run = whole[:-8] + b"\xc0" + whole[-8:]  # one pixel more
+    run = whole[:-8] + b"\xc0" + whole[-8:]  # one extra pixel
     for name, data in (("a.qoi", run), ("b.qoi", whole[:-9] + whole[-8:])):
         (tmp_path / name).write_bytes(data)
         assert remark_on_packing(tmp_path / name) == MISCOUNTED

@@ -1,4 +1,4 @@
-"""What a file declares of the shape of its picture is heeded: its crop, its turns, its mirror, and its pixels."""
+"""Tests that declared shapes of pictures are respected: crop, rotation, mirroring and pixel shape."""
 
 import io
 import struct
@@ -18,7 +18,7 @@ HEIGHT, WIDTH = 48, 64
 PICTURE = np.stack(
     [*(4 * axis for axis in np.mgrid[0:HEIGHT, 0:WIDTH]), np.full((HEIGHT, WIDTH), 90)], 2
 ).astype(np.uint8)  # fmt: skip
-CODED = 8  # levels that coding changes at most, by the mean
+CODED = 8  # largest mean change by coding, in levels
 CROP, SHOWN = clap(32, 24, -16, 8), PICTURE[16:40, 8:40]
 TURNS: dict[bytes | None, int] = {None: 0, b"\0": 0, b"\1": 1, b"\2": 2, b"\3": 3}
 MIRRORS = {None: lambda a: a, b"\0": np.flipud, b"\1": np.fliplr}
@@ -50,9 +50,9 @@ def test_what_the_boxes_of_a_picture_declare_is_done_in_their_order(tmp_path, ki
 
 
 @pytest.mark.parametrize(("box", "shown"), [
-    (clap(31, 23, 1, -1), PICTURE[12:35, 17:48]),  # odd sides have their middle in a pixel
+    (clap(31, 23, 1, -1), PICTURE[12:35, 17:48]),  # with odd sides, the middle lies in a pixel
     (clap(64, 48, 0, 0), PICTURE), (clap(1, 1, -63, -47), PICTURE[:1, :1]),
-    (clap(32, 24, -16, 8, parts=0), PICTURE),  # what does not lie in the picture counts for nothing
+    (clap(32, 24, -16, 8, parts=0), PICTURE),  # crops outside the picture are ignored
     (clap(300, 24, 0, 0), PICTURE), (clap(32, 24, 200, 0), PICTURE), (clap(0, 0, 0, 0), PICTURE),
 ])  # fmt: skip
 def test_a_crop_of_an_avif_is_that_of_its_pixels_and_an_impossible_one_is_none(tmp_path, box, shown):
@@ -85,7 +85,7 @@ def test_pixels_that_are_not_square_are_turned_with_the_picture(tmp_path, kind, 
 
 
 def tga(across: int, down: int) -> bytes:
-    """Write a TGA whose extension tells the width and the height of its pixels, and a footer that leads there."""
+    """Write a TGA with the width and height of its pixels in an extension area, and a footer that points to it."""
     file = io.BytesIO()
     Image.fromarray(PICTURE).save(file, "TGA")
     picture = file.getvalue()

@@ -1,4 +1,4 @@
-"""Density policies: strokes come and go where the picture asks for it."""
+"""Tests of density policies, which add and remove strokes where the picture requires it."""
 
 import math
 from dataclasses import replace
@@ -30,7 +30,7 @@ SIZE = (40, 56)
 
 
 def picture(size=SIZE):
-    """Flat on the left, detail on the right."""
+    """Make a picture that is flat on the left and detailed on the right."""
     y, x = torch.meshgrid(torch.arange(size[0]) + 0.5, torch.arange(size[1]) + 0.5, indexing="ij")
     stripes = 0.5 + 0.4 * torch.sin(1.3 * x + 0.9 * y)
     right = x > size[1] / 2
@@ -38,7 +38,7 @@ def picture(size=SIZE):
 
 
 def painter_of(density, *, n=60, steps=60, target=None, sampler=None, **options):
-    """A painter of ``n`` strokes on the picture above."""
+    """Make a painter of ``n`` strokes on the picture above."""
     target = picture() if target is None else target
     strokes = Slic()(target, density.first(n, steps), torch.Generator().manual_seed(0))
     optimizer = TorchOptim(options={"betas": [0.9, 0.99]})
@@ -47,14 +47,14 @@ def painter_of(density, *, n=60, steps=60, target=None, sampler=None, **options)
 
 
 def painted(density, **options):
-    """A painter after all of its steps."""
+    """Make a painter, and take all of its steps."""
     painter = painter_of(density, **options)
     take(painter, painter.schedule.steps)
     return painter
 
 
 def state_of(n=40, *, error=0.5, target=None, strokes=None, scores=None, focus=None, budget=100, step=30, steps=60):
-    """A picture that is off by ``error`` everywhere."""
+    """Make the state of a picture with an error of ``error`` everywhere."""
     target = torch.rand(3, *SIZE) if target is None else target
     strokes = random_strokes(n, target.shape[1:]) if strokes is None else strokes
     scores = torch.ones(len(strokes)) if scores is None else scores
@@ -62,7 +62,7 @@ def state_of(n=40, *, error=0.5, target=None, strokes=None, scores=None, focus=N
 
 
 def importance_of(strokes, order, target, *, renderer=None, blend=None, focus=None, seed=0):
-    """By how much the squared error would grow without each of the strokes."""
+    """Compute by how much the squared error would grow without each of the strokes."""
     picture = Picture(target, focus, torch.tensor([0.2, 0.5, 0.9]), blend or Tiled())
     picture.renderer = renderer or Analytic()
     return importance(strokes, order, picture, torch.Generator().manual_seed(seed))
@@ -153,7 +153,7 @@ PARTS = {"sampler": Patches(n_active=20, n_ring=10, patch=32)}
 
 @pytest.mark.parametrize(("steps", "options"), [(0, {}), (10, {}), (11, {}), (200, {"coarse": 0.9}), (120, PARTS)])
 def test_all_strokes_that_were_asked_for_are_there_in_the_end(steps, options):
-    """Also in a run too short for rounds, which begins with them, and where coarse steps left out rounds."""
+    """Also covers runs too short for rounds, which start with all strokes, and rounds skipped by coarse steps."""
     painter = painted(Adaptive(), n=60, steps=steps, **options)
     assert len(painter.catalogue) == len(painter.visits) == 60
     check_strokes(painter.strokes())
@@ -171,12 +171,12 @@ def test_hairlines_and_strokes_across_the_others_go_where_the_picture_hardly_mis
     strokes = Slic()(torch.rand(3, 60, 60), 49, torch.Generator().manual_seed(0))
     y, x = torch.meshgrid(torch.arange(7.0), torch.arange(7.0), indexing="ij")
     place, end = torch.stack([x, y], -1).reshape(-1, 2) * 8 + 6, torch.tensor([[0.5, 0.05]]).repeat(49, 1)
-    end[[10, 24, 31]] = torch.tensor([0.05, -0.5])  # square to the others
+    end[[10, 24, 31]] = torch.tensor([0.05, -0.5])  # perpendicular to the others
     scale, width = torch.full((49,), 16.0), torch.full((49,), 0.2)  # 3.2 pixels
     width[[17, 40]] = 0.05
     lines = {"position": place, "start": -end, "control": 0 * end, "end": end, "scale": scale, "width": width}
     scores, policy = torch.ones(49) * 1e-3, Strays(missed=0.04)
-    scores[[24, 40]] = 5.0  # what the picture would miss
+    scores[[24, 40]] = 5.0  # important strokes
     state = state_of(strokes=replace(strokes, **lines), target=torch.rand(3, 60, 60), scores=scores)
     assert (~policy.revise(state).keep).nonzero()[:, 0].tolist() == [10, 17, 31]
     assert Strays(thin=0, askew=90, lone=0).revise(state) is None
@@ -201,7 +201,7 @@ def test_marks_that_stand_alone_go_unless_the_picture_has_a_cause_for_them():
     broad = straight((70, 35), (74, 35), width=12, color=dark)  # hides the ground
     edge = straight((94, 60), (98, 60), width=3, color=dark)
     target = torch.full((3, 70, 100), 0.6)
-    target[:, 18:22, 60:67] = 0.3  # a cause for the second speck
+    target[:, 18:22, 60:67] = 0.3  # so the second speck is justified
     strokes = Strokes.join(ground, *specks, *line, broad, edge)
     image = torch.full((3, 70, 100), 0.6)
     for left, top in ((20, 18), (60, 18)):

@@ -1,4 +1,4 @@
-"""``brushexp doctor`` describes an installation in fifteen lines, also one in which nearly everything is broken."""
+"""Tests of ``brushexp doctor``: fifteen lines about any installation, even one where nearly everything is broken."""
 
 import os
 import subprocess
@@ -13,7 +13,7 @@ from brushexp.cli import doctor
 
 NAMES = ["brushexp", "Python", "system", "processor", "environment", "PyTorch", "GPU", "Numba", "kernels", "libraries"]
 NAMES += ["extras", "missing", "configs", "plugins", "packages"]
-# The command where only Python's own library can be imported; no probe is started.
+# The command with only Python's own library importable; no probe is started.
 ALONE = """
 import sys
 
@@ -33,7 +33,7 @@ main()
 
 
 def typed(*words: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess:
-    """The command in a process of its own."""
+    """Run the command in a separate process."""
     command = [sys.executable, "-m", "brushexp", *words]
     return subprocess.run(
         command, cwd=cwd, env=os.environ | environment, capture_output=True, text=True, check=False, timeout=200
@@ -41,7 +41,7 @@ def typed(*words: str, cwd: Path, **environment: str) -> subprocess.CompletedPro
 
 
 def lines_of(text: str) -> dict[str, str]:
-    """What each line says by its name, with its mark in front."""
+    """Return the contents of each line by its name, preceded by its mark."""
     lines = text.splitlines()
     assert len(lines) == 15
     return {line[2:14].strip(): line[0] + line[14:] for line in lines}
@@ -92,7 +92,7 @@ def test_without_any_library_it_still_says_what_it_can(tmp_path):
 
 @pytest.fixture
 def installed(monkeypatch):
-    """An installation whose requirements and their versions are given."""
+    """Fake an installation with given requirements and versions."""
 
     def install(requirements: list[str], versions: dict[str, str]) -> None:
         extras = SimpleNamespace(get_all=lambda name: ["film", "cluster", "elsewhere", "dev"])
@@ -114,7 +114,7 @@ def test_missing_and_old_libraries_and_extras_come_with_the_line_that_installs_t
     needed += ['jobs; extra == "cluster"', 'queues; extra == "cluster"', 'linter; extra == "dev"']
     needed += ["odd; python_version < '3' and extra == 'elsewhere'"]
     installed(needed, {"arrays": "2.1rc1", "kernels": "1", "films": "3.0", "queues": "1"})
-    assert doctor._libraries() == "all that the program needs"
+    assert doctor._libraries() == "all required libraries are installed"
     assert doctor._extras() == (["film"], ["cluster"])
     assert doctor._missing_extras() == "cluster; to add all: pip install 'brushexp[cluster]'"
     installed(needed, {"arrays": "1.9", "films": "2.9"})

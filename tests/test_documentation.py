@@ -1,4 +1,4 @@
-"""The documentation is true of the program: its commands compose, its files exist, its examples and notebook run."""
+"""Tests of the documentation: commands compose, files exist, and examples and notebook run."""
 
 import doctest
 import os
@@ -40,7 +40,7 @@ from brushexp.system.status import Status
 
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
 WRITTEN_BY_TASKS = ("ablations.md", "leaderboard.md")
-LONGEST_LINE = 120  # characters of a line of text; tables and code may be longer
+LONGEST_LINE = 120  # characters per line of text; tables and code may be longer
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 PACKAGES = {
     re.match(r"[\w-]+", requirement).group()
@@ -51,11 +51,11 @@ NAVIGATION = yaml.safe_load((ROOT / "mkdocs.yml").read_text())["nav"]
 GUIDE = next(part["Guide"] for part in NAVIGATION if "Guide" in part)
 CHECKED_PAGES = [ROOT / "README.md", *(ROOT / "docs" / name for page in GUIDE for name in page.values())]
 IN_A_BLOCK = re.compile(r"^ {4,}(?:.* && )?(?:\S*bin/)?brushexp(?: (.*?))?(?:  +#.*)?$", re.MULTILINE)
-IN_A_LINE = re.compile(r"`brushexp\s([^`]+)`")  # may go on in the next line
+IN_A_LINE = re.compile(r"`brushexp\s([^`]+)`")  # may continue on the next line
 
 
 def commands_of(pages, *patterns):
-    """The arguments of every command that pages show, each with a name that says where."""
+    """List the arguments of every command in the pages, each with a name that gives its place."""
     return {
         " ".join(command.split()): f"{page.name}: {command}"
         for page in pages
@@ -65,17 +65,17 @@ def commands_of(pages, *patterns):
 
 
 CHECKED = commands_of(CHECKED_PAGES, IN_A_BLOCK, IN_A_LINE)
-CHECKED.pop("doctor", None)  # no task; tests/test_doctor.py runs it
+CHECKED.pop("doctor", None)  # not a task; tests/test_doctor.py runs it
 SHOWN = {command: name for command, name in commands_of(PAGES, IN_A_BLOCK).items() if command not in CHECKED}
 
 
 def first_of(override):
-    """The first value of a sweep, or the lower end of an interval."""
+    """Return the first value of a sweep, or the lower end of an interval."""
     return override.value().start if override.is_interval_sweep() else next(override.sweep_string_iterator())
 
 
 def config_of(command, folder):
-    """The config of a command that is typed in a folder with two photographs; of a sweep, that of its first job."""
+    """Compose the config of a command typed in a folder with two photographs; for a sweep, that of its first job."""
     for photo in ("a.jpg", "1887/b.jpg"):
         (folder / "photos" / photo).parent.mkdir(parents=True, exist_ok=True)
         (folder / "photos" / photo).touch()
@@ -99,7 +99,7 @@ def test_a_command_that_another_page_shows_composes(command, tmp_path, monkeypat
 
 
 def check_bounds(bounds, name, value):
-    """Check a value against bounds; a rule may read files, which are not here."""
+    """Check a value against bounds; rules may read files, which do not exist here, and are skipped."""
     if isinstance(bounds, Bounds):
         bounds.check(name, OmegaConf.to_object(value) if OmegaConf.is_config(value) else value)
 
@@ -184,7 +184,7 @@ def test_the_page_about_files_names_every_status():
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore")  # of Jupyter's own
+@pytest.mark.filterwarnings("ignore")  # Jupyter's own
 def test_the_notebook_runs(tmp_path):
     from nbclient import NotebookClient  # noqa: PLC0415
 
@@ -193,7 +193,7 @@ def test_the_notebook_runs(tmp_path):
     shown, figures, states, gradient = (cell.outputs for cell in book.cells if cell.cell_type == "code")
     assert "<iframe" in shown[-1]["data"]["text/html"]
     assert "(400, 400, 3)" in figures[-1]["data"]["text/plain"]
-    assert "30 of 30" in "".join(output["text"] for output in states)  # which comes in pieces
+    assert "30 of 30" in "".join(output["text"] for output in states)  # it arrives in pieces
     assert "2])" in gradient[-1]["data"]["text/plain"]
     assert not [*tmp_path.iterdir()]
 
@@ -249,7 +249,7 @@ PRESETS = {
 
 @pytest.fixture
 def presets(tmp_path, hydra_restore_singletons):
-    """Folder of configs with presets of families of which several can be chosen."""
+    """Make a folder of configs with presets for families that allow several choices."""
     for name, text in PRESETS.items():
         path = tmp_path / "conf" / f"{name}.yaml"
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""How runs end and go on: signals, steps that give no numbers, files that are others now, or a stranger's."""
+"""Tests of how runs end and continue: signals, nonfinite steps, changed files and foreign folders."""
 
 import errno
 import json
@@ -54,7 +54,7 @@ from brushexp.tasks import paint
 
 @pytest.fixture
 def resumed(config, tmp_path, monkeypatch):
-    """What resumes a run in this process, of which there is a checkpoint; it has begun with some words."""
+    """Resume a run in this process from a checkpoint, which was begun with some words."""
     hydra = OmegaConf.create({"overrides": {"task": []}, "runtime": {"output_dir": str(tmp_path)}})
     monkeypatch.setattr(resume, "HydraConfig", SimpleNamespace(get=lambda: hydra))
 
@@ -98,8 +98,8 @@ def test_a_run_that_goes_on_under_other_versions_says_so(resumed, tmp_path, capl
     torch.save(checkpoint, tmp_path / CHECKPOINT)
     resumed()
     now = torch.__version__
-    assert f"continues in another environment than it began in: PyTorch (1.0, {now}); for a comparable" in caplog.text
-    for other in (None, "odd"):  # of an earlier version, or spoilt
+    assert f"continues in a different environment (PyTorch (1.0, {now})); for a comparable" in caplog.text
+    for other in (None, "odd"):  # of an earlier version, or damaged
         checkpoint[RECORD_KEY]["provenance"] = other
         torch.save(checkpoint, tmp_path / CHECKPOINT)
         caplog.clear()
@@ -161,7 +161,7 @@ def test_a_checkpoint_of_a_later_program_is_refused_and_one_from_before_versions
 
 
 class Breaking(Loss):
-    """The mean squared error, which breaks at its third step."""
+    """The mean squared error, which fails at its third step."""
 
     def __init__(self, how: str) -> None:
         super().__init__()
@@ -193,7 +193,7 @@ def test_strokes_stay_as_they_were_before_a_step_that_gives_no_numbers(how, samp
 
 
 class Spoilt(Renderer):
-    """Plain strokes, which from number 2 on have no colour that is a number."""
+    """Analytic strokes whose colours are nan from number 2 on."""
 
     def forward(self, strokes):
         layers = Analytic()(strokes)
@@ -201,7 +201,7 @@ class Spoilt(Renderer):
 
 
 class Spilling(Blend):
-    """A picture that is no number, or has no slope that is one."""
+    """A blend whose picture or gradient is not finite."""
 
     def __init__(self, how: str) -> None:
         self.how = how
@@ -247,7 +247,7 @@ def test_every_field_is_watched():
 
 TINY = ["image=chelsea", "resolution=32", "strokes=12", "steps=8", "threads=1", "frames=0", "report=false"]
 TINY += ["checkpoint_every=0", "device=cpu"]
-THIRD_STEP: dict[str, torch.Tensor] = {}  # strokes of a run that ends there, painted once
+THIRD_STEP: dict[str, torch.Tensor] = {}  # strokes of a run that ends at this step, painted once
 PLAIN = Saved(random_strokes(2, (30, 9)), torch.arange(2), (30, 9), torch.ones(3), "analytic", "", 0, "")
 
 
@@ -330,7 +330,7 @@ def test_what_has_no_room_is_refused_before_any_job_starts(words, message, confi
 
 
 def leave(folder, *names):
-    """Create files as a run does."""
+    """Create files like a run."""
     (folder / ".hydra").mkdir(exist_ok=True, parents=True)
     with recorded(folder):
         for name in names:
@@ -348,7 +348,7 @@ def test_a_run_replaces_no_other_and_removes_nothing_but_what_runs_leave(tmp_pat
     (folder / "pictures").mkdir(parents=True)
     for name in mine:
         (folder / name).write_text("mine")
-    take_folder(folder, config())  # of the user alone: nothing is refused, nothing goes
+    take_folder(folder, config())  # in a folder of the user: nothing is refused or deleted
     run_leaves = {".hydra/config.yaml", "run.log", "target.png", "x.foo", "pictures/epoch_001.png", CHECKPOINT}
     leave(folder, *run_leaves, "report.html", f"{TEMPORARY[:-1]}0123.png")
     held = r"output=.* already holds a run \(checkpoint.ckpt\); continue it with resume="
@@ -360,7 +360,7 @@ def test_a_run_replaces_no_other_and_removes_nothing_but_what_runs_leave(tmp_pat
     (folder / CHECKPOINT).rename(folder / "metrics.json")
     refuses(r"already holds a run \(metrics.json\); choose another folder, or replace", take_folder, folder, config())
     (folder / "metrics.json").unlink()
-    take_folder(folder, config())  # over a run that came to nothing
+    take_folder(folder, config())  # over a run without results
     assert files_in(folder) == mine
 
 

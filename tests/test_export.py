@@ -1,4 +1,4 @@
-"""What leaves the program: every exporter keeps its contract, and what it writes is the painting."""
+"""Tests of exports: every exporter keeps its contract, and its files show the painting."""
 
 import csv
 import io
@@ -54,14 +54,14 @@ from brushexp.strokes.storage import Saved, load_catalogue, save_catalogue
 from brushexp.system.files import to_bytes, write_text
 
 SIZE = (36, 52)
-LEVELS = 3 / 255  # by which faint paint differs where tiles lie elsewhere
+LEVELS = 3 / 255  # tolerance for faint paint when tiles lie elsewhere
 TEXTURED = build_named("renderer", "textured", {}).eval()
 EXPORTERS = [plugin.name for plugin in plugins("to")]
 resvg = pytest.importorskip("resvg_py", reason="pip install resvg-py: it draws our SVG independently")
 
 
 def job_of(strokes: Strokes, size: tuple[int, int] = SIZE, *, soft: float = 2.0, taper: float = 0.0) -> ExportJob:
-    """Strokes in a random order on a coloured canvas."""
+    """Make an export job of strokes in a random order on a coloured canvas."""
     depth = torch.randperm(len(strokes), generator=torch.Generator().manual_seed(0))
     canvas = {"background": torch.tensor([0.9, 0.85, 0.7]), "seed": 7, "config": CONFIG}
     renderer, source = Analytic(soft=soft, taper=taper), "run <1> & more.h5"
@@ -83,7 +83,7 @@ def exporter(name: str) -> Exporter:
 
 
 def written(name: str, what: ExportJob, folder: Path) -> dict[str, bytes]:
-    """Names and contents of the files (of a video, its pictures) that an exporter wrote; each keeps its promises."""
+    """Return names and contents of an exporter's files (for a video, its pictures), after checks of its contract."""
     folder.mkdir(parents=True)
     paths = exporter(name).write(what, folder)
     assert paths, "the files are told"
@@ -94,7 +94,7 @@ def written(name: str, what: ExportJob, folder: Path) -> dict[str, bytes]:
 
 
 def drawn(svg: bytes) -> np.ndarray:
-    """What an independent renderer makes of our SVG, (H, W, 3)."""
+    """Draw our SVG with an independent renderer, (H, W, 3)."""
     data = bytes(resvg.svg_to_bytes(svg_string=svg.decode(), skip_system_fonts=True))
     return np.asarray(Image.open(io.BytesIO(data)).convert("RGB"))
 
@@ -105,7 +105,7 @@ def psnr(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def degenerate() -> Strokes:
-    """Strokes without length, width, opacity, and off the canvas."""
+    """Make strokes without length, width or opacity, and off the canvas."""
     strokes = some(4)
     strokes.start[0] = strokes.control[0] = strokes.end[0] = 0.0
     strokes.width[1], strokes.opacity[2] = 0.0, 0.0
@@ -252,7 +252,7 @@ def test_the_svg_has_a_path_for_each_stroke_that_can_be_seen_bottom_first_and_te
     assert path.read_text().count("<path") == 4 + 2
 
 
-ATTRIBUTES_1_1 = {  # of SVG 1.1 that we use, and of CSS 2 in style
+ATTRIBUTES_1_1 = {  # the attributes of SVG 1.1 that we use, and of CSS 2 in style
     "svg": {"version", "width", "height", "viewBox", "style"},
     "clipPath": {"id"},
     "mask": {"id", "maskUnits", "x", "y", "width", "height"},
@@ -526,7 +526,7 @@ def test_every_number_comes_back_to_the_last_bit(numbers):
 
 
 def edited(folder: Path) -> tuple[Path, dict[str, Any]]:
-    """An exported catalogue, and what it holds."""
+    """Export a catalogue, and return its path and contents."""
     path = exported(catalogue(), folder)
     return path, json.loads(path.read_text(encoding="utf-8"))
 
@@ -539,7 +539,7 @@ def test_edited_strokes_are_painted(tmp_path):
     order = np.argsort([stroke.pop("depth") for stroke in data["strokes"]])
     data["strokes"] = [data["strokes"][i] for i in order][1:]
     data["strokes"][0]["color"] = [1, 0, 0.5]
-    path.write_text("\ufeff" + json.dumps(data, indent=1), encoding="utf-8")  # as some editors write it
+    path.write_text("\ufeff" + json.dumps(data, indent=1), encoding="utf-8")  # some editors write it so
     read = load_catalogue(path)
     assert read.depth.tolist() == list(range(6)), "without depth, the first is at the bottom"
     assert read.strokes.color[0].tolist() == [1, 0, 0.5]
@@ -566,7 +566,7 @@ def test_edited_strokes_are_painted(tmp_path):
     (lambda d: d.pop("config"), "config is None; a list is needed"),
     (lambda d: d["strokes"].append(3), "stroke 7 is 3; {...} with its fields is needed"),
     (lambda d: d["strokes"][2].pop("depth"), "stroke 2: depth is None; a whole number is needed"),
-    (lambda d: d["strokes"][2].update(colour=[]), "stroke 2 has a field 'colour'; it takes position"),
+    (lambda d: d["strokes"][2].update(colour=[]), "stroke 2 has a field 'colour'; valid: position"),
     (lambda d: d["strokes"][2].update(brush=1.5), "stroke 2: brush is 1.5; a whole number is needed"),
     (lambda d: d["strokes"][2].update(brush=10**400), "brush is not a whole number"),
     (lambda d: d["strokes"][2].update(width=True), "stroke 2: width is True; a number is needed"),
@@ -616,7 +616,7 @@ def test_the_table_has_the_strokes_in_pixels_bottom_first(tmp_path):
     strokes = Strokes.join(
         straight((10, 20), (30, 20), width=4), straight((5, 30), (5, 10), width=1, color=(0, 0.5, 1), opacity=0.25)
     )
-    strokes = replace(strokes, drift=torch.tensor([[0.0, 0.0, 0.0], [-0.3, 0.25, 0.1]]))  # 0 and 1 leave it no room
+    strokes = replace(strokes, drift=torch.tensor([[0.0, 0.0, 0.0], [-0.3, 0.25, 0.1]]))  # 0 and 1 allow no drift
     what = changed(job_of(strokes), depth=torch.tensor([1, 0]).int())
     (path,) = Csv().write(what, tmp_path)
     first, second = csv.DictReader(path.read_text().splitlines())
@@ -639,7 +639,7 @@ def test_the_png_has_the_pixels_of_the_painting(compression, tmp_path, monkeypat
     what = job_of(some(40))
     expected = what.picture()
     monkeypatch.setattr("brushexp.compositing.bands.BAND", 52 * 7)
-    monkeypatch.setattr("brushexp.plugins.export.base.LARGE", 1)  # as large pictures are painted, with a bar
+    monkeypatch.setattr("brushexp.plugins.export.base.LARGE", 1)  # as for large pictures, with a progress bar
     (path,) = Png(compression=compression).write(what, tmp_path)
     assert np.array_equal(pixels_of(path), expected)
 
@@ -669,7 +669,7 @@ def test_the_program_writes_all_of_them_at_once(tmp_path):
 
 
 def a_run(folder: Path) -> Path:
-    """Make the folder of a run that has written painting.png, and a note that its owner has put there."""
+    """Make the folder of a run with painting.png, and a note that its owner added."""
     folder.mkdir()
     save_catalogue(folder / "catalogue.h5", job_of(some()).saved)
     for name in ("painting.png", "notes.txt"):
@@ -699,7 +699,7 @@ def test_an_export_lands_beside_its_painting_and_replaces_only_an_export_and_onl
     assert {path: path.read_bytes() for path in before} == before
     assert [path.name for path in tmp_path.iterdir()] == ["my run"]
 
-    clear(folder, OmegaConf.create({"task": "paint"}))  # what overwrite=true of the run does
+    clear(folder, OmegaConf.create({"task": "paint"}))  # as overwrite=true does for the run
     assert [path.name for path in folder.rglob("*") if path.is_file() and path.parent.name != ".hydra"] == ["notes.txt"]
 
 

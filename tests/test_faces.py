@@ -1,4 +1,4 @@
-"""Faces: the network, searching a picture at any tilt and size, and the small strokes of eyes and mouths."""
+"""Tests of faces: the network, the search at any tilt and size, and the small strokes of eyes and mouths."""
 
 import math
 from dataclasses import replace
@@ -34,7 +34,7 @@ from brushexp.registry import take_built
 from brushexp.strokes.bezier import half_width_of
 from brushexp.strokes.catalogue import Strokes
 
-# What ONNX Runtime computes of the published file, face_detection_yunet_2023mar.onnx, for a face on black: the best
+# Results of ONNX Runtime with the published file, face_detection_yunet_2023mar.onnx, for a face on black: the best
 # candidate at strides 8 and 32.
 PUBLISHED = {
     8: (0.93134, (62.921, 57.101), (88.237, 108.419), (40.497, 38.209), (79.061, 79.473)),
@@ -192,7 +192,7 @@ def portrait() -> torch.Tensor:
 
 
 def small_strokes(feature: Feature, strokes: Strokes) -> int:
-    """Count strokes in the place of a feature that are narrow enough to draw it, with paint in them."""
+    """Count visible strokes within a feature that are narrow enough to draw it."""
     narrow = 2 * half_width_of(strokes) < 1.5 * max(feature.radius / feature.fineness, THINNEST_STROKE)
     return int((narrow & feature.holds(strokes.position) & (strokes.opacity > 0)).sum())
 
@@ -211,7 +211,7 @@ def test_eyes_and_mouth_have_small_strokes_in_every_look(config, portrait, look,
     plain, fewer = first_strokes(cfg, portrait, Fixed(), None)
     assert fewer == len(plain) <= len(strokes)
     asked = TYPED_SHARE * 300 / len(features) if words == ("strokes=300",) else FLOOR
-    least = 4 if look == "ink" else asked / 3  # ink fills dark shapes, and strokes outside of the place are dropped
+    least = 4 if look == "ink" else asked / 3  # ink fills dark shapes, and strokes outside of the feature are dropped
     for feature in features:
         assert small_strokes(feature, strokes) >= least
         assert small_strokes(feature, strokes) >= small_strokes(feature, plain)
@@ -359,8 +359,8 @@ def test_spots_are_dark_round_and_where_one_looks():
         picture[:, ((x - column) ** 2 + (y - row) ** 2) < radius**2] = value
 
     paint(80, 60, 4, 0.1)  # an eye
-    paint(200, 140, 6, 0.1)  # a larger one
-    paint(250, 40, 4, 1.0)  # a light one
+    paint(200, 140, 6, 0.1)  # a larger eye
+    paint(250, 40, 4, 1.0)  # a light eye
     picture[:, 100:104] = 0.1  # a line
     everywhere = torch.ones(200, 300)
     spots = sorted(find_spots(picture, everywhere), key=lambda spot: spot.x)
@@ -385,5 +385,5 @@ def test_even_pictures_have_no_spots_and_others_at_most_a_few(size):
 def test_the_eyes_of_a_cat_are_spots():
     cat = load_picture("chelsea", 451)
     spots = find_spots(cat, attention(cat, []))
-    for x, y in ((170, 118), (312, 137)):  # its pupils
+    for x, y in ((170, 118), (312, 137)):  # the cat's pupils
         assert any(math.hypot(spot.x - x, spot.y - y) < 1.2 * spot.radius for spot in spots)

@@ -1,4 +1,4 @@
-"""Losses on a part of a canvas have the gradient of the whole there; feature networks against other formulations."""
+"""Tests of losses on parts of a canvas, whose gradients equal those of the whole, and of feature networks."""
 
 from collections.abc import Iterable, Iterator
 from functools import cache
@@ -47,13 +47,13 @@ def part_of(image: Tensor, target: Tensor, region: Region, focus: Tensor | None 
 def slopes_of(
     loss: Loss, regions: Iterable[Region], size=SIZE, focus: Tensor | None = None
 ) -> Iterator[tuple[Tensor, Tensor]]:
-    """Gradients of the weighted loss in regions: of each part alone, and of the whole picture."""
+    """Yield gradients of the weighted loss in regions: of each part alone, and of the whole picture."""
     noise, target = torch.rand(2, 3, *size, generator=torch.Generator().manual_seed(7), dtype=torch.float64)
     image = (0.7 * target + 0.3 * noise).requires_grad_()
 
     def slope(painting: PaintedView) -> Tensor:
         if hasattr(loss, "calls"):
-            loss.calls.zero_()  # the same shift
+            loss.calls.zero_()  # so that the shift is the same
         total, terms = weighted_sum({"it": loss}, painting)
         assert list(terms) == ["it"]
         return torch.autograd.grad(total, painting.image)[0]
@@ -153,7 +153,7 @@ def published() -> dict[str, Tensor]:
 
 
 def step(x: Tensor, convolution: str, norm: str, stride: int = 1) -> Tensor:
-    """Convolution, TensorFlow's padding, batch norm as the published network has them."""
+    """Apply a convolution, TensorFlow's padding and batch norm like the published network."""
     state = {
         name: value.to(x) for name, value in published().items() if name.startswith((f"{convolution}.", f"{norm}."))
     }
@@ -171,7 +171,7 @@ def step(x: Tensor, convolution: str, norm: str, stride: int = 1) -> Tensor:
 
 
 def unfolded(pictures: Tensor) -> dict[str, Tensor]:
-    """All taps of EfficientNet-Lite0 with its batch norms apart, in the precision of the pictures."""
+    """Compute all taps of EfficientNet-Lite0 with separate batch norms, in the precision of the pictures."""
     x = functional.relu6(step((pictures * 255 - 127) / 128, "_conv_stem", "_bn0", 2))
     taps = {"stem": x}
     strided = {1, 3, 5, 11}

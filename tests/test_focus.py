@@ -1,4 +1,4 @@
-"""Focus: the map of what matters, and what losses and strokes do with it."""
+"""Tests of focus: the map, and its use by losses and strokes."""
 
 import math
 from pathlib import Path
@@ -44,7 +44,7 @@ def mask_file(path: Path, pixels: np.ndarray) -> str:
 
 
 def scene(size: tuple[int, int] = SIZE, strength: float = 8) -> tuple[Tensor, Tensor, Tensor]:
-    """A picture, its target, both in double precision, and weights."""
+    """Make a picture and its target, both in double precision, and weights."""
     generator = torch.Generator().manual_seed(7)
     image, target = torch.rand(2, 3, *size, generator=generator, dtype=torch.float64)
     return 0.7 * target + 0.3 * image, target, focus_weights(torch.rand(size, generator=generator) ** 3, strength)
@@ -58,14 +58,14 @@ def slope_of(loss: Loss, image: Tensor, target: Tensor, focus: Tensor | None) ->
 
 
 def inside_of(attended: Tensor, top: float, bottom: float, left: float, right: float) -> float:
-    """Mean in a box, given in sides of the picture, over the mean elsewhere."""
+    """Return the mean in a box, given in sides of the picture, over the mean elsewhere."""
     height, width = attended.shape
     box = torch.zeros(height, width, dtype=torch.bool)
     box[round(top * height) : round(bottom * height), round(left * width) : round(right * width)] = True
     return float(attended[box].mean() / attended[~box].mean())
 
 
-ATTENDED = {  # top, bottom, left, right: her face; the cup and its handle; eyes and nose
+ATTENDED = {  # top, bottom, left, right of her face; of the cup and its handle; of eyes and nose
     "astronaut": (0.08, 0.36, 0.32, 0.56),
     "coffee": (0.1, 0.8, 0.3, 0.75),
     "chelsea": (0.25, 0.85, 0.25, 0.8),
@@ -248,7 +248,7 @@ def test_a_painter_of_parts_shows_losses_their_part_of_the_focus():
     for painting in seen:
         assert torch.equal(painting.surroundings.focus, weights)
         assert_close(painting.focus, painting.surroundings.region.of(weights))
-    assert seen[1].focus is seen[2].focus  # the first compiles the kernels
+    assert seen[1].focus is seen[2].focus  # the first call compiles the kernels
     assert seen[2].focus is not seen[3].focus
 
 

@@ -1,4 +1,4 @@
-"""Files that were damaged or made to mislead: read to finite content or refused in one line; nothing is run."""
+"""Fuzz tests of damaged or malicious files: read to finite content or refused in one line, and never executed."""
 
 import copy
 import json
@@ -67,9 +67,9 @@ from brushexp.strokes.storage import load_catalogue, save_catalogue
 from brushexp.system.hdf5 import fixed, numbers_of
 from brushexp.system.run_files import CHECKPOINT
 
-EXAMPLES = int(os.environ.get("BRUSHEXP_FUZZ", "12"))  # of damage of each kind of file; thousands search for more
-SLOWEST = 30  # seconds of processor time that a file may take
-SLOW = 6  # times as many examples of the other kinds as of those that are read into a whole page or fit
+EXAMPLES = int(os.environ.get("BRUSHEXP_FUZZ", "12"))  # examples of damage per kind of file; use thousands to search
+SLOWEST = 30  # seconds of CPU time that a file may take
+SLOW = 6  # ratio of examples for other kinds to those for kinds read into a whole page or fit
 DEEP = "[" * 40_000
 CODE = {"_target_": "os.system", "_args_": ["touch ran"]}
 BOMB = "a: &a [1]\n" + "".join(f"{y}: &{y} [{', '.join([f'*{x}'] * 9)}]\n" for x, y in pairwise("abcdefghi"))
@@ -89,9 +89,9 @@ light: {depth: 0.5}
 optimizer: {lr: 0.01, units: {position: 0.4}}
 loss: {width: {weight: 0.1}}
 """
-SETTINGS: dict[str, Any] = {}  # of a run, once they are composed
+SETTINGS: dict[str, Any] = {}  # of a run, once composed
 FORBIDDEN = ("os.system", "os.exec", "os.posix_spawn", "os.fork", "subprocess.Popen", "socket.connect")
-happened: list[str] = []  # of what is forbidden while something is read
+happened: list[str] = []  # forbidden events while reading
 sys.addaudithook(lambda event, arguments: happened.append(f"{event}{arguments}") if event in FORBIDDEN else None)
 
 
@@ -99,7 +99,7 @@ def assert_all(values: Iterable[Any]) -> None:
     assert all(map(bool, values))
 
 
-# Good files of every kind, and what reads each to its end.
+# Good files of every kind, and functions that read each to its end.
 
 
 def write_catalogue(folder: Path) -> Path:
@@ -152,7 +152,7 @@ def read_checkpoint(path: Path) -> None:
 
 
 def part(name: str) -> Callable[[Path], Path]:
-    """A file of a run's folder."""
+    """Make a file in a run's folder."""
 
     def write_run(folder: Path) -> Path:
         metrics = {"psnr": 20.0, "ssim": 0.5, "l1": 0.1, "seconds": 1.0, "n_strokes": 3, "steps": 9, "device": "cpu"}
@@ -187,7 +187,7 @@ def text(name: str, content: str) -> Callable[[Path], Path]:
 
 
 def read_look(path: Path) -> None:
-    """A preset of the user's own, whose program this is: it may have anchors, of anchors too."""
+    """Read the user's own preset; the program is theirs, so it may have anchors, even nested ones."""
     if path.is_file() and "&" in path.read_text(errors="replace"):
         return
     folders, words = folders_of(path.parents[2]), ["look=own"]
@@ -202,7 +202,7 @@ def read_look(path: Path) -> None:
 def picture(suffix: str) -> Callable[[Path], Path]:
     def write_image(folder: Path) -> Path:
         path, pixels = folder / f"a.{suffix}", np.random.default_rng(0).integers(0, 255, (9, 13, 3), np.uint8)
-        if suffix == "tiff":  # which tifffile reads
+        if suffix == "tiff":  # read by tifffile
             imwrite(path, pixels.astype(np.uint16) * 256, photometric="rgb")
             return path
         extra: dict[str, Any] = {}
@@ -260,11 +260,11 @@ KINDS: dict[str, tuple[Callable[[Path], Path], Callable[[Path], None]]] = {
 }
 
 
-# What becomes of them.
+# Ways to damage files.
 
 
 def edited(path: Path, chance: random.Random) -> None:
-    """A piece of the file is doubled, left out or another, as single bits are; or the file ends there."""
+    """Duplicate, delete or replace a piece of the file, or flip single bits, or truncate it."""
     data = path.read_bytes()
     first, last, place = sorted(chance.randrange(len(data)) for _ in range(3))
     bit = bytes([data[first] ^ 1 << chance.randrange(8)])
@@ -279,11 +279,11 @@ def worded(path: Path, chance: random.Random) -> None:
 
 
 def rewritten(path: Path, chance: random.Random) -> None:
-    """A whole file of its kind, of which one part is something else."""
+    """Write a valid file of its kind with one part replaced."""
     if path.suffix in (".json", ".yaml"):
         path.write_text(json.dumps(changed(OmegaConf.to_container(OmegaConf.load(path)), chance)))
     elif path.suffix in (".pth", ".ckpt"):
-        with suppress(AttributeError, TypeError, NotImplementedError):  # not every tensor can be made, or stored
+        with suppress(AttributeError, TypeError, NotImplementedError):  # some tensors cannot be made or stored
             stored = BytesIO()
             torch.save(changed(torch.load(path), chance), stored)
             path.write_bytes(stored.getvalue())
@@ -296,7 +296,7 @@ def rewritten(path: Path, chance: random.Random) -> None:
 
 
 def changed(tree: Any, chance: random.Random) -> Any:
-    """Nested data with one place that is something else, or gone."""
+    """Replace or delete one place in nested data."""
     if isinstance(tree, dict | list) and tree and chance.random() < 0.85:
         tree = copy.copy(tree)
         key = chance.choice(list(tree) if isinstance(tree, dict) else range(len(tree)))
@@ -357,13 +357,13 @@ WAYS = (edited, worded, rewritten)
 
 @pytest.fixture(scope="module")
 def good(tmp_path_factory) -> Callable[[str], Path]:
-    """A file of a kind that can be read; each is written once."""
+    """Return a readable file of a kind; each is made once."""
 
     @cache
     def written(kind: str) -> tuple[Path, bytes]:
         write, read = KINDS[kind]
         path = write(tmp_path_factory.mktemp(kind.replace("/", "_")))
-        read(path)  # which imports what it needs
+        read(path)  # imports what it needs
         return path, path.read_bytes()
 
     def of_kind(kind: str) -> Path:
@@ -385,11 +385,11 @@ def _composed(config, monkeypatch, tmp_path):
     hydra = SimpleNamespace(overrides=SimpleNamespace(task=[]), runtime=output)
     (tmp_path / ".hydra").mkdir()
     monkeypatch.setattr(resume, "HydraConfig", SimpleNamespace(get=lambda: hydra))
-    monkeypatch.setattr(resume, "provenance_of", lambda _: {"version": "0"})  # the real one asks git, in a process
+    monkeypatch.setattr(resume, "provenance_of", lambda _: {"version": "0"})  # the real function asks git, in a process
 
 
 def attempt(kind: str, path: Path) -> str:
-    """Read a file: to its end, or to a refusal of one line, which is returned."""
+    """Read a file to its end or to a refusal of one line, and return the refusal."""
     happened.clear()
     message, start = "", time.process_time()
     try:
@@ -422,7 +422,7 @@ def test_a_damaged_file_is_read_to_finite_content_or_refused_in_one_line(kind, g
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_is_no_file_is_not_waited_for(kind, good):
-    page = kind in (*OF_RUN, *OF_SWEEP)  # which are done without
+    page = kind in (*OF_RUN, *OF_SWEEP)  # can be made without them
     for make in (os.mkfifo, os.mkdir, lambda path: path.symlink_to("/dev/zero"), lambda path: path.symlink_to(path)):
         if not page or make is os.mkfifo:
             path = good(kind)

@@ -1,4 +1,4 @@
-"""On a GPU: nothing stays behind on the processor, and the painting is the same."""
+"""Tests on a GPU: nothing remains on the processor, and the painting is the same."""
 
 import pytest
 import torch

@@ -1,4 +1,4 @@
-"""Losses whose gradient reaches no stroke, and metrics that are no number, are told by name."""
+"""Tests that losses whose gradient reaches no stroke, and metrics that are nan, are named."""
 
 import math
 
@@ -36,7 +36,7 @@ class Nobody(Sampler):
 
 def test_a_loss_without_gradient_is_refused_before_the_first_step():
     painter = painter_of(n=5, steps=3, losses={"mine": Detached()})
-    refuses(r"^loss=mine: no gradient reaches the strokes, so none would move; .*\.detach\(\)", fit, painter)
+    refuses(r"^loss=mine: no gradient reaches the strokes, so no stroke would move; .*\.detach\(\)", fit, painter)
     assert painter.schedule.step == 0
 
 
@@ -56,7 +56,7 @@ def test_an_objective_with_no_slope_is_told(caplog):
 @pytest.mark.parametrize("parts", [
     {"losses": {"mse": MeanSquaredError(), "curvature": Curvature()}},
     {"losses": {"mse": MeanSquaredError(), "curvature": Curvature()},
-     "optimizer": TorchOptim(units={"color": 1.0, "opacity": 1.0})},  # of dots, whose shapes stay
+     "optimizer": TorchOptim(units={"color": 1.0, "opacity": 1.0})},  # dots, whose shapes stay fixed
     {"losses": {"mse": MeanSquaredError()}, "strokes": Strokes.none()},
     {"losses": {"mse": MeanSquaredError()}, "sampler": Nobody()},
 ])  # fmt: skip

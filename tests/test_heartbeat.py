@@ -1,4 +1,4 @@
-"""Something moves all the time while the program paints: on a terminal, and on a pipe every ten seconds."""
+"""Tests of progress: the display never pauses on a terminal, and a pipe gets a line every ten seconds."""
 
 import io
 import os
@@ -14,7 +14,7 @@ from skimage import data
 from brushexp.system import heartbeat as module
 from brushexp.system.heartbeat import Heartbeat
 
-LONGEST_SHARE = 0.15  # of a run: the longest time without a sign of life, of seven phases
+LONGEST_SHARE = 0.15  # largest share of a run without a sign of life, over seven phases
 
 
 class Terminal(io.StringIO):
@@ -101,7 +101,7 @@ def test_a_terminal_is_never_silent_for_long(tmp_path):
     while True:
         try:
             data_read = os.read(terminal, 2**16)
-        except OSError:  # Linux: the other end is closed
+        except OSError:  # on Linux, when the other end is closed
             break
         if not data_read:
             break

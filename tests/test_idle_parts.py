@@ -1,4 +1,4 @@
-"""Chosen parts that do nothing in the painting at hand are told in a line, and no others."""
+"""Tests that parts without effect on a painting are reported in a line, and no others."""
 
 import pytest
 import torch
@@ -34,7 +34,7 @@ def test_a_part_that_changes_nothing_is_told(caplog, chosen, steps, told):
 def test_steps_that_nobody_typed_are_told(caplog, steps, is_told):
     stages = [Stage("textured", Analytic(), steps), Stage("neural", Analytic(), 40)]
     tell_of_idle_parts(standard_components(stages=stages), STROKES, SIZE)
-    told = "5 steps with renderer=textured and then 40 with renderer=neural, 45 in all; fewer: finish_steps=2"
+    told = "5 steps with renderer=textured and then 40 with renderer=neural, 45 in total; for fewer: finish_steps=2"
     assert caplog.messages == [told] * is_told
 
 

@@ -1,4 +1,4 @@
-"""Valid strokes, strokes as plain numbers, and initialisers: exact counts, colours, directions, randomness."""
+"""Tests of valid strokes, strokes as plain numbers, and initialisers: counts, colours, directions and randomness."""
 
 import math
 from dataclasses import replace
@@ -37,7 +37,7 @@ N = 10_000
 
 
 def naive_sample(n: int) -> np.ndarray:
-    """The distribution as the thesis words it, one stroke at a time: (n, 10), points in half-windows."""
+    """Sample the distribution as the thesis describes it, one stroke at a time: (n, 10), points in half-windows."""
     random = np.random.default_rng(1)
     rows = []
     for _ in range(n):
@@ -84,9 +84,9 @@ def test_samples_keep_the_constraints():
     for points in (strokes.start, strokes.control, strokes.end):
         assert points.abs().max() <= INSET + 1e-6
     assert THINNEST - 1e-7 <= strokes.width.min() <= strokes.width.max() <= THICKEST + 1e-7
-    length = 0.5 * (strokes.start - strokes.end).norm(dim=1) / INSET  # in window sides, before they were shrunk
+    length = 0.5 * (strokes.start - strokes.end).norm(dim=1) / INSET  # in window sides, before the strokes were shrunk
     assert (length >= 2 * strokes.width - 1e-6).all()
-    assert length.min() < 2 * THINNEST * 1.5  # the constraint bites
+    assert length.min() < 2 * THINNEST * 1.5  # the constraint has an effect
     assert (strokes.position == 0).all()
     assert (strokes.scale == 64).all()
     assert (strokes.opacity == 1).all()
@@ -190,10 +190,10 @@ def test_a_stroke_that_fits_into_no_window_keeps_its_area(kind):
     assert not torch.allclose(in_pixels(new), in_pixels(stroke), atol=0.1)
 
 
-OVERLAPPING = partial(Grid, shift=True, length=1.8, width=1.4)  # as the preset has it
+OVERLAPPING = partial(Grid, shift=True, length=1.8, width=1.4)  # as in the preset
 BUILT_IN = [Grid(), OVERLAPPING(), Slic(), Slic(detail=0.0), Slic(detail=1.0, orient="random"), Random(), InLayers()]
 NAMES = ["grid", "overlapping_grid", "slic", "slic_even", "slic_random", "random", "layers"]
-CALM = InLayers(calm=0.1, shadows=1.0)  # as look=oil has it
+CALM = InLayers(calm=0.1, shadows=1.0)  # as in look=oil
 every_init = pytest.mark.parametrize("init", [*BUILT_IN, CALM], ids=[*NAMES, "calm_layers"])
 
 
@@ -202,7 +202,7 @@ def noise(height: int, width: int, seed: int = 0) -> Tensor:
 
 
 def stripes(height: int, width: int, degrees: float) -> Tensor:
-    """Bands along a direction (clockwise from x to the right, as y points down), 12 pixels from crest to crest."""
+    """Make bands along a direction (clockwise from x to the right, as y points down), with a period of 12 pixels."""
     y, x = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
     across = y * math.cos(math.radians(degrees)) - x * math.sin(math.radians(degrees))
     return (0.5 + 0.4 * torch.sin(2 * math.pi * across / 12)).expand(3, height, width).contiguous()
@@ -312,7 +312,7 @@ def test_more_strokes_lie_where_the_picture_has_detail_and_layers_go_from_large_
     is_right = (strokes.position[:, 0] > 60).float()
     right = [float(is_right[strokes.scale == scale].mean()) for scale in strokes.scale.unique()]
     assert right[0] > 0.6
-    assert 0.5 > right[2] > 0.2  # the lowest layer is everywhere: a third of it is there
+    assert 0.5 > right[2] > 0.2  # the lowest layer is everywhere: a third of it lies here
 
 
 def test_an_underpainting_is_broad_reaches_the_edges_and_stops_at_none():
@@ -348,7 +348,7 @@ def test_strokes_in_layers_end_where_the_picture_has_another_colour_and_bend_wit
 
 def test_calm_strokes_lie_nearly_level_where_nothing_is_and_along_edges_as_ever():
     target = torch.full((3, 120, 200), 0.4)
-    target[:, :, 20:24] = 0.9  # a mast, and an empty sky
+    target[:, :, 20:24] = 0.9  # a mast in an empty sky
     plain, calm = (made(InLayers(layers=1, jitter=0, calm=weight), target, 150) for weight in (0.0, 0.3))
     steep = [
         (strokes.end - strokes.start)[:, 1].abs() / (strokes.end - strokes.start).norm(dim=1)
@@ -363,7 +363,7 @@ def test_calm_strokes_lie_nearly_level_where_nothing_is_and_along_edges_as_ever(
 
 def test_differences_in_shadows_count_as_those_in_the_light_if_they_are_to():
     target = 0.1 + 0.05 * noise(60, 90)
-    target[:, :, 45:] = 0.7 + 0.1 * noise(60, 45)  # twice the difference, a seventh of it in proportion
+    target[:, :, 45:] = 0.7 + 0.1 * noise(60, 45)  # twice the difference, a seventh of it relative to the light
     dark = [
         float((strokes.position[strokes.scale < strokes.scale.max(), 0] < 45).float().mean())
         for strokes in (made(InLayers(jitter=0, shadows=share), target, 200) for share in (0.0, 1.0))

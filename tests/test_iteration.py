@@ -1,4 +1,4 @@
-"""``brushexp.iterate``: states in order, the end whenever the caller wants it, and no thread that stays behind."""
+"""Tests of ``brushexp.iterate``: states in order, an end whenever the caller wants, and no thread left behind."""
 
 import gc
 import math

@@ -1,4 +1,4 @@
-"""Blends and compiled kernels agree with painting every stroke at every pixel, in value, gradient and importance."""
+"""Tests that blends and compiled kernels agree with the dense blend in value, gradient and importance."""
 
 from copy import deepcopy
 from dataclasses import replace
@@ -55,7 +55,7 @@ TILED = BLENDS["tiled"]
 
 
 class Noise(Renderer):
-    """Windows of noise, as a network may draw them: a stroke's brush decides which."""
+    """A renderer of windows of noise like those of a network, chosen by a stroke's brush."""
 
     def __init__(self, side: int = 16) -> None:
         super().__init__()
@@ -74,7 +74,7 @@ KINDS = {  # a renderer for every kind of layer
     "windows": Noise(),
     "dabs": DabRenderer(),
 }
-# The first has every blend; the others show that a blend takes any kind of layer.
+# The first is drawn by every blend; the others show that a blend accepts any kind of layer.
 PAIRS = [*(("plain", blend) for blend in BLENDS), *((kind, "tiled") for kind in list(KINDS)[1:])]
 PAIRS += [("windows", "tiled in torch")]
 
@@ -83,7 +83,7 @@ PAIRS += [("windows", "tiled in torch")]
 @settings(max_examples=12, deadline=None)
 @given(scene=SCENES)
 def test_blends_agree_on_random_scenes(kind, blend, scene):
-    # topk drops empty layers, and with them their gradient
+    # topk drops empty layers, and their gradient with them
     fields = FIELDS if blend != "topk" or scene["thick"] > 0 else ()
     check_random_scene(KINDS[kind], BLENDS[blend], **scene, fields=fields)
 
@@ -162,7 +162,7 @@ def test_fifty_thousand_strokes_on_one_spot_are_one_and_what_a_blend_cannot_do_i
 
 
 PLACES = {
-    "pixel by pixel": ((16.001, 12.001), 16.0),  # not quite: at a kink the slope is a matter of taste
+    "pixel by pixel": ((16.001, 12.001), 16.0),  # not exactly: at a kink the slope is ambiguous
     "half as large": ((16.0, 12.0), 8.0),
     "between pixels": ((13.3, 7.9), 21.7),
     "over the edge": ((-3.0, 24.0), 20.0),
@@ -176,7 +176,7 @@ PLACES = {
 @pytest.mark.parametrize(("centre", "scale"), PLACES.values(), ids=PLACES)
 def test_the_gradient_reaches_the_pictures_of_windows(centre, scale, side):
     pictures = torch.rand(2, 4, side, side)
-    pictures[1, 3] = 0  # below lies one that shows almost nothing
+    pictures[1, 3] = 0  # below a window that is almost empty
     pictures[1, 3, -1, 0] = 1
     weight, results = torch.randn(3, 24, 33), []
     for blend, dtype in ((TILED, torch.float32), (DENSE, torch.float64)):
@@ -228,7 +228,7 @@ def test_parts_make_kernels_of_their_own_which_other_processes_find_again_and_lo
     monkeypatch.setattr("numba.config.CACHE_DIR", str(tmp_path))
     values = np.random.default_rng(0).standard_normal((99, 64)).astype(np.float32)
     first, second = np.empty(99, np.float32), np.empty(99, np.float32)
-    for sums in (first, second):  # a second object knows nothing of the first, as another process
+    for sums in (first, second):  # a second object knows nothing of the first, like one in another process
         again = Compiled(mix.function, {})
         share(again, 99, values, sums)
         assert len(again.dispatcher.stats.cache_hits if sums is second else again.dispatcher.stats.cache_misses) == 1
@@ -269,7 +269,7 @@ def test_columns_named_by_an_enumeration_are_numbers_whose_change_is_noticed(mon
 
 
 PAINTER = Textured(checkpoint=None).requires_grad_(False)  # as in painting: textures of 8 bits
-AUTO = Tiled(opaque=0.0)  # which PyTorch draws as long as textures are trained
+AUTO = Tiled(opaque=0.0)  # drawn by PyTorch while textures are trained
 BARE = BACKGROUND.view(3, 1, 1)
 
 
@@ -383,7 +383,7 @@ def test_a_tone_of_its_own_makes_bristles_and_furrows_as_much_fainter_and_change
 
 
 def line(length, width, number=0, zoom=1.0):
-    """A level stroke (1,) in pixels, from x = 20 on, in the middle of 40 rows."""
+    """Make a horizontal stroke (1,) in pixels, from x = 20 on, in the middle of 40 rows."""
     stroke = straight((20 * zoom, 20 * zoom), ((20 + length) * zoom, 20 * zoom), width=width * zoom)
     return PAINTER(replace(stroke, brush=torch.tensor([number])))
 
@@ -407,7 +407,7 @@ def test_a_longer_stroke_has_more_of_the_pattern_and_its_ends_stay():
 
 @pytest.mark.parametrize("length", [3, 20, 47, 90, 400])
 def test_a_texture_goes_through_beginning_loop_and_end_without_a_seam(length):
-    """Along a stroke, each column of the texture comes where the loop says; what follows itself is smooth."""
+    """The columns of the texture appear in the order of the loop, and smooth repeated columns stay smooth."""
     wave = torch.sin(2 * torch.pi * torch.arange(96.0) / 96)
     columns = torch.cat([0.3 + 0.3 * torch.arange(96.0) / 96, 0.6 + 0.3 * wave, 0.6 - 0.3 * torch.arange(64.0) / 64])
     textures = torch.stack([columns, 0 * columns, columns])[None, :, None].expand(1, 3, 96, 256)
@@ -451,7 +451,7 @@ def test_a_texture_in_twice_its_size_is_the_same_with_finer_detail_where_it_has_
 
 @pytest.mark.parametrize("offset", [-1.3, -0.3, -0.1, 0.07, 1.2])
 def test_pixels_that_see_only_the_end_of_a_short_thick_stroke_give_it_the_exact_gradient(offset):
-    """Beyond the end, on the inside of the bend, the distance has no valley: Newton's step must not divide by that."""
+    """Beyond the end, inside the bend, the distance has no minimum: Newton's step must not divide by its curvature."""
     curve = torch.tensor([[[3.5, 4.0], [4.5, 4.0], [7.5, 4.0]]]) + offset
     strokes = strokes_along(curve, torch.tensor([24.0]), torch.tensor([[0.2, 0.5, 0.8]]), 0.9)
     strokes = replace(strokes, widening=torch.tensor([0.3]), drift=torch.tensor([[0.1, 0.05, -0.1]]))

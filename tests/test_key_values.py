@@ -1,4 +1,4 @@
-"""Every key of a task and option of a plugin takes valid values, and refuses others in one line."""
+"""Tests that every key of a task and option of a plugin accepts valid values, and refuses others in one line."""
 
 import os
 import re
@@ -48,16 +48,16 @@ NEEDED = {task: f"catalogue={FILES}/a.h5" for task in ("export", "analyse", "vie
 )
 NEEDED["film"] = f"image={encoded(FILES / 'a.mp4', scene(2))}"
 NEEDED["recover"] = NEEDED["sample"] = "image=coffee"
-NEEDED["canvas"] = f"image={FILES}/a.mp4 canvas={FILES}/a.zarr"  # it is only looked for
+NEEDED["canvas"] = f"image={FILES}/a.mp4 canvas={FILES}/a.zarr"  # the check only looks for it
 NEEDED["score"] = f"strokes={FILES}/a.h5 truth={FILES}/a.npz"
 NEEDED["prune"] = f"renderer.checkpoint={FILES}/a.safetensors"
-NEVER = ["nan", "-inf", "1e39", "9" * 23, "text", "''", "[1]", "[nan]", "[[mse]]", "{a: 1}", "true"]  # of a number
+NEVER = ["nan", "-inf", "1e39", "9" * 23, "text", "''", "[1]", "[nan]", "[[mse]]", "{a: 1}", "true"]  # invalid numbers
 VALUES = [*NEVER, "-1", "0", "0.5", "null"]
 NUMBERS = (int, float, int | None, float | None)
 
 
 def refusal(cfg, task, words):
-    """Return the message about these words; "" if they are valid."""
+    """Return the message about these words, or "" if they are valid."""
     try:
         with typed_into(cfg, expand_arguments(words)):
             check(cfg, words)
@@ -71,7 +71,7 @@ def refusal(cfg, task, words):
 
 @cache
 def config_of(task, family="", name=""):
-    """A config of the task, with the plugin of this name alone of its family."""
+    """Compose a config of the task with only the named plugin of its family."""
     cfg = configured(expand_arguments([f"task={task}", *NEEDED.get(task, "").split()]))
     if family:
         node = nodes()[family, name].copy()
@@ -82,7 +82,7 @@ def config_of(task, family="", name=""):
 
 
 def declared():
-    """List which config has it, name and type of every key and option, each once."""
+    """List config, name and type of every key and option, each once."""
     options = {}
     for task, schema in TASKS.items():
         for name, key in keys_of(schema).items():
@@ -97,7 +97,7 @@ def declared():
 
 @pytest.mark.slow(kernels=False)
 def test_every_value_fits_or_is_refused_in_one_line_that_names_the_key():
-    """A twelfth of the values of each key, others for the next one; all of them with ``BRUSHEXP_VALUES=all``."""
+    """A twelfth of the values of each key, rotating from key to key; all of them with ``BRUSHEXP_VALUES=all``."""
     without, wrong = {}, []
     apart = 1 if os.environ.get("BRUSHEXP_VALUES") == "all" else 12
     for k, (which, name, kind) in enumerate(declared()):
@@ -106,7 +106,7 @@ def test_every_value_fits_or_is_refused_in_one_line_that_names_the_key():
             without[which] = refusal(cfg, task, [f"task={task}"])
         for value in VALUES[k % apart :: apart]:
             text = refusal(cfg, task, [f"task={task}", f"{name}={value}"])
-            told = text and text != without[which]  # a network may have no weights, whatever the value
+            told = text and text != without[which]  # a network may lack weights, whatever the value
             named = name in text or with_words_of_changes(name) in text
             if (told and (not named or "\n" in text)) or (not text and value in NEVER and kind in NUMBERS):
                 wrong.append(f"{name}={value}: {text}")
@@ -143,7 +143,7 @@ def test_files_have_any_name(key, tmp_path, monkeypatch):
     names += ["a\\", "x${", "a\\${b}", "\\\\${b}"]
     for name in names:
         (tmp_path / name).write_text("")
-        if key in ("output", "resume") and "${" in name:  # a run that is resumed writes into its folder
+        if key in ("output", "resume") and "${" in name:  # a resumed run writes into its folder
             refuses("cannot write into .*, because its name contains", expand_arguments, [f"{key}={name}"])
             continue
         word = expand_arguments([f"{key}={name}"])[0]
@@ -151,7 +151,7 @@ def test_files_have_any_name(key, tmp_path, monkeypatch):
     swept = expand_arguments(["-m", f"{key}=photo (1).png,2024"])[1]
     whole = "a sweep has one folder"
     assert swept.endswith('="photo (1).png,2024"' if key == "output" else '="photo (1).png","2024"'), whole
-    for name in ("a, b", "a=b", "[1]", "{2}.png", "~3", "e#f.png"):  # files and folders alone, and in lists
+    for name in ("a, b", "a=b", "[1]", "{2}.png", "~3", "e#f.png"):  # only as files and folders, and in lists
         (tmp_path / name).mkdir(exist_ok=True)
         (word,) = expand_arguments([f"data={name}"])
         assert parse_value(word.partition("=")[2]) == [name], word

@@ -1,4 +1,4 @@
-"""Paintings come back from their folders, and strokes are drawn in batches, or refused in one line."""
+"""Tests that paintings are loaded from their folders, and strokes drawn in batches, or refused in one line."""
 
 import json
 import shutil
@@ -19,7 +19,7 @@ SIZE = (24, 32)
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """The folder of a run under a lamp, with everything in it."""
+    """Paint a run under a lamp, with all files."""
     place = tmp_path_factory.mktemp("runs") / "x"
     brushexp.paint("chelsea", look="impasto", **SMALL, output=place, threads=1)
     return place
@@ -98,7 +98,7 @@ def test_second_derivatives_and_transforms_are_refused_in_one_line_and_dense_has
         picture = brushexp.render(strokes, SIZE, blend=blend)
         return torch.autograd.grad(picture.pow(power).sum(), strokes.color, create_graph=True)[0]
 
-    for power in (1, 2):  # the gradient of the picture is constant, and then is not
+    for power in (1, 2):  # the gradient of the picture is constant at first, then not
         refuses("first derivatives only; blend='dense' .* has second ones", slope("tiled", power).sum().backward)
     torch.testing.assert_close(slope("dense", 2), slope("tiled", 2), rtol=1e-3, atol=1e-3)
     (second,) = torch.autograd.grad(slope("dense", 2).sum(), strokes.color)

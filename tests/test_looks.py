@@ -1,4 +1,4 @@
-"""Looks: what they set stands below what is typed, whatever plugins that chooses, and quality scales them."""
+"""Tests of looks: typed words override them with any plugin they choose, and quality scales their effort."""
 
 import re
 import shutil
@@ -49,7 +49,7 @@ def composed(words: str = ""):
 
 @pytest.fixture
 def mine(tmp_path):
-    """A folder of configs with a look of the user's."""
+    """Make a folder of configs with a look of the user's."""
     (tmp_path / "look").mkdir()
     (tmp_path / "look" / "mine.yaml").write_text(MINE)
     offer([*conf_folders(), tmp_path])
@@ -63,7 +63,7 @@ def test_a_look_of_ones_own_is_one_file_what_is_typed_wins_and_the_rest_stays(mi
     values = cfg.steps, cfg.background, cfg.init.shift, cfg.optimizer.lr, cfg.loss.kl.weight
     assert values == (30, "white", True, 0.07, 0.5)
     assert presets_of(tmp_path / "look") == {"mine": "my own"}
-    assert cfg.pixels_per_stroke == PaintTask.pixels_per_stroke  # what a look does not say is as ever
+    assert cfg.pixels_per_stroke == PaintTask.pixels_per_stroke  # defaults that the look does not set stay
     jobs = [composed(f"look={look} loss={loss}") for look in ("oil", "plain") for loss in ("[mse]", "[mse,kl]")]
     assert [list(cfg.loss) for cfg in jobs] == 2 * [["mse"], ["mse", "kl"]]
     assert jobs[1].loss.kl.weight != jobs[3].loss.kl.weight
@@ -174,7 +174,7 @@ def test_a_wrong_file_is_told_and_left_out_and_presets_of_another_folder_are_lis
     shutil.rmtree(tmp_path / "conf")
     code, output = ended(tmp_path, "--config-dir", "mine", "look=smoth")
     assert code == 1
-    assert "look=smoth is not there; choose one of smooth, " in output
+    assert "look=smoth does not exist; choose one of smooth, " in output
     refuses("--config-dir none: there is no such folder", folders_of, tmp_path, ["--config-dir", "none"])
     code, output = ended(tmp_path, "--config-dir", "mine", "--cfg", "job", "--package", "order", "order=area")
     assert (code, "every: 50" in output) == (0, True), "flags stand anywhere"

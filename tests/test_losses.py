@@ -1,6 +1,6 @@
-"""Every registered loss: its value, its slope, and both of almost nothing, in every precision.
+"""Tests of every registered loss: its value and slope, also for nearly empty inputs, in every precision.
 
-Losses on a part of a canvas are in test_features.
+Losses on parts of a canvas are tested in test_features.
 """
 
 import math
@@ -48,7 +48,7 @@ KINDS = {name: (name, {}) for name in OF_PICTURES} | {f"style {k}": ("style", {"
 
 
 def built(name: str, **options: object) -> Loss:
-    """A loss by its name; that of brushwork compares with a painting of sixty strokes."""
+    """Build a loss by its name; brushwork compares with a painting of sixty strokes."""
     loss: Loss = build_named("loss", name, options)
     if name == "brushwork":
         loss.reference = brushwork_of(seen(random_strokes(60, (40, 50), seed=1)), (40, 50))
@@ -64,13 +64,13 @@ def visible(n: int) -> Strokes:
 
 
 def collinear(n: int, t: float) -> Strokes:
-    """Control points on the line through both ends: between them for t in (0, 1), beyond them otherwise."""
+    """Put control points on the line through both ends: between them for t in (0, 1), beyond them otherwise."""
     made = visible(n)
     return replace(made, control=made.start + t * (made.end - made.start))
 
 
 def of(rows: list[list[float]]) -> Strokes:
-    """Strokes of these start, control, end."""
+    """Make strokes from rows of start, control, end."""
     start, control, end = torch.tensor(rows, dtype=torch.float64).split(2, dim=1)
     return replace(visible(len(rows)), start=start, control=control, end=end)
 
@@ -88,7 +88,7 @@ FEW = {
     "controls far away": replace(visible(4), control=torch.full((4, 2), 1e3).double()),
     "far off and huge": replace(visible(4), position=1e6 + visible(4).position, scale=1e6 * visible(4).scale / 30),
 }
-STEEP = {  # of which single precision need not make what double precision does
+STEEP = {  # where single precision need not agree with double precision
     "a point and a line": of([[0.3] * 6, [0.5, 0.1, 0.0, 0.0, -0.5, -0.1]]),
     "huge width": replace(visible(3), width=1e3 + visible(3).width),
     "start is end": of([[0.3, 0.3, x, 1.0, 0.3, 0.3] for x in np.linspace(-1, 1, 5)]),
@@ -100,7 +100,7 @@ STEEP = {  # of which single precision need not make what double precision does
 
 
 def judged_strokes(loss: Loss, strokes: Strokes, dtype: torch.dtype) -> tuple[Tensor, list[Tensor]]:
-    """Value and gradients of a loss of strokes in a dtype."""
+    """Return value and gradients of a loss of strokes in a dtype."""
     made = strokes.map(lambda value: value.to(dtype).clone().requires_grad_())
     picture = torch.zeros(3, *CANVAS, dtype=dtype)
     value = loss(PaintedView(picture, picture, made))
@@ -126,7 +126,7 @@ def test_few_strokes_have_a_value_and_a_gradient_in_every_precision(name, kind):
 
 @pytest.mark.parametrize("name", OF_STROKES)
 def test_half_precision_costs_what_its_rounded_strokes_cost_and_the_slope_is_that_of_the_value(name):
-    """Only the strokes are rounded, not what is computed of them."""
+    """Only the strokes are rounded, not the results of computing with them."""
     for dtype in (torch.bfloat16, torch.float16):
         rounded = visible(12).map(lambda value, to=dtype: value.to(to))
         value, _ = judged_strokes(built(name), rounded, dtype)
@@ -135,7 +135,7 @@ def test_half_precision_costs_what_its_rounded_strokes_cost_and_the_slope_is_tha
         assert_close(value.double(), exact.double(), rtol=1e-4, atol=1e-6)
     loss = built(name, **({"k": 4, "every": 10_000} if name == "direction" else {})).double()
     strokes = random_strokes(7, (24, 40), dtype=torch.float64, width=(0.0, 0.5))
-    strokes = seen(strokes) if name == "brushwork" else strokes  # which leaves out what cannot be seen
+    strokes = seen(strokes) if name == "brushwork" else strokes  # which ignores invisible strokes
     nothing = torch.zeros(3, 24, 40, dtype=torch.float64)
 
     def value(*inputs: Tensor) -> Tensor:
@@ -149,7 +149,7 @@ SIZES = [(1, 1), (3, 5), (10, 10)]
 
 
 def pairs(height: int, width: int) -> dict[str, tuple[Tensor, Tensor]]:
-    """Pictures and targets in float64."""
+    """Make pictures and targets in float64."""
     image, target = torch.rand(2, 3, height, width, dtype=torch.float64)
     bright = torch.zeros_like(target)
     bright[:, height // 2, width // 2] = 1
@@ -165,10 +165,10 @@ def pairs(height: int, width: int) -> dict[str, tuple[Tensor, Tensor]]:
 
 
 def judged_pictures(loss: Loss, image: Tensor, target: Tensor, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
-    """Value, and gradient in the picture, by a loss in double precision for pictures in that, otherwise in single."""
+    """Return value and gradient of a loss, in double precision for double pictures, otherwise in single precision."""
     loss = loss.double() if dtype is torch.float64 else loss.float()
     if hasattr(loss, "calls"):
-        loss.calls.zero_()  # the same shift every time
+        loss.calls.zero_()  # so that the shift is the same
     seen = image.to(dtype).requires_grad_()
     value = loss(PaintedView(seen, target.to(dtype), Strokes.none()))
     return value.detach(), torch.autograd.grad(value, seen)[0]
@@ -176,7 +176,7 @@ def judged_pictures(loss: Loss, image: Tensor, target: Tensor, dtype: torch.dtyp
 
 @pytest.mark.parametrize("name", KINDS)
 def test_tiny_pictures_have_a_value_and_a_gradient_in_every_precision(name):
-    """Smaller than the windows of ssim (11 pixels) and than what features of networks see (up to 200)."""
+    """Covers pictures smaller than the windows of ssim (11 pixels) and the receptive fields of networks (up to 200)."""
     loss = built(KINDS[name][0], **KINDS[name][1])
     for size in SIZES:
         for kind, (image, target) in pairs(*size).items():
@@ -203,7 +203,7 @@ def test_ssim_in_half_precision_is_that_of_the_rounded_pictures():
             value, slope = judged_pictures(built("ssim"), image, target, dtype)
             exact, expected = judged_pictures(built("ssim"), *rounded, torch.float64)
             assert_close(value.double(), exact, rtol=1e-4, atol=1e-5)
-            if dtype is torch.bfloat16:  # float16 has no numbers as small as slopes of many pixels
+            if dtype is torch.bfloat16:  # float16 cannot hold the small slopes of many pixels
                 assert (slope - expected).norm() <= 3e-2 * expected.norm()
 
 
@@ -246,7 +246,7 @@ def test_options_that_cannot_be_are_refused_before_work_starts(typed):
     refuses(words, build_named, "loss", name, {option: float("nan") if value == "nan" else value})
 
 
-NETWORKS = {"alexnet": "alex", "squeeze": "squeeze", "vgg16": "vgg"}  # and what torchmetrics calls them
+NETWORKS = {"alexnet": "alex", "squeeze": "squeeze", "vgg16": "vgg"}  # and torchmetrics's names for them
 
 
 def pictures(height: int = 5, width: int = 8, dtype: torch.dtype = torch.float64) -> tuple[Tensor, Tensor]:
@@ -384,7 +384,7 @@ def scene(n: int, seed: int = 0, dtype: torch.dtype = torch.float64, bend: float
 
 
 def shaped(points: list[list[float]], width: list[float]) -> Strokes:
-    """Strokes shaped given start, control, end (N rows shaped 6, half-windows) and width."""
+    """Make strokes from start, control, end (N rows of 6, half-windows) and width."""
     table = torch.tensor(points, dtype=torch.float64)
     shape = dict(zip(POINTS, table.split(2, dim=1), strict=True))
     return replace(scene(len(width)), **shape, width=torch.tensor(width, dtype=torch.float64))
@@ -396,12 +396,12 @@ def costs(loss: Loss, strokes: Strokes) -> Tensor:
 
 
 def test_width_compares_length_and_thickness_in_sides_of_the_window_and_thins_a_point():
-    apart = [0.4, 0.0, 0, 0, -0.4, 0.0]  # 0.8 half-windows: 0.4 shaped the side
+    apart = [0.4, 0.0, 0, 0, -0.4, 0.0]  # 0.8 half-windows: 0.4 of the side
     for width, expected in ((0.1, 0.0), (0.28, 0.0), (0.5, 0.3), (1.0, 1.0)):
         assert float(costs(Width(), shaped([apart], [width]))) == pytest.approx(expected, abs=1e-12)
     made, total = scene(50), 0.0
     for start, end, width in zip(made.start.numpy(), made.end.numpy(), made.width.numpy(), strict=True):
-        s, e = (start + 1) / 2, (end + 1) / 2  # as the thesis has them: 0 to 1 within the window
+        s, e = (start + 1) / 2, (end + 1) / 2  # as in the thesis: 0 to 1 within the window
         total += max(0.0, 2 * INSET * width - np.hypot(*(s - e)))
     assert float(costs(Width(), made)) == pytest.approx(total / 50)
     made = leaves(shaped([[0.1, 0.2, 0, 0, 0.1, 0.2]], [0.1]), torch.float64)
@@ -427,7 +427,7 @@ def test_valid_strokes_cost_hardly_anything_and_curvature_agrees_with_the_loop()
 
 
 def textbook_divergence(made: Strokes) -> float:
-    """The KL by projecting one control point after another, and torch's formula for two normal distributions."""
+    """Compute the KL by projecting the control points one by one, with torch's formula for two normal distributions."""
     rows = []
     for start, control, end in zip(made.start.numpy(), made.control.numpy(), made.end.numpy(), strict=True):
         length = np.hypot(*(start - end))
@@ -452,7 +452,7 @@ def test_kl_agrees_with_the_textbook_and_depends_on_neither_size_nor_place(n, be
 
 
 def textbook_direction(strokes: Strokes, k: int) -> float:
-    """4 sin^2 shaped the angle between the principal axes shaped each stroke and its nearest ones, pair by pair."""
+    """Compute 4 sin^2 of the angle between the principal axes of each stroke and its nearest ones, pair by pair."""
     t = torch.linspace(0, 1, 2001, dtype=torch.float64)[:, None]
     angle = []
     for start, control, end in curve_of(strokes):

@@ -1,4 +1,4 @@
-"""The ruler, the curve and the metrics against slow, obvious references; slopes, and strokes of hardly any size."""
+"""Tests of the ruler, curves and metrics against slow, obvious references, with slopes and degenerate strokes."""
 
 import math
 from dataclasses import replace
@@ -29,7 +29,7 @@ SIZE = (60, 90)
 
 
 def measure(strokes: Strokes) -> dict[str, Tensor]:
-    """Every measure of the ruler."""
+    """Return every measure of the ruler."""
     shape, width = shape_of(strokes), 2 * half_width_of(strokes)
     length, direction, near = length_of(shape), ruler.direction_of(shape), ruler.neighbours_of(strokes, shape)
     return {
@@ -46,7 +46,7 @@ def measure(strokes: Strokes) -> dict[str, Tensor]:
 
 
 def polylines(strokes: Strokes, pieces: int = 4000) -> Tensor:
-    """Curves as (N, pieces + 1, 2) points in pixels."""
+    """Sample curves as (N, pieces + 1, 2) points in pixels."""
     t = torch.linspace(0, 1, pieces + 1, dtype=torch.float64)
     return point_at(curve_of(strokes)[:, None], t.expand(len(strokes), -1))
 
@@ -111,7 +111,7 @@ def test_measures_are_finite_and_in_range_for_any_strokes(shape, n):
     exact = measure(strokes)
     for dtype in (torch.float32, torch.float64, torch.float16):
         made = strokes
-        if dtype is torch.float16:  # what 16 bits can hold is measured in 32
+        if dtype is torch.float16:  # values in the range of 16 bits are measured in 32
             made = made.map(lambda value: value.clamp(-1e4, 1e4).half().float())
         made = leaves(made, made.width.dtype if dtype is torch.float16 else dtype)
         measured = measure(made)
@@ -154,7 +154,7 @@ def test_nearest_agrees_with_all_distances_and_no_stroke_is_its_own_neighbour(n,
     order = torch.cdist(points, points).argsort(1)
     assert torch.equal(ruler.nearest_strokes(points, points, k, exclude_self=False), order[:, :k])
     assert torch.equal(ruler.nearest_strokes(points, points, k, exclude_self=True), order[:, 1 : k + 1])
-    measured = ruler.nearest_strokes(0 * points, 0 * points, k, exclude_self=True)  # all share a place
+    measured = ruler.nearest_strokes(0 * points, 0 * points, k, exclude_self=True)  # all in one place
     assert measured.shape == (n, min(k, max(n - 1, 0)))
     for i, row in enumerate(measured.tolist()):
         assert i not in row
@@ -213,7 +213,7 @@ def search(begin, end, p, reach, corners, found, recalled):
 
 
 def random_tiles(n):
-    """Curves (n, 3, 2), straight ones and hairpins, how far they reach (n,), and tiles (n, 2) not far from them."""
+    """Make curves (n, 3, 2), some straight or hairpins, with their reach (n,), and tiles (n, 2) near them."""
     generator = np.random.default_rng(0)
     length, reach = np.exp(generator.uniform(np.log([4, 1]), np.log([200, 40]), (n, 2))).T
     bend = length * np.exp(generator.uniform(np.log(0.05), np.log(6), n))
@@ -261,7 +261,7 @@ def test_the_chosen_metrics_are_measured_and_the_official_distance_if_there_is_a
 
 @pytest.mark.usefixtures("hydra_restore_singletons")
 def test_tables_and_pages_show_a_metric_as_its_class_says(monkeypatch):
-    monkeypatch.setattr(plugin, "_members", dict(plugin._members))  # which forgets it afterwards
+    monkeypatch.setattr(plugin, "_members", dict(plugin._members))  # restores the registry afterwards
 
     @register("metric", "tint")
     class Tint(Metric):

@@ -1,4 +1,4 @@
-"""Every mistake ends in one line: what is wrong, and what to type instead; what else the terminal says is plain."""
+"""Tests that every mistake ends in one line with what is wrong and what to type, and that other output is plain."""
 
 import logging
 import re
@@ -42,9 +42,9 @@ MISTAKES = {
     "docs/images/BRUSHIFY.JPG": "is not there; did you mean docs/images/brushify.jpg",
     "https://example.com/a.jpg": "is a web address; download the picture and give the path of the file",
     "light=off": "try light=315,45, or light.depth=0 for none",
-    "to=pdf": "drop to=pdf, and when it is painted, type: brushexp export FOLDER to=pdf",
-    "image=clip.mp4 to=gif": "when it is painted, type: brushexp export FOLDER/frames/000000.h5 to=gif",
-    "look=tubes to=plan": "when it is painted, type: brushexp export FOLDER to=plan",
+    "to=pdf": "drop to=pdf, and after painting, type: brushexp export FOLDER to=pdf",
+    "image=clip.mp4 to=gif": "after painting, type: brushexp export FOLDER/frames/000000.h5 to=gif",
+    "look=tubes to=plan": "after painting, type: brushexp export FOLDER to=plan",
     "background=255,128,0": "background=255,128,0 are several values; type background='#ff8000'",
     "resolution=1e3": "is not a whole number; try resolution=1000",
     "+loss=kl": "+loss=kl has no list to add to; type the whole list, loss=[...,kl]",
@@ -55,8 +55,8 @@ MISTAKES = {
     "detail=1e3": "detail=1000 makes pixels_per_stroke 0.1, which is not at least 1; try detail=100",
     "effort=1e9": "effort=1e+09 makes steps 5e+11, which is not at most 1e+09; try effort=2e+06",
     "task=benchmark kinds=${seed}": ", which is not a list; type 'kinds=[a,b]'",
-    "task=benchmark kinds=${counts}": "kinds holds 150, which is not a text; type 'kinds=[a,b]'",
-    "task=benchmark counts=${methods}": "counts stands for null, which is not a list",
+    "task=benchmark kinds=${counts}": "kinds holds 150, which is not text; type 'kinds=[a,b]'",
+    "task=benchmark counts=${methods}": "counts resolves to null, which is not a list",
     "task=canvas image=coffee canvas=nan": "canvas=nan names no folder; type canvas=big.zarr",
     "steps=[3,": "cannot be parsed; a list is key=[a,b]",
     "output=nan": "output=nan is not a folder; type output=FOLDER, or output=./nan if that is its name",
@@ -65,7 +65,7 @@ MISTAKES = {
     "output=": "output= is empty; type output=FOLDER",
     "~strokes": "~strokes would delete a key that every run needs; drop it, or type strokes=...",
     "tasks": "type task= and one of analyse, ",
-    "look=": "look= is not there; choose one of ",
+    "look=": "look= does not exist; choose one of ",
     "looks": "type look= and one of even, gouache, impasto, ink, oil, ",
     "train src": "task=train takes no path alone; type a key before it, KEY=src",
     "train coffee": "task=train takes no path alone; type a key before it, KEY=coffee",
@@ -86,9 +86,9 @@ MISTAKES = {
     "speed=fast": "type quality=draft, or seconds=10",
     "task=simulate size=3": "size is not a key of task=simulate; nearest first: ",
     "task=simulate brush_size=3": "brush_size is not a key of task=simulate; nearest first: ",
-    "quality=low": "quality=low is not there; choose one of draft, ",
-    "look=van_gogh": "look=van_gogh is not there; choose one of vangogh, ",
-    "task=export catalogue=a.h5 to=mp4": "to=mp4 is not there; choose one of process, ",
+    "quality=low": "quality=low does not exist; choose one of draft, ",
+    "look=van_gogh": "look=van_gogh does not exist; choose one of vangogh, ",
+    "task=export catalogue=a.h5 to=mp4": "to=mp4 does not exist; choose one of process, ",
     "pencil": "did you mean ink?",
     "1920x1080": "type resolution=1920",
     "1000": "type resolution=1000 or strokes=1000",
@@ -145,9 +145,9 @@ MISTAKES = {
     "experiment=renderer_noise steps=3": "steps is not a key of task=train",
     "style.imag=a.jpg": "style.imag is not a key of task=paint; nearest first: style.image, ",
     "+foo=1": "foo is not a key of task=paint; nearest first: look, focus, ",
-    "task=pant": "task=pant is not there; choose one of paint, ",
-    "loss=[ms]": "loss=ms is not there; choose one of mse, ",
-    "task=train init=slic": "task=train has no init; it takes renderer, engine, ",
+    "task=pant": "task=pant does not exist; choose one of paint, ",
+    "loss=[ms]": "loss=ms does not exist; choose one of mse, ",
+    "task=train init=slic": "task=train has no init; it has renderer, engine, ",
     # options of plugins
     "renderer.sof=2": "renderer.sof is not an option of renderer=analytic; its options, nearest first: soft, taper",
     "order=fixed order.every=2": "order.every is not an option of order=fixed; it has none",
@@ -157,9 +157,9 @@ MISTAKES = {
     "optimizer.options={foo:1}": "type a plus: '+optimizer.options.foo=...'",
     "+optimizer.options.foo=1": "unexpected keyword argument 'foo' (optimizer.options={",
     "+loss.foo=3": "loss.foo=3 is not an option of any loss; type loss.<name>.foo=3",
-    "loss.kl.weight=3": "loss.kl is tuned but not chosen; add kl to the list, 'loss=[kl,...]'",
-    "loss.ms.weight=3": "loss.ms is tuned but not chosen; there are: mse, ",
-    "loss=[mse] ++loss.kl.weight=3": "loss.kl is tuned but not chosen (chosen: mse); add it with 'loss=[mse,kl]'",
+    "loss.kl.weight=3": "loss.kl has options but is not chosen; add kl to the list, 'loss=[kl,...]'",
+    "loss.ms.weight=3": "loss.ms has options but is not chosen; there are: mse, ",
+    "loss=[mse] ++loss.kl.weight=3": "loss.kl has options but is not chosen (chosen: mse); add it with 'loss=[mse,kl]'",
     "loss=[mse] +loss=kl": "type one list: 'loss=[a,b]'",
     "loss=[]": "no loss is chosen, so nothing can be optimised; try loss=mse",
     "task=export catalogue=a.h5 to=[]": "to=[] writes nothing; choose one or more of ",
@@ -311,11 +311,11 @@ def test_every_key_has_a_meaning_in_the_help_and_a_default_within_its_bounds(con
     ("phto.jpg", ""),
     ("--help", ""),
     ("photo.jpg --cfg job", ""),
-    ("export outputs/x", "beginning: export"),
-    ("task=train minutes=3", "beginning: train"),
+    ("export outputs/x", "starting: export"),
+    ("task=train minutes=3", "starting: train"),
     ("-m seed=1,2", "checking the jobs of a sweep"),
     ("experiment=losses", "checking the jobs of a sweep"),
-    ("resume=outputs/x", "going on with outputs/x"),
+    ("resume=outputs/x", "continuing outputs/x"),
 ])  # fmt: skip
 def test_the_first_line_says_what_begins(typed, said, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -344,11 +344,11 @@ def test_the_terminal_gets_plain_words_and_leaves_figures_to_the_log(capsys, cap
     log.setLevel(logging.INFO)
     log.info("writing the page")
     log.info("24.5 dB", extra=IN_LOG)
-    for _ in range(2):  # as jobs of a sweep
+    for _ in range(2):  # as in jobs of a sweep
         log.warning("it is slow")
     log.error("it is broken\nb\x1b[2J.png")
     assert capsys.readouterr() == ("writing the page\n", "note: it is slow\nbrushexp: it is broken\nb\\x1b[2J.png\n")
-    with caplog.at_level(logging.INFO), showing("painting") as show:  # a pipe: no bar, but lines
+    with caplog.at_level(logging.INFO), showing("painting") as show:  # a pipe gets lines instead of a bar
         monkeypatch.setattr(logging.getLogger("brushexp.system.progress"), "handlers", [Terminal()])
         show(0.5, "step 3 of 6, 24.50 dB")
     assert "painting: 50 %, step 3 of 6, 24.50 dB, 0:00:00 left" in caplog.messages, "run.log has the figures"
@@ -358,7 +358,7 @@ def test_the_terminal_gets_plain_words_and_leaves_figures_to_the_log(capsys, cap
 
 
 class Screen(StringIO):
-    """A stream that is a terminal, or not."""
+    """A stream that claims to be a terminal, or not."""
 
     def __init__(self, is_terminal):
         super().__init__()

@@ -1,4 +1,4 @@
-"""Corrected p-values reject what the procedure rejects step by step."""
+"""Tests that corrected p-values reject exactly what the stepwise procedure rejects."""
 
 import numpy as np
 import pytest

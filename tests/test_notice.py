@@ -1,4 +1,4 @@
-"""NOTICE says of everything in the package that is not source code where it comes from."""
+"""Tests that NOTICE gives the origin of everything in the package that is not source code."""
 
 import re
 import tomllib
@@ -13,7 +13,7 @@ HATCH = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["b
 
 
 def shipped() -> Iterator[tuple[str, Path]]:
-    """Each file of the wheel, by its path there."""
+    """List the files of the wheel with their paths in it."""
     for package in map(Path, HATCH["packages"]):
         for path in (ROOT / package).rglob("*"):
             if path.is_file() and "__pycache__" not in path.parts:
@@ -21,7 +21,7 @@ def shipped() -> Iterator[tuple[str, Path]]:
 
 
 def is_of_another_kind(path: Path) -> bool:
-    """Whether a file is no text that was written here: binary, squeezed, or a table of measurements."""
+    """Check whether a file is not text written here: binary, minified, or a table of measurements."""
     return b"\0" in path.read_bytes() or ".min." in path.name or path.suffix == ".csv"
 
 

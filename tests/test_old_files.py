@@ -1,7 +1,7 @@
-"""Files that version 0.1 has written still open: catalogues of every version, a recipe of a renderer, a stopped run.
+"""Tests that files written by version 0.1 still open: catalogues, a renderer's recipe, an interrupted run.
 
-They stand in old_files/ with what that version made of them. The run was stopped after 5 of its 12 steps, and oil.png
-is the unlit painting that it came to when it was not:
+The files are in old_files/ with the results of that version. The run was stopped after 5 of its 12 steps; oil.png is
+the unlit painting of the same run without interruption:
 
     brushexp coffee resolution=24 strokes=9 steps=12 frames=0 report=false look=oil
 """
@@ -20,7 +20,7 @@ OLD = Path(__file__).parent / "old_files"
 def assert_looks_like(painting: Path, expected: str) -> None:
     now, then = (np.asarray(Image.open(path), dtype=int) for path in (painting, OLD / expected))
     assert now.shape == then.shape
-    assert abs(now - then).max() <= 1  # levels of 255: processors round
+    assert abs(now - then).max() <= 1  # levels of 255: rounding differs between processors
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Every optimiser paints, can be interrupted and goes on exactly, and lives with strokes that come and go."""
+"""Tests that every optimiser paints, resumes exactly, and copes with added and removed strokes."""
 
 import sys
 
@@ -29,10 +29,10 @@ def soap(**options) -> TorchOptim:
 
 
 def scene(optimizer: Optimizer, n: int = 20, **parts) -> StrokeOptimizer:
-    """Strokes before a target of blocks, and an optimiser that moves them in 20 steps."""
+    """Make a painter of 20 steps with a target of blocks."""
     target = torch.rand(3, 4, 6, generator=torch.Generator().manual_seed(1))
     target = target.repeat_interleave(6, 1).repeat_interleave(6, 2)[:, : SIZE[0], : SIZE[1]]
-    weight = SIZE[0] * SIZE[1] / 256**2  # gradients as at 256 px, which sgd feels
+    weight = SIZE[0] * SIZE[1] / 256**2  # gives sgd the gradients that it has at 256 px
     losses = {"mse": build_named("loss", "mse", {"weight": weight})}
     parts = {"strokes": random_strokes(n, SIZE), "target": target, "losses": losses} | parts
     return painter_of(steps=20, optimizer=optimizer, **parts)
@@ -116,7 +116,7 @@ def test_the_rate_rises_holds_and_falls(schedule, end):
 @pytest.mark.parametrize("missing", [False, True])
 @every_preset
 def test_steps_without_a_slope_move_nothing(name, missing):
-    """AdamW's decay moves strokes without a slope, as its preset says; by so much a step and no more."""
+    """AdamW's decay moves strokes without a slope, by no more per step than its preset says."""
     chosen, steps = preset(name), 200
     catalogue = Catalogue(random_strokes(9, SIZE), chosen.units)
     optimizer = chosen.over(catalogue.parameters())

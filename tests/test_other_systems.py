@@ -1,10 +1,9 @@
-"""The program begins without what only Unix has."""
+"""Tests that the program starts without modules and functions that only Unix has."""
 
 import subprocess
 import sys
 
-# A process from which the names that Windows lacks are taken away. PyTorch comes first: its build for Windows does
-# without them.
+# A process without the names that Windows lacks, removed after PyTorch, whose build for Windows needs none of them.
 CODE = """
 import os, signal, sys
 import torch

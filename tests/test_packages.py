@@ -1,4 +1,4 @@
-"""The core runs what it ships; packages are whole, and use what a stranger's package may."""
+"""Tests that the core runs alone, and that packages are complete and use only the public interface."""
 
 import ast
 import json
@@ -26,7 +26,7 @@ from brushexp.system.words import conf_folders
 PACKAGES = {path.name: path for path in ROOT.glob("packages/*")}
 MODULES = {path.name for path in ROOT.glob("packages/*/brushexp_*")}
 SHARED = {"brushexp_studies", "brushexp_training", "brushexp_testing"}  # other packages may import these
-# The program as it is where none of the packages is installed, with one command line after another.
+# The program as if no package were installed, with several command lines in turn.
 ALONE = """
 import json
 import sys
@@ -58,7 +58,7 @@ SMALL = ["resolution=32", "steps=2", "frames=0", "report=false"]
 
 
 def imports_in(folder: Path) -> Iterator[tuple[Path, str]]:
-    """Files of a folder, and each name that they import, with its module."""
+    """List the files of a folder, with each imported name and its module."""
     for path in folder.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.ImportFrom):
@@ -97,7 +97,7 @@ def test_without_any_package_the_core_paints_its_looks_and_qualities_sweeps_and_
 
 
 def textbook_losses() -> list[str]:
-    """Losses of the core, but those that need another painting."""
+    """List the losses of the core that need no other painting."""
     return sorted(plugin.name for plugin in plugins("loss") if is_core(plugin) and plugin.name not in STYLES)
 
 
@@ -109,7 +109,7 @@ def is_core(plugin: Plugin) -> bool:
 
 
 def settings_of_packages() -> set[str]:
-    """What one types for things that only packages have, ``loss=sinkhorn``, and the names of their modules."""
+    """List settings that only packages provide, such as ``loss=sinkhorn``, and the names of their modules."""
     shipped, *others = conf_folders()
     names = {f"{plugin.family}={plugin.name}" for plugin in plugins() if not is_core(plugin)}
     names |= {f"{path.parent.name}={path.stem}" for folder in others for path in folder.glob("*/*.yaml")}
@@ -148,7 +148,7 @@ WORDS = {
     "films",
     "losses",
     "gpu",
-}  # that are also something of the core
+}  # words that also name parts of the core
 
 
 @pytest.mark.parametrize("package", PACKAGES)
@@ -170,17 +170,17 @@ def test_a_package_uses_only_the_face_of_the_core_and_is_whole(package):
             assert len([*inner.glob("*.py")]) <= MOST_MODULES, f"{inner} needs folders"
 
 
-MOST_MODULES = 16  # in a folder, with its ``__init__``
+MOST_MODULES = 16  # in a folder, including ``__init__``
 
 
 pytestmark = pytest.mark.slow
-LARGEST_WHEEL = 12e6  # bytes, most of them weights
+LARGEST_WHEEL = 12e6  # bytes, mostly weights
 LOOK = "# @package _global_\n# a look of one's own\nsteps: 4\nresolution: 40\nframes: 0\nrenderer:\n  taper: 0.5\n"
 
 
 @pytest.fixture(scope="module")
 def command(tmp_path_factory) -> Path:
-    """The command ``brushexp`` of a wheel made of this checkout; the libraries it needs are those of the tests."""
+    """Install a wheel of this checkout, and return its command ``brushexp``; its libraries are those of the tests."""
     folder = tmp_path_factory.mktemp("package")
     left_out = shutil.ignore_patterns(".*", "build", "outputs", "data", "__pycache__", "*.egg-info", "docs", "tests")
     shutil.copytree(ROOT, folder / "source", ignore=left_out)

@@ -1,4 +1,4 @@
-"""The painter goes through its stages until its goal is reached, and parts that are updated agree with the whole."""
+"""Tests that painters go through their stages until the goal, and that partial updates agree with the whole."""
 
 import itertools
 from copy import deepcopy
@@ -142,7 +142,7 @@ def test_a_line_search_may_look_anywhere():
 
 
 class Work:
-    """A painting without a picture, whose steps take as long as they are said to: ``cost(step)`` seconds."""
+    """A painting without a picture, whose steps take ``cost(step)`` seconds."""
 
     def __init__(self, *steps: int, cost=lambda step: 0.1, error: float = 0.1) -> None:
         self.schedule = Schedule(steps)
@@ -152,7 +152,7 @@ class Work:
         self.rates: list[float] = []
 
     def run(self, *goals: L.Callback, most: int = 10**5) -> "Work":
-        """Take steps as a painter would."""
+        """Take steps like a painter."""
         schedule = self.schedule
         schedule.start()
         for goal in goals:
@@ -208,10 +208,10 @@ def test_a_quality_ends_the_run_and_the_last_stage_gets_half_of_the_seconds(capl
     assert work.stop == Status.SECONDS_SPENT
     caplog.set_level("INFO")
     assert Work(40, error=0.1).run(Quality(10.5)).stop is None
-    assert "psnr=10.5 was not reached: the picture has 10.00 dB" in caplog.text
+    assert "psnr=10.5 was not reached; the picture has 10.00 dB" in caplog.text
     work = Work(40, error=0.1).run(Quality(9.5))
     assert (work.stop, work.schedule.step) == (Status.PSNR_REACHED, 1)
-    assert "psnr=9.5 is reached after" in caplog.text
+    assert "psnr=9.5 was reached after" in caplog.text
     assert Work(5, 5).run(Quality(0.0)).schedule.step == 6, "only the last stage reaches it"
 
 
@@ -325,7 +325,7 @@ def test_only_active_strokes_move_and_their_past_is_remembered_from_visit_to_vis
     for parameter in painter.catalogue.parameters():
         state = optimizer.state[parameter]
         assert state["exp_avg"].shape == parameter.shape
-        assert (state["exp_avg_sq"].reshape(60, -1).sum(1) > 0).float().mean() > 0.6  # some lie beside the canvas
+        assert (state["exp_avg_sq"].reshape(60, -1).sum(1) > 0).float().mean() > 0.6  # some lie outside the canvas
     assert painter.visits.min() >= 2
 
 
@@ -339,7 +339,7 @@ def test_a_part_is_what_it_would_be_in_the_whole_however_soft_strokes_are(soft):
     assert_close(painter.picture.memory.picture, whole, atol=1e-5, rtol=0)
 
 
-SEARCH = {"max_iter": 4, "line_search_fn": "strong_wolfe"}  # without one it is luck whether steps in parts help
+SEARCH = {"max_iter": 4, "line_search_fn": "strong_wolfe"}  # without it, it is luck whether partial steps help
 OPTIMIZERS = {"SGD": {"lr": 3.0}, "RMSprop": {}, "LBFGS": {"lr": 1.0, "options": SEARCH}, "Adafactor": {"lr": 0.01}}
 PARTS = {name: {"optimizer": TorchOptim(name=name, **options)} for name, options in OPTIMIZERS.items()}
 FEATURES = {"perceptual": Perceptual(), "kl": KullbackLeibler(), "mse": MeanSquaredError()}

@@ -1,4 +1,4 @@
-"""Files as cameras, phones, scanners and browsers leave them: colours, shapes, sizes, ends, authors."""
+"""Tests of files from cameras, phones, scanners and browsers: colours, pixel shapes, sizes, truncation, authors."""
 
 import io
 import logging
@@ -38,7 +38,7 @@ def levels(values: np.ndarray) -> np.ndarray:
 
 
 def expect(path: Path, light: np.ndarray = LINEAR, worst: float = 3.5) -> None:
-    """A file shows this light, but for the rounding of its own 8 bits, which dark colours multiply."""
+    """Assert that a file shows this light, up to the rounding of its 8 bits, which is larger for dark colours."""
     found = read_picture(path)
     found = found if found.dtype == np.uint8 else 255 * found
     assert np.abs(found - 255 * srgb(light)).mean() < 1.5
@@ -86,7 +86,7 @@ def test_srgb_of_exif_and_of_png_changes_no_bit(tmp_path):
     for extra in (usual, (named, linear), (chunk(b"cICP", bytes([1, 13, 0, 1])),)):
         (tmp_path / "same.png").write_bytes(png_with(numbers, *extra))
         assert np.array_equal(read_picture(tmp_path / "same.png"), numbers)
-    (tmp_path / "wide.png").write_bytes(png_with(numbers, wide, named))  # cICP counts before all others
+    (tmp_path / "wide.png").write_bytes(png_with(numbers, wide, named))  # cICP has priority
     assert not np.array_equal(read_picture(tmp_path / "wide.png"), numbers)
     Image.fromarray(numbers).save(tmp_path / "R98.png", exif=adobe_exif(1, "R98"))
     assert np.array_equal(read_picture(tmp_path / "R98.png"), numbers)
@@ -108,7 +108,7 @@ def test_colours_that_a_png_names_by_number_are_converted(tmp_path, numbers, ext
     (tmp_path / "a.png").write_bytes(png_with(levels(numbers), *extra))
     expect(tmp_path / "a.png", worst=16)  # 8 bits of light, or of PQ, are coarse in the dark
     deep = np.rint(65535 * numbers[..., :1]).astype(np.uint16)
-    if extra[0][4:8] == b"gAMA":  # grey of 16 bits keeps them
+    if extra[0][4:8] == b"gAMA":  # grey of 16 bits is more precise
         (tmp_path / "grey.png").write_bytes(deep_png(deep, extra[0]))
         exponent = 1e5 / struct.unpack(">I", extra[0][8:12])[0]
         if exponent < 2:
@@ -153,7 +153,7 @@ FULL = np.random.default_rng(1).integers(0, 256, (48, 64, 3), np.uint8)
 
 
 def raw(path: Path, sensor: str | None, sub: bool = True, version: bool = False) -> Path:
-    """A TIFF whose first page is a thumbnail, as raw photographs are."""
+    """Make a TIFF whose first page is a thumbnail, as in raw photographs."""
     tags = [(50706, "B", 4, bytes([1, 4, 0, 0]), True)] if version else []
     with tifffile.TiffWriter(path) as tiff:
         thumbnail = np.ascontiguousarray(FULL[::8, ::8])
@@ -251,7 +251,7 @@ def test_a_picture_of_too_many_pixels_is_read_at_a_part_of_its_size(tmp_path, mo
     PICTURE.check("image", str(path))
     for name in ("MOST_PIXELS", "MOST_WHOLE"):
         monkeypatch.setattr(f"brushexp.pictures.limits.{name}", 200_000)
-    os.utime(path, ns=(1, 1))  # sizes of files that stay as they are, are known
+    os.utime(path, ns=(1, 1))  # sizes of unchanged files are cached
     assert "give a smaller version" in refusal(path, 60)
 
 
@@ -347,7 +347,7 @@ def test_a_folder_has_all_that_is_read_and_tells_the_rest(tmp_path):
     ):
         assert any(words in line for line in lines), (words, lines)
     assert any("in such folders, image='" in line and "/*/*.jpg'" in line for line in lines)
-    assert any("gone.png left out: these links lead nowhere" in line for line in lines)
+    assert any("gone.png left out: these links are broken" in line for line in lines)
     assert len(lines) == 6
     for path in tmp_path.glob("*.[ajmTpq]*"):
         path.unlink()
@@ -381,14 +381,14 @@ def gif(byte: int) -> bytes:
 
 
 def with_pasp(wide: int, high: int) -> bytes:
-    """Say in an AVIF how wide and high its pixels are, in place of its bits per channel, which take as many bytes."""
+    """Declare the shape of pixels in an AVIF, in place of the bits per channel, which take equally many bytes."""
     whole = file_of(SMOOTH, "AVIF", quality=95, subsampling="4:4:4")
     at = whole.index(b"\0\0\0\x10pixi") + 4
     return whole[:at] + b"pasp" + struct.pack(">II", wide, high) + whole[at + 12 :]
 
 
 def with_resc(across: int, down: int) -> bytes:
-    """Say in a JPEG 2000 how many pixels a metre has, in the last box of its header."""
+    """Declare the pixels per metre of a JPEG 2000 in the last box of its header."""
     whole = file_of(SMOOTH, "JPEG2000")
     at = whole.index(b"jp2h") - 4
     (length,) = struct.unpack_from(">I", whole, at)
@@ -397,7 +397,7 @@ def with_resc(across: int, down: int) -> bytes:
 
 
 def psd(aspect: float) -> bytes:
-    """Write a picture of Photoshop: header, no palette, the resource that tells the aspect, no layers, planes."""
+    """Make a Photoshop file: header, no palette, a resource with the pixel aspect ratio, no layers, planes."""
     head = struct.pack(">4sH6xHIIHH", b"8BPS", 1, 3, TALL, BROAD, 8, 3)
     resource = struct.pack(">4sHHIId", b"8BIM", 1064, 0, 12, 1, aspect)
     planes = SMOOTH.transpose(2, 0, 1).tobytes()
@@ -517,7 +517,7 @@ def test_a_jpeg_that_lacks_a_few_bytes_is_painted_and_told_and_one_that_lacks_mu
         assert "is truncated and painted as it is" in caplog.text
         assert size_of_picture(str(path), "image") == whole.shape[:2]
         os.utime(path, ns=(fewer, fewer))
-    if not progressive:  # else the whole picture is there, only coarser
+    if not progressive:  # otherwise the whole picture exists, only coarser
         path.write_bytes(data[: len(data) * 6 // 10])
         assert "it is truncated: 4" in (message := refusal(path))
         assert "% of the picture is missing); get the whole file" in message

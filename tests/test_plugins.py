@@ -1,4 +1,4 @@
-"""The contract of each family, checked for every registered plugin and preset, yours included."""
+"""Tests of the contract of each family, for every registered plugin and preset, including yours."""
 
 import pytest
 from brushexp_testing import contract

@@ -1,4 +1,4 @@
-"""Presets of quality and named studies: all compose, and what you type wins over a study, a study over a preset."""
+"""Tests that presets of quality and studies compose, and that words override studies, and studies presets."""
 
 import re
 import shlex
@@ -24,7 +24,7 @@ def composed(*words: str, own=()):
 
 
 def listed(study: str) -> list[str]:
-    """Settings of a study, one a job."""
+    """List the settings of a study, one for each job."""
     return yaml_of(read_text(STUDIES[study], "")).get("hydra", {}).get("sweeper", {}).get("settings", [])
 
 
@@ -147,4 +147,4 @@ def test_a_study_composes_and_asks_a_question(study):
 @pytest.mark.parametrize("study", [study for study in STUDIES if len(listed(study)) > 1])
 def test_every_setting_of_a_list_is_valid(study):
     for setting in listed(study):
-        check(configured([f"experiment={study}", *shlex.split(setting)]))  # which builds the plugins, too
+        check(configured([f"experiment={study}", *shlex.split(setting)]))  # which also builds the plugins

@@ -1,7 +1,7 @@
-"""What holds of any scene, whatever its strokes: random ones, with degenerate ones among them.
+"""Tests of properties of any scene, with random and degenerate strokes.
 
-Where strokes and canvases have dyadic coordinates (multiples of 1/64 pixel) the same numbers reach the kernels after a
-shift of whole tiles, and the picture is the same to the bit.
+If strokes and canvases have dyadic coordinates (multiples of 1/64 pixel), kernels get the same numbers after a shift by
+whole tiles, so the picture is the same to the bit.
 """
 
 import os
@@ -27,7 +27,7 @@ from brushexp.strokes.catalogue import FIELDS, Strokes
 
 BACKGROUND = torch.tensor([0.25, 0.5, 0.875])
 ROUNDING = 3e-6  # of sums in single precision
-MOVED = 1e-4  # of coordinates, once strokes lie elsewhere on the canvas
+MOVED = 1e-4  # tolerance when coordinates are rounded elsewhere on the canvas
 BLENDS: dict[str, Blend] = {
     "dense": Dense(),
     "tiled": Tiled(),
@@ -58,7 +58,7 @@ class Scene:
 
 
 def degenerate(strokes: Strokes, i: int, kind: str) -> Strokes:
-    """Make stroke ``i`` one of ``KINDS``."""
+    """Turn stroke ``i`` into one of ``KINDS``."""
     fields: dict[str, dict[str, object]] = {
         "plain": {},
         "opaque": {"opacity": 1.0, "width": 0.5},
@@ -79,7 +79,7 @@ def degenerate(strokes: Strokes, i: int, kind: str) -> Strokes:
 
 @st.composite
 def scenes(draw: st.DrawFn, most: int = 10, bend: float = 0.15) -> Scene:
-    """Dyadic random scenes; no stroke is bent so much that two of its points may be equally near to a pixel."""
+    """Draw dyadic random scenes, with bends too small for two points of a stroke to be equally near to a pixel."""
     size = (draw(st.integers(1, 26)), draw(st.integers(1, 26)))
     kinds = draw(st.lists(st.sampled_from(KINDS), max_size=most))
     strokes = random_strokes(len(kinds), size, seed=draw(st.integers(0, 10_000)), bend=bend, width=(0.02, 0.4))
@@ -97,23 +97,23 @@ def assert_same(image: Tensor, expected: Tensor, exactly: bool, atol: float) -> 
 
 
 def slack(blend: str) -> float:
-    """Of a picture whose tiles end elsewhere."""
+    """Return the tolerance of a picture whose tiles lie elsewhere."""
     return MOVED + 2 * getattr(BLENDS[blend], "opaque", 0.0)
 
 
 def inserted(strokes: Strokes, place: int, other: Strokes) -> Strokes:
-    """The strokes with ``other`` at ``place`` in their order."""
+    """Insert ``other`` into strokes at a place in their order."""
     return Strokes.join(strokes[:place], other, strokes[place:])
 
 
-EXAMPLES = int(os.environ.get("BRUSHEXP_SCENES", "8"))  # hundreds search for more
+EXAMPLES = int(os.environ.get("BRUSHEXP_SCENES", "8"))  # use hundreds to search
 PROFILE = settings(max_examples=EXAMPLES, deadline=None, derandomize=True)
 over_blends = pytest.mark.parametrize("blend", BLENDS)
 over_renderers = pytest.mark.parametrize("renderer", RENDERERS)
 
 
 def over_all(**strategies):
-    """Random examples with every blend and every renderer."""
+    """Test random examples with every blend and every renderer."""
     return lambda test: over_renderers(over_blends(PROFILE(given(**strategies)(test))))
 
 
@@ -157,7 +157,7 @@ def test_strokes_that_do_not_meet_may_come_in_any_order(blend, renderer, seed, r
 
 @over_all(scene=scenes(), right=st.integers(0, 40), down=st.integers(0, 40), tiles=st.booleans())
 def test_a_shift_by_whole_pixels_shifts_the_picture(blend, renderer, scene, right, down, tiles):
-    """By multiples of eight pixels, exactly, in the compiled kernels; otherwise within 1e-4."""
+    """Exact for multiples of eight pixels in compiled kernels; otherwise within 1e-4."""
     right, down = (8 * (right // 8), 8 * (down // 8)) if tiles else (right, down)
     expected = scene.paint(blend, renderer)
     wide = replace(scene, size=(scene.size[0] + down, scene.size[1] + right))
@@ -175,7 +175,7 @@ def test_strokes_that_cannot_be_seen_change_nothing(blend, renderer, scene, plac
     other = random_strokes(1, scene.size, seed=seed)
     if kind == "far off":
         other = replace(other, position=torch.tensor([[1e6, -1e6]]))
-    elif kind == "beside":  # it begins a pixel and a half beyond the right edge
+    elif kind == "beside":  # starts a pixel and a half beyond the right edge
         other = straight((scene.size[1] + 3.0, 0.0), (scene.size[1] + 3.0, scene.size[0]), width=1.0)
     else:
         other = degenerate(other, 0, kind)
@@ -223,7 +223,7 @@ def test_bands_of_a_picture_are_the_picture(blend, renderer, scene, rows, tiles)
 @PROFILE
 @given(scene=scenes(), zoom=st.sampled_from([3, 5]))
 def test_a_larger_picture_shows_the_same_at_the_centres_of_the_old_pixels(blend, taper, scene, zoom):
-    """Pixel i of the small one has its centre where pixel zoom * i + zoom // 2 of the large one has it."""
+    """The centre of pixel i in the small picture is that of pixel zoom * i + zoom // 2 in the large one."""
     order, size = torch.arange(len(scene.strokes)), tuple(zoom * side for side in scene.size)
     expected = BLENDS[blend](Analytic(soft=1.5, taper=taper)(scene.strokes), order, scene.size, BACKGROUND).image
     layers = Analytic(soft=1.5 * zoom, taper=taper)(scene.strokes.moved(zoom=zoom))

@@ -1,4 +1,4 @@
-"""Every run records with what it was made, and tables say where their runs differ in it."""
+"""Tests that every run records its versions, and tables name the differences between runs."""
 
 import hashlib
 import json
@@ -37,7 +37,7 @@ def git(folder: Path, *words: str) -> str:
 
 @pytest.fixture
 def project(tmp_path, monkeypatch) -> Path:
-    """A repository with one commit, of a loss with a helper and of an order."""
+    """Make a repository with one commit of a loss, a helper and an order."""
     for name in ("GIT_DIR", "GIT_WORK_TREE", "GIT_INDEX_FILE"):  # of a hook that runs the tests
         monkeypatch.delenv(name, raising=False)
     folder = tmp_path / "a project"

@@ -1,4 +1,4 @@
-"""Registering a class makes it a typed Hydra choice; plugins are found in three kinds of places."""
+"""Tests that registered classes become typed choices of Hydra, and plugins are found in three kinds of places."""
 
 import logging
 import os
@@ -46,7 +46,7 @@ class Upside(Order):
 
 @pytest.fixture
 def clean(hydra_restore_singletons):
-    """Forget what a test registers."""
+    """Remove the plugins registered by a test."""
     before = set(plugin._members)
     yield
     for key in set(plugin._members) - before:
@@ -120,7 +120,7 @@ def test_a_broken_file_is_told_and_left_out_and_told_again_where_its_name_is_mis
     monkeypatch.setenv("BRUSHEXP_PLUGINS", "")
     found = run("loss=broken", "image=coffee", cwd=tmp_path, BRUSHEXP_PLUGINS=str(tmp_path))
     assert found.returncode == 1
-    assert re.search(rf"loss=broken is not there; choose one of .*{message}", found.stderr)
+    assert re.search(rf"loss=broken does not exist; choose one of .*{message}", found.stderr)
 
 
 def test_two_files_of_one_name_and_a_folder_that_is_not_there_stop_the_program(tmp_path, monkeypatch):
@@ -200,7 +200,7 @@ def broken_loss(name):
 
 @pytest.fixture
 def loaded(tmp_path, monkeypatch, clean):
-    """Write a plugin into a file and load it; forget it afterwards."""
+    """Write plugins to files and load them, until the end of the test."""
     monkeypatch.setenv("BRUSHEXP_PLUGINS", str(tmp_path))
 
     def load(text, name):
@@ -246,7 +246,7 @@ def test_what_a_plugin_does_wrong_is_told_with_its_name_and_file(loaded, family)
     loaded(text, f"bad_{family}")
     for name, (body, message) in zip(names, WRONG, strict=True):
         if (family, body) == ("density", "return None"):
-            continue  # no change is an answer
+            continue  # for density, None is valid: no change
         pattern = rf"^{family}={name} \(.*bad_{family}\.py(\): {method}|,) {message}.*correct the plugin"
         with pytest.raises(UserError, match=pattern) as error, naming_plugins():
             call(build_named(family, name, {}))
@@ -272,7 +272,7 @@ def test_a_plugin_that_fails_is_told_in_a_painting_and_where_one_goes_on_with_th
     loaded, tmp_path, run_task
 ):
     loaded(broken_loss("trips"), "trips")
-    works = {"trips": build_named("loss", "mse", {})}  # as it did when the run began
+    works = {"trips": build_named("loss", "mse", {})}  # so that the run starts without the failure
     fit(painter_of(n=4, steps=4, losses=works), max_steps=2).save_checkpoint(tmp_path / "c.ckpt")
     painter = painter_of(n=4, steps=4, losses={"trips": build_named("loss", "trips", {})})
     trainer = L.Trainer(**QUIET, callbacks=[RunRecord(OmegaConf.create({"task": "paint"}), tmp_path)])
@@ -378,7 +378,7 @@ PAINT = ("image=chelsea", "resolution=24", "strokes=9", "steps=1", "frames=0", "
 
 @pytest.fixture
 def unfinished(tmp_path):
-    """A folder with a plugin and a config on which somebody is at work."""
+    """Make a folder with an unfinished plugin and an unfinished config."""
     for name, text in (("plugins/zz.py", "def broken(:\n"), ("conf/look/half.yaml", "a: [\n")):
         (tmp_path / name).parent.mkdir(parents=True)
         (tmp_path / name).write_text(text)

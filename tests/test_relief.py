@@ -1,4 +1,4 @@
-"""The painting as an object: heights of the paint, and light on them."""
+"""Tests of paintings as relief: heights of the paint, and light on them."""
 
 import math
 from dataclasses import replace
@@ -35,7 +35,7 @@ def painted(strokes, size, *, renderer=RENDERERS["plain"], depth=None):
 
 
 def thick(n, size, **options):
-    """Random strokes that are wide enough for their bristles to be seen."""
+    """Make random strokes wide enough for visible bristles."""
     strokes = random_strokes(n, size, width=(0.2, 0.5), **options)
     return replace(strokes, opacity=0.3 + 0.7 * strokes.opacity)
 
@@ -61,7 +61,7 @@ def test_heights_are_those_of_strokes_laid_one_after_another_and_of_no_paint_whe
     assert computed.max() > 0
     np.testing.assert_allclose(computed, height.numpy(), atol=2e-4)
     strokes = Strokes.join(straight((2, 3), (14, 9), opacity=0.0), straight((2, 9), (14, 3), width=0.0))
-    strokes = strokes[:1] if name == "windows" else strokes  # a network draws no thinner ones than it knows
+    strokes = strokes[:1] if name == "windows" else strokes  # a network has a least width of strokes
     assert (painted(strokes, (12, 17), renderer=RENDERERS[name]).height() == 0).all()
 
 
@@ -134,7 +134,7 @@ def hills(height, width, *, roughness=1.0):
 
 
 def lit_grey(value, height, azimuth, elevation, gloss=0.0):
-    """A grey canvas of this height under a light, (H, W)."""
+    """Shade a grey canvas with these heights under a light, (H, W)."""
     color = np.full((3, *height.shape), value, np.float32)
     return shade_picture(color, normals_of(height), Light(azimuth, elevation, gloss=gloss))[0]
 
@@ -146,7 +146,7 @@ def test_a_flat_canvas_keeps_its_colours_and_slopes_shine_that_face_the_lamp():
             np.testing.assert_allclose(
                 shade_picture(color.astype(np.float32), normals, replace(light, gloss=gloss)), color, atol=1e-6
             )
-    ridge = np.tile(np.float32([0, 0, 1, 2, 2, 1, 0, 0]), (5, 1))  # rises to the right: faces left, in columns 1 to 3
+    ridge = np.tile(np.float32([0, 0, 1, 2, 2, 1, 0, 0]), (5, 1))  # faces left in columns 1 to 3
     lit = lit_grey(0.5, ridge, 270, 30)[2]
     assert lit[2] > 0.5 > lit[5]
     np.testing.assert_allclose(lit[[0, 7]], 0.5, atol=1e-6)
@@ -181,7 +181,7 @@ def test_no_light_leaves_the_range_of_colours(elevation):
     color = np.random.default_rng(1).random((3, 20, 30)).astype(np.float32)
     color[:, :5] = np.float32([0, 0.5, 1])[:, None, None]
     lit = shade_picture(color, normals_of(hills(20, 30, roughness=20)), Light(45, elevation, gloss=1.0))
-    assert 0 <= lit.min() <= lit.max() <= 1  # NaN is neither
+    assert 0 <= lit.min() <= lit.max() <= 1  # fails for nan
 
 
 @pytest.mark.parametrize("name", RENDERERS)

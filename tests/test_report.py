@@ -1,4 +1,4 @@
-"""The report of a sweep: results, tables, sheet, and its page in a real browser, whatever the runs did."""
+"""Tests of a sweep's report: results, tables, sheet, and its page in a real browser, whatever the runs did."""
 
 import json
 import logging
@@ -42,7 +42,7 @@ def fail(folder: Path, number: int, error: str = ERROR) -> None:
 
 
 def painted(folder: Path, axes: dict[str, list[str]]) -> None:
-    """A sweep whose run number k is a picture of grey 20 + k, after a target of grey 200."""
+    """Make a sweep whose run number k is a picture of grey 20 + k, with a target of grey 200."""
     make_grid(folder, axes)
     for run in folder.iterdir():
         write_picture(run / "target.png", np.full((24, 32, 3), 200, np.uint8))
@@ -59,7 +59,7 @@ def sheet(folder: Path) -> Path | None:
 
 
 def greys(path: Path) -> list[list[int]]:
-    """The grey levels of the pictures on a sheet, row by row."""
+    """List the grey levels of the pictures on a sheet, row by row."""
     rows: list[list[int]] = []
     for line in pixels_of(path)[..., 0]:
         starts = np.flatnonzero(np.diff(line, prepend=-1))
@@ -178,11 +178,11 @@ def test_every_target_stands_where_its_runs_are(tmp_path):
 
 
 def test_a_sheet_of_looks_has_a_row_for_each_picture_as_high_as_it_needs(tmp_path):
-    """Also of more pictures than looks, and though looks bring losses of their own."""
+    """Also covers more pictures than looks, and looks with losses of their own."""
     painted(tmp_path, {"look": ["oil", "ink"], "image": ["/d/a.png", "/d/b.png", "/d/c.png"]})
     for number in range(6):
         note(tmp_path, number, loss="mse" if number < 3 else "mse+width")
-    for number in (1, 4):  # the second picture is high, and its target another one
+    for number in (1, 4):  # the second picture is tall, and its target differs
         write_picture(tmp_path / str(number) / "target.png", np.full((32, 16, 3), 100, np.uint8))
         write_picture(tmp_path / str(number) / "painting.png", np.full((32, 16, 3), 20 + number, np.uint8))
     for number in (2, 5):
@@ -197,20 +197,20 @@ def test_renderers_have_their_metrics_and_their_pictures(tmp_path):
     metrics = {"l2": 0.0012345, "psnr_alpha": 24.318, "fid_effl0": 12.3456, "strokes_per_second": 512.4}
     for level, name in ((100, "analytic"), (101, "neural")):
         run = make_run(tmp_path, {"renderer": name}, picture="strokes.png", **metrics)
-        assert sheet(tmp_path) is None or name != "analytic"  # without a picture there is none
+        assert sheet(tmp_path) is None or name != "analytic"  # no sheet without a picture
         write_picture(run / "strokes.png", np.full((90, 900, 3), level, np.uint8))
     lines = tables(tmp_path)[1].splitlines()
     assert lines[2] == r"| run | renderer | status | l2 | psnr\_alpha | fid\_effl0 | strokes\_per\_second |"
     assert lines[4] == "| 0 | analytic | completed | 0.001234 | 24.32 | 12.35 | 512 |"
     assert "picture" not in read_csv(tmp_path / "table.csv")[0]
     pixels = pixels_of(sheet(tmp_path))[..., 0]
-    assert all((pixels == level).any(0).sum() > 790 for level in (100, 101))  # twice the room of a painting
+    assert all((pixels == level).any(0).sum() > 790 for level in (100, 101))  # twice the width of a painting
 
 
 def test_damaged_pictures_and_those_of_all_shapes_fit(tmp_path):
     for number, size in enumerate([(1, 1), (900, 30), (30, 900), (1, 2000), (500, 400)]):
         make_run(tmp_path, {"seed": str(number)}, target=200, color=20 + number, size=size)
-    make_run(tmp_path, {"seed": "9"}, status="interrupted")  # and one without a picture
+    make_run(tmp_path, {"seed": "9"}, status="interrupted")  # a run without a picture
     path = tmp_path / "4" / "painting.png"
     for share in (0.9, 0.5, 0.0):
         path.write_bytes(path.read_bytes()[: int(path.stat().st_size * share)])
@@ -227,7 +227,7 @@ def test_large_sheets_stay_within_bounds(count, long):
 
 
 def end_job(folder: Path, number: int, outcome: object, mode: str = "MULTIRUN") -> None:
-    """What Hydra does at the end of a job: the outcome is a dict of numbers, or an exception; the report is due."""
+    """Call what Hydra calls at the end of a job, with a dict of numbers or an exception; the report is due."""
     sweep_report._next_report = 0.0
     config = OmegaConf.create({"hydra": {"runtime": {"output_dir": str(folder / str(number))}, "mode": RunMode[mode]}})
     status = JobStatus.FAILED if isinstance(outcome, Exception) else JobStatus.COMPLETED
@@ -307,7 +307,7 @@ SETTINGS = [  # steps, loss, seconds, PSNR, SSIM
 
 
 def make_sweep(folder: Path) -> Path:
-    """Six finished runs, of which one has a page of its own, and one that failed."""
+    """Make six finished runs, one of them with a page of its own, and a failed run."""
     folder.mkdir()
     for k, (steps, loss, seconds, psnr, ssim) in enumerate(SETTINGS):
         numbers = {"seconds": seconds, "psnr": psnr, "ssim": ssim, "n_strokes": 24, "loss": loss}
@@ -329,7 +329,7 @@ def page_of(folder: Path) -> Path:
 
 
 def order(page) -> list[str]:
-    """The names of the shown runs, from the top."""
+    """List the names of the visible runs, from top to bottom."""
     return page.evaluate("[...document.querySelectorAll('#table tr:not([hidden]) .name')].map(e => e.dataset.sort)")
 
 
@@ -342,13 +342,13 @@ def test_the_table_sorts_filters_and_shows_what_was_typed_as_text(sweep, opened)
     page = watched.page
     head = page.locator("#table th", has_text="PSNR")
     head.get_by_role("button").click()
-    assert order(page) == ["2", "5", "0", "3", "1", "4", "6"]  # the better first; no number last
+    assert order(page) == ["2", "5", "0", "3", "1", "4", "6"]  # best first; missing numbers last
     assert head.get_attribute("aria-sort") == "descending"
     head.get_by_role("button").press("Enter")
     assert order(page) == ["4", "1", "3", "0", "5", "2", "6"]
     assert head.get_attribute("aria-sort") == "ascending"
     page.locator("#table th", has_text="steps").get_by_role("button").click()
-    assert order(page) == ["4", "1", "3", "0", "5", "2", "6"]  # 30, 100, 1500; alike ones stay as they were
+    assert order(page) == ["4", "1", "3", "0", "5", "2", "6"]  # 30, 100, 1500; ties keep their order
     assert head.get_attribute("aria-sort") == "none"
     page.locator("[popovertarget]", has_text="steps").press("Enter")
     page.get_by_label("100", exact=True).check()
@@ -393,7 +393,7 @@ def test_runs_are_compared_and_settings_pointed_at(sweep, opened):
     assert page.locator("#curves .hot").count() == 1
     page.keyboard.press("End")
     assert label.text_content() == "steps=1500 loss=ssim"
-    page.locator("#points [data-group='2']").hover()  # what was walked to stays, until a click
+    page.locator("#points [data-group='2']").hover()  # the keyboard's choice stays until a click
     assert label.text_content() == "steps=1500 loss=ssim"
     page.locator("#points [data-group='2']").click()
     assert page.locator("#pointed-report").get_attribute("href") == "2/report.html"
@@ -405,7 +405,7 @@ def test_runs_are_compared_and_settings_pointed_at(sweep, opened):
     assert page.get_by_label("Search in runs").input_value() == "brushexp steps=1500 loss=mse"
     page.get_by_role("button", name="Clear").click()
     assert page.get_by_label("Compare run 6", exact=True).is_disabled()  # it has no picture
-    page.get_by_label("Compare run 2", exact=True).click()  # a second click lets go
+    page.get_by_label("Compare run 2", exact=True).click()  # a second click deselects the run
     for name in ("1", "1", "2", "4"):
         page.get_by_label(f"Compare run {name}", exact=True).click()
     for k, name in enumerate(("2", "4")):
@@ -420,7 +420,7 @@ def test_runs_are_compared_and_settings_pointed_at(sweep, opened):
     page.keyboard.press("Escape")
     assert not page.locator("#beside").is_visible()
     assert page.locator(".choose :checked").count() == 0
-    page.locator("tr[data-row='3'] .picture").click()  # beside its target
+    page.locator("tr[data-row='3'] .picture").click()  # next to its target
     assert page.evaluate("[left.value, right.value]") == ["target 0", "run 3"]
     assert page.locator("#beside .wipe-label").nth(1).text_content() == "run 3: steps=100 loss=ssim"
     page.keyboard.press("Escape")
@@ -443,7 +443,7 @@ def test_the_page_fits_asks_nothing_and_complains_of_nothing(sweep, opened):
         page.locator("tr[data-row='0'] .picture").click()
         assert not watched.evaluate(too_wide)
         page.keyboard.press("Escape")
-    page.locator("#table th", has_text="PSNR").get_by_role("button").click()  # narrow pages show cards that sort
+    page.locator("#table th", has_text="PSNR").get_by_role("button").click()  # narrow pages show sortable cards
     assert order(watched.page)[:2] == ["2", "5"]
     boxes = [page.locator(f"tr[data-row='{k}']").bounding_box() for k in (2, 5)]
     assert boxes[0]["x"] == boxes[1]["x"]
@@ -485,7 +485,7 @@ def test_many_settings_have_one_column_and_links_lead_from_where_the_page_is(tmp
         make_run(tmp_path, chosen, psnr=20.0 + k, seconds=1.0)
     html = page_of(tmp_path).read_text()
     assert '<td role="cell" class="settings"><code>axis0=0</code>' in html
-    assert "<td>axis0=1 axis1=2 axis2=3 axis3=4 axis4=5</td>" in html  # of the means
+    assert "<td>axis0=1 axis1=2 axis2=3 axis3=4 axis4=5</td>" in html  # in the table of means
     make_sweep(tmp_path / "sweep?")
     (tmp_path / "comparison").mkdir()
     html = sweep_page(tmp_path / "comparison", gather([tmp_path / "sweep?"], tmp_path / "comparison"))
@@ -544,7 +544,7 @@ def test_pictures_are_encoded_once(tmp_path):
     assert (first["width"], first["height"]) == (640, 91)
     assert thumbnail(tmp_path / "a.png", 640) is first
     write_picture(tmp_path / "a.png", np.zeros((100, 80, 3), np.uint8))
-    assert thumbnail(tmp_path / "a.png", 640)["width"] == 80  # made anew, and not enlarged
+    assert thumbnail(tmp_path / "a.png", 640)["width"] == 80  # made again, without enlarging
     assert _thumbnail.cache_info().misses == 2
     assert thumbnail(tmp_path / "none.png", 640) is None
     (tmp_path / "bad.png").write_bytes(b"no picture")

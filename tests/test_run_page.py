@@ -1,4 +1,4 @@
-"""The page of a run: what is in it, and that it works in a real browser."""
+"""Tests of a run's page: its contents, and its behaviour in a real browser."""
 
 import base64
 import io
@@ -72,7 +72,7 @@ def page_from(folder: Path) -> Path:
 
 
 def run_in(folder: Path, *, image: str = "astronaut", overrides: tuple[str, ...] = ("steps=30",)) -> Path:
-    """What a run leaves, without the run."""
+    """Write the files of a run without painting."""
     saved = saved_with(COUNT)
     saved = replace(saved, config=saved.config.replace("astronaut", json.dumps(image)))
     painting = export_job(saved).picture()
@@ -116,7 +116,7 @@ def run(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def visited(run, opened):
-    """The page of the run, with all of it once in view."""
+    """Open the page of the run after scrolling through all of it."""
     watched = opened(run / "report.html")
     see(watched, "#light")
     watched.page.wait_for_selector("#light-stage[data-ready]")
@@ -130,13 +130,13 @@ def see(watched, selector: str) -> None:
 
 
 def idle(watched, count: int | None = None) -> None:
-    """Wait until all strokes, or so many, are laid."""
+    """Wait until all strokes, or ``count`` of them, are painted."""
     state = "" if count is None else f"[data-shown='{count}']"
     watched.page.wait_for_selector(f"#replay-stage[data-live=yes][data-busy=false]{state}")
 
 
 def slide(watched, selector: str, value: float) -> None:
-    """Move a slider, as a pointer would."""
+    """Move a slider like a pointer."""
     move = """([selector, value]) => {
       const input = document.querySelector(selector);
       input.value = value;
@@ -156,12 +156,12 @@ def decoded(uri: str) -> np.ndarray:
 
 
 def pixels_in(watched, selector: str = ".replay-paint") -> np.ndarray:
-    """Pixels of a canvas."""
+    """Return the pixels of a canvas."""
     return decoded(watched.evaluate("selector => document.querySelector(selector).toDataURL()", selector))
 
 
 def point(watched, selector: str, x: float, y: float) -> None:
-    """Point at a place of a picture, shares of its width and height."""
+    """Point at a place in a picture, given in shares of its width and height."""
     box = watched.page.locator(selector).bounding_box()
     watched.page.mouse.move(box["x"] + x * box["width"], box["y"] + y * box["height"])
 
@@ -181,7 +181,7 @@ def test_a_page_shows_all_that_a_run_has_left_and_asks_nothing_of_any_other_plac
     )
     assert not re.search(r"(src|href)=[\"']?(https?:)?//", html)
     assert not re.search(r"<[^>]* (style|on\w+)=", re.sub(r"<script.*?</script>", "", html, flags=re.S))
-    menu = re.findall(r'href="#([\w-]+)">([^<]+)</a>', html)[1:]  # the first one skips to the content
+    menu = re.findall(r'href="#([\w-]+)">([^<]+)</a>', html)[1:]  # the first link skips to the content
     assert [part for part, _ in menu] == ["replay", "light", "files", "measured", "settings"]
     for part, word in menu:
         assert f'id="{part}"' in html
@@ -264,7 +264,7 @@ def test_damaged_files_are_left_out(tmp_path, caplog):
         assert "painting.png is left out" in caplog.text
         caplog.clear()
     path = folder / "curves" / "metrics.csv"
-    path.write_bytes(b"step,psnr\n1,20,30\n2\n3,x\n")  # too many, too few, no number
+    path.write_bytes(b"step,psnr\n1,20,30\n2\n3,x\n")  # too many, too few, not a number
     result = read_curves(path)
     assert result["step"] == [1, 2, 3]
     assert_array_equal(result["psnr"], [20, math.nan, math.nan])
@@ -290,7 +290,7 @@ def test_packed_strokes_are_the_strokes_and_those_far_away_do_not_coarsen_the_ot
     assert_allclose(result["widening"][:, 0], saved.strokes.widening.numpy()[order], atol=1e-4)
     assert_allclose(result["drift"], drift_of(saved.strokes).numpy()[order], atol=1e-4)
     assert_allclose(result["paint"], saved.strokes.color.numpy()[order], atol=1e-4)
-    assert_allclose(result["layer"][:, 0].round(3).sum(), 200 - 1, atol=2)  # 0, 1 and 2 are thirds
+    assert_allclose(result["layer"][:, 0].round(3).sum(), 200 - 1, atol=2)  # a third each of 0, 1 and 2
     saved.strokes.position[0], saved.strokes.width[1] = 1e6, 1e3
     packed = replay_of(export_job(saved), measure_strokes(saved.strokes, saved.depth, saved.size))
     highest = {name: high for name, _, _, high in packed["columns"]}
@@ -394,7 +394,7 @@ def test_a_visitor_compares_the_painting_with_its_target_and_reads_the_charts(vi
 )
 def test_the_replay_ends_as_the_painting_and_its_lamp_goes_on_at_the_end(renderer, taper, worst, opened, tmp_path):
     saved = saved_with(200, (300, 400), taper=taper, renderer=renderer)
-    width = torch.where(torch.arange(200) % 4 == 0, 0.008, saved.strokes.width)  # thin ones fade
+    width = torch.where(torch.arange(200) % 4 == 0, 0.008, saved.strokes.width)  # thin strokes fade
     saved = replace(saved, strokes=replace(saved.strokes, scale=4 * saved.strokes.scale, width=width))
     lamp = Light(depth=1.5) if renderer == "textured" else Light()
     saved = replace(saved, config="light: {depth: 1.5}" if lamp.depth else saved.config)
@@ -402,7 +402,7 @@ def test_the_replay_ends_as_the_painting_and_its_lamp_goes_on_at_the_end(rendere
     flat, painting = replace(job, light=Light()).picture(), job.picture()
     pictures = {"flat": flat, "painting": painting} if lamp.depth else {}
     write_text(tmp_path / "report.html", page_of(saved, **pictures))
-    watched = opened(tmp_path / "report.html", (1440, round(300 / 0.64)))  # a pixel of the page is one of the painting
+    watched = opened(tmp_path / "report.html", (1440, round(300 / 0.64)))  # one pixel of the page per painted pixel
     see(watched, "#replay")
     idle(watched)
     assert abs(pixels_in(watched).shape[0] - 300) <= 1
@@ -421,7 +421,7 @@ def test_the_replay_ends_as_the_painting_and_its_lamp_goes_on_at_the_end(rendere
 
 def test_a_visitor_replays_strokes_back_and_forth_and_leaves_layers_out(visited):
     pictures = {}
-    for count in (120, 299, 121, 120, 0, 299):  # the last from a key frame
+    for count in (120, 299, 121, 120, 0, 299):  # the last starts from a key frame
         scrub(visited, count)
         picture = pixels_in(visited)
         assert_array_equal(picture, pictures.setdefault(count, picture))
@@ -462,7 +462,7 @@ def test_a_visitor_replays_strokes_back_and_forth_and_leaves_layers_out(visited)
 
 
 def oracle(saved: Saved, points: np.ndarray) -> list[int | None]:
-    """The uppermost stroke at each point; None where rounding may decide."""
+    """Find the top stroke at each point; None where rounding may decide."""
     curve, half = curve_of(saved.strokes), half_width_of(saved.strokes)
     place = torch.as_tensor(points, dtype=torch.float32)[None].expand(len(half), -1, -1)
     t = closest_parameter(curve[:, None], place)
@@ -574,7 +574,7 @@ def test_it_fits_every_screen_can_be_read_and_printed(visited, opened, tmp_path)
     toggle = page.get_by_role("button", name="Dark colours")
     toggle.click()
     assert visited.evaluate(paper) != dark
-    toggle.click()  # dark is chosen now, and not only the system's
+    toggle.click()  # dark is now chosen explicitly, not only by the system
     assert (visited.evaluate(paper), toggle.get_attribute("aria-pressed")) == (dark, "true")
     page.click("[data-copy]")
     page.wait_for_selector("[data-copy]:has-text('Copied')")

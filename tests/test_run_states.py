@@ -1,8 +1,8 @@
-"""Runs that are started, killed, interrupted, resumed and moved in any order: nothing is lost, and nothing lies.
+"""Tests that runs started, killed, interrupted, resumed and moved in any order lose nothing and report the truth.
 
-``BRUSHEXP_STATES=30 pytest tests/test_run_states.py`` tries so many histories of each kind of run; a default run three,
-of which the first is empty. All runs of a kind that come to their end have the same bits. A sweep is killed at every
-seventh of its files, or at each with ``BRUSHEXP_KILLS=all``.
+``BRUSHEXP_STATES=30 pytest tests/test_run_states.py`` tries 30 histories of each kind of run; the default is three, the
+first of them empty. All completed runs of a kind have the same bits. A sweep is killed at every seventh of its files,
+or at each with ``BRUSHEXP_KILLS=all``.
 """
 
 import json
@@ -42,10 +42,10 @@ STEPS, FRAMES = 8, 3
 SETTINGS = ["threads=1", "checkpoint_every=0"]
 PICTURE = [*SETTINGS, "image=photo.png", "resolution=24", "report=false", "frames=2", "timelapse=gif", f"steps={STEPS}"]
 TRAIN = [*SETTINGS, "task=train", "batch_size=8"]
-WAYS = {  # what is typed
+WAYS = {  # words of the commands
     "gradient": [*PICTURE, "strokes=9"],
     "oil": [*PICTURE, "look=oil", "strokes=30"],
-    "hertzmann": [*PICTURE, "painter=hertzmann", "strokes=30"],  # which has no checkpoints
+    "hertzmann": [*PICTURE, "painter=hertzmann", "strokes=30"],  # has no checkpoints
     "film": [*SETTINGS, "image=clip.mp4", "resolution=24", "report=false", "strokes=30", "steps=3", "film.steps=2"],
     "training": [
         *(*TRAIN, "epochs=3", "minutes=null", "limit=64", "fid=0", "critic=true", "critic_width=4"),
@@ -53,9 +53,9 @@ WAYS = {  # what is typed
     ],
     "discriminator": [*SETTINGS, "task=train_discriminator", "batch_size=8", "trainer.max_steps=20", "epochs=null"],
 }
-ENDS = {"gradient": STEPS, "oil": STEPS, "film": FRAMES}  # what a whole run has done; others count as they like
+ENDS = {"gradient": STEPS, "oil": STEPS, "film": FRAMES}  # progress of a complete run; others have their own counts
 WEIGHTS = {"training": "neural.safetensors", "discriminator": "discriminator.safetensors"}
-FILES = {  # of a run, before or after whose writing it is killed
+FILES = {  # files of a run, before or after which it is killed
     "film": ("checkpoint.ckpt", "000000.h5", "000001.h5", "film.mp4", "preview.png", "metrics.json"),
     "training": ("checkpoint.ckpt", "neural.safetensors", "neural.json", "validation.png", "metrics.json"),
     "discriminator": ("checkpoint.ckpt", "discriminator.safetensors", "discriminator.json", "metrics.json"),
@@ -65,10 +65,10 @@ NAMES = ["a", "b"]
 
 
 class Runs(RuleBasedStateMachine):
-    """Two folders for runs, a picture, and a note of the user's own in each folder; what is expected is kept beside."""
+    """Two folders with runs, a picture, and notes of the user's own, along with the expected state."""
 
-    whole: ClassVar = {}  # kind and target -> the bits that every whole run has, killed or not
-    begun: ClassVar[list[str]] = []  # words of the runs, of all histories
+    whole: ClassVar = {}  # kind and target -> the bits of every complete run, killed or not
+    begun: ClassVar[list[str]] = []  # words of the runs in all histories
 
     def __init__(self, way: str, strokes: Path) -> None:
         super().__init__()
@@ -93,7 +93,7 @@ class Runs(RuleBasedStateMachine):
         shutil.rmtree(self.place, ignore_errors=True)
 
     def step_of(self, name):
-        """The step that the checkpoint of a folder goes on from; None without one."""
+        """Return the step from which the checkpoint of a folder continues; None without a checkpoint."""
         path = self.place / name / "checkpoint.ckpt"
         if not path.exists():
             return None
@@ -158,7 +158,7 @@ class Runs(RuleBasedStateMachine):
 
     @rule()
     def move(self):
-        """The folders change their names."""
+        """Rename the folders."""
         for old, new in (("a", "c"), ("b", "a"), ("c", "b")):
             if (self.place / old).exists():
                 (self.place / old).rename(self.place / new)
@@ -171,7 +171,7 @@ class Runs(RuleBasedStateMachine):
             self.notes.add(name)
 
     def check_end(self, name, code, output, kill):
-        """A run that could begin has ended as it should have."""
+        """Assert that a run that could start has ended correctly."""
         folder = self.place / name
         assert "Traceback" not in output, output
         if kill is not None and code == -signal.SIGKILL:
@@ -222,7 +222,7 @@ def files_of(folder: Path) -> dict[str, bytes]:
 
 @pytest.fixture(scope="module")
 def strokes(tmp_path_factory) -> Path:
-    """A set of strokes to learn from."""
+    """Simulate a set of strokes for training."""
     folder = tmp_path_factory.mktemp("set").resolve()
     code, output = ended(folder, "task=simulate", "engine=disc", "engine.window=64", "threads=1", "n=160", "output=set")
     assert code == 0, output
@@ -246,7 +246,7 @@ MOVED = [(f"{job}/{name}", 1, after) for job in (0, 1) for name in OF_PAINTINGS[
 
 
 def kills_of_a_sweep():
-    """Those that are tried, each with a signal and the exit code that it gives: at least the first and the last."""
+    """List the kills to try, each with a signal and the resulting exit code, including the first and the last."""
     kills = MOVED if os.environ.get("BRUSHEXP_KILLS") == "all" else [*MOVED[:-1:7], MOVED[-1]]
     signals = ((signal.SIGTERM, 128 + signal.SIGTERM), (signal.SIGKILL, -signal.SIGKILL))
     return [(kill, *signals[number % 2]) for number, kill in enumerate(kills)]

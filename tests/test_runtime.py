@@ -1,4 +1,4 @@
-"""What one library or job does must not change what another was told, and files are written whole or not at all."""
+"""Tests that libraries and jobs do not change each other's settings, and that files are written completely or not."""
 
 import importlib
 import json
@@ -62,7 +62,7 @@ if __name__ == "__main__":
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere libraries do not survive a fork")
 def test_kernels_are_loaded_at_their_first_call_and_a_fork_paints_after_a_painting():
     subprocess.run([sys.executable, "-c", SCRIPT], check=True)
-    for usual in ("1", "2"):  # threads where nobody says how many
+    for usual in ("1", "2"):  # default number of threads
         environment = os.environ | {"OMP_NUM_THREADS": usual}
         subprocess.run([sys.executable, "-c", FORKS], check=True, env=environment)
 
@@ -118,7 +118,7 @@ def test_an_interruption_that_a_callback_loses_comes_again(monkeypatch):
     with pytest.raises(KeyboardInterrupt), explaining_to_users(OmegaConf.create()):  # noqa: PT012
         Lost(KeyboardInterrupt())
         raise RuntimeError("no compiled object yet")
-    time.sleep(2 * runtime.MOMENT)  # it is not raised a second time
+    time.sleep(2 * runtime.MOMENT)  # it is not raised again
 
 
 def test_the_peak_of_a_job_is_not_that_of_one_before_it():
@@ -150,7 +150,7 @@ def write_old(path: Path) -> Path:
 
 @pytest.fixture
 def full_disk():
-    """No file of this process may become larger than 10 kB."""
+    """Limit the files of this process to 10 kB."""
     resource = pytest.importorskip("resource")  # not on Windows
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, before[1]))

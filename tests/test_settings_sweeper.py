@@ -1,4 +1,4 @@
-"""A sweep over a list of settings: each is a job of its own, and all are checked before the first starts."""
+"""Tests of sweeps over a list of settings: each is a separate job, and all are checked before the first starts."""
 
 from itertools import product
 from types import SimpleNamespace
@@ -20,11 +20,11 @@ from brushexp.runs.run_folder import check_place
 from brushexp.runs.sweep_jobs import check_jobs, moved
 from brushexp.system.words import SHIPPED, conf_folders
 
-FOUND = search_path(conf_folders())  # by which Hydra finds the configs of packages
+FOUND = search_path(conf_folders())  # lets Hydra find the configs of packages
 
 
 def jobs(settings, arguments=(), pictures=()):
-    """The overrides of every job, which are checked."""
+    """Return the overrides of every job, after checking them."""
     with initialize_config_dir(version_base="1.3", config_dir=str(SHIPPED)):
         loader = GlobalHydra.instance().config_loader()
         kind = Plugins.instance().class_name_to_class["hydra_plugins.brushexp_settings.SettingsSweeper"]
@@ -66,7 +66,7 @@ def test_words_for_changes_of_a_painting_are_words_of_settings_too_and_join_thos
 
 @pytest.mark.usefixtures("hydra_restore_singletons")
 def test_a_process_of_a_parallel_sweep_knows_lists_of_settings():
-    Singleton.set_state(Singleton.get_state())  # what launchers do there: Hydra publishes its sweepers anew
+    Singleton.set_state(Singleton.get_state())  # as launchers do in their processes: Hydra publishes its sweepers again
     with initialize_config_dir(version_base="1.3", config_dir=str(SHIPPED)):
         cfg = compose("config", overrides=["experiment=speed_accuracy", *FOUND], return_hydra_config=True)
     assert len(cfg.hydra.sweeper.settings) > 2

@@ -1,4 +1,4 @@
-"""A catalogue keeps its strokes in range and comes back from disk as it was; a damaged one is refused in words."""
+"""Tests that a catalogue keeps its strokes in range, is read back unchanged, and is refused in words if damaged."""
 
 import math
 import re

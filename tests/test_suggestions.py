@@ -1,4 +1,4 @@
-"""The line ``next:`` after a painting: what it proposes, and that it does not spoil the painting."""
+"""Tests of the line ``next:`` after a painting: its proposals, and that they do not spoil the painting."""
 
 from pathlib import Path
 

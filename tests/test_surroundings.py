@@ -1,4 +1,4 @@
-"""What Python's functions return is the same whatever the program around has set for PyTorch."""
+"""Tests that Python's functions return the same results under any global settings of PyTorch."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""The program as users start it, of one picture or a folder: what it writes, how it resumes, how it refuses."""
+"""Tests of the program as started by users, with one picture or a folder: its files, resuming and refusals."""
 
 import json
 import math
@@ -39,7 +39,7 @@ SMALL = ["look=plain", "image=chelsea", "resolution=48", "steps=30", "threads=1"
 
 
 def typed(*overrides: str, cwd: Path, code: int = 0, **environment: str) -> subprocess.CompletedProcess:
-    """Start the program as a user does, with all of its imports; the other tests fork it."""
+    """Start the program like a user, including its imports; the other tests fork it."""
     command = [sys.executable, "-W", "ignore::FutureWarning", "-m", "brushexp", *overrides]
     env = {**os.environ, "BRUSHEXP_PLUGINS": str(ROOT / "plugins"), **environment}
     done = subprocess.run(command, check=False, env=env, capture_output=True, text=True, cwd=cwd, timeout=280)
@@ -53,7 +53,7 @@ def metrics_of(folder: Path) -> dict:
 
 @pytest.fixture(scope="module")
 def painted(tmp_path_factory) -> Path:
-    """Folder of a small finished run."""
+    """Paint a small run, and return its folder."""
     folder = tmp_path_factory.mktemp("painted") / "run"
     done = typed(*SMALL, f"output={folder}", cwd=folder.parent)
     log = (folder / "run.log").read_text()
@@ -104,7 +104,7 @@ def test_a_saved_catalogue_renders_to_the_painting_larger_too_and_painting_goes_
 
 @pytest.fixture(scope="module")
 def windowed(tmp_path_factory) -> dict[str, str]:
-    """Environment in which renderer=windowed, a patch renderer, can be chosen."""
+    """Return an environment in which renderer=windowed, a patch renderer, can be chosen."""
     folder = tmp_path_factory.mktemp("plugins")
     code = ["from scenes import Windowed", "from brushexp.registry import register"]
     code += ['register("renderer", "windowed")(Windowed)']
@@ -172,7 +172,7 @@ def test_a_run_builds_a_plugin_once_and_a_sweep_once_more_for_its_check(tmp_path
 
 
 def test_a_sweep_on_several_cores_ends_in_one_table_and_one_sheet(tmp_path):
-    """By workers that are no forks; sweeps of forks are painted below."""
+    """With workers that are not forks; sweeps with forks are tested below."""
     pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
     (tmp_path / "plugins").mkdir()
     (tmp_path / "plugins" / "shy.py").write_text(SHY)
@@ -200,7 +200,10 @@ def test_help_is_one_page_that_leads_to_everything_and_a_mistake_ends_a_run_in_o
     for name in ("slic", "analytic", "tiled", "topk", "accuracy", "perceptual", "adam", "lbfgs", "scatter", "edges"):
         assert any(line.startswith(f"{name} ") for line in every), name
     assert any(line.startswith("Sample pictures: astronaut, ") for line in every)
-    assert "  options of renderer=neural, and their values now" in run("renderer=neural", "--help", cwd=tmp_path).stdout
+    assert (
+        "  options of renderer=neural, and their current values"
+        in run("renderer=neural", "--help", cwd=tmp_path).stdout
+    )
     topics = {topic: run(f"--help={topic}", cwd=tmp_path).stdout for topic in ("tasks", "research")}
     for name, task in TASKS.items():
         assert [f"\n  {name} " in text for text in topics.values()] == [not task.is_research, task.is_research], name
@@ -234,7 +237,7 @@ QUICK = ("look=plain", "steps=2", "frames=0", "report=false", "logger=[]")
 
 
 def photos(folder: Path) -> Path:
-    """Three pictures, of which one is none, and a file of another kind."""
+    """Make a folder of three pictures, one of them invalid, and a file of another kind."""
     folder.mkdir()
     for k, name in enumerate(("a b,c.png", "second.jpg")):
         Image.new("RGB", (24 + k, 16), (90 * k, 40, 200)).save(folder / name)
@@ -244,7 +247,7 @@ def photos(folder: Path) -> Path:
 
 
 def test_all_pictures_are_painted_and_the_same_command_goes_on(tmp_path):
-    """First one after another, then in two processes."""
+    """First one by one, then in two processes."""
     name = "my \\${photos}"
     photos(tmp_path / name)
     code, output = ended(tmp_path, f"image={name}", "jobs=1", *QUICK)
@@ -260,7 +263,7 @@ def test_all_pictures_are_painted_and_the_same_command_goes_on(tmp_path):
     assert (folder / "table.md").exists()
     assert (folder / "sheet.png").exists()
     before = (folder / "second" / "painting.png").stat().st_mtime_ns
-    Image.new("RGB", (24, 16)).save(tmp_path / name / "broken.jpg")  # mended, and a new one beside it
+    Image.new("RGB", (24, 16)).save(tmp_path / name / "broken.jpg")  # repaired, and a new picture added
     Image.new("RGB", (9, 16)).save(tmp_path / name / "new.png")
     code, output = ended(tmp_path, f"image={name}", "jobs=2", *QUICK)
     assert code == 0, output
@@ -300,7 +303,7 @@ DEAF = """try:
 
 @pytest.fixture
 def own_init(tmp_path):
-    """Write a plugin, init=own, that does something before it places strokes."""
+    """Write a plugin, init=own, that runs some code before it places strokes."""
     (tmp_path / "plugins").mkdir()
     return lambda code: (tmp_path / "plugins" / "own.py").write_text(PLUGIN.format(code))
 
@@ -360,7 +363,7 @@ def test_the_words_of_a_folder(tmp_path, monkeypatch):
     )
     assert as_sweep(["image=astronaut"], False) == ["image=astronaut"]
     assert as_sweep(["image=p/[a-z ,]*.png"], False)[1] == "output=outputs/p"
-    for name in (r"a\b", "a'b", 'a"b'):  # any name reaches the program as it is
+    for name in (r"a\b", "a'b", 'a"b'):  # any name reaches the program unchanged
         photos(tmp_path / name)
         (named,) = (word for word in as_sweep([f"image={name}"], False) if word.startswith("hydra.sweeper.pictures="))
         assert parse_value(named.partition("=")[2]) == [name]
@@ -380,7 +383,7 @@ def test_sets_folders_and_single_pictures_stand_for_pictures(tmp_path, monkeypat
     assert [Path(one).name for one in pictures_named("p", folders)] == ["a b,c.png", "broken.jpg", "second.jpg"]
     assert all_pictures(["mine", "camera", "coffee"], folders) == ["camera", str(own / "red.png"), "coffee"]
     (own / "sealed.yaml").write_text(f"- conf/pictures/red.png: {digest_of(own / 'red.png')}\n- camera\n")
-    assert pictures_named("sealed", folders) == ["conf/pictures/red.png", "camera"]  # from the current folder
+    assert pictures_named("sealed", folders) == ["conf/pictures/red.png", "camera"]  # relative to the current folder
     Image.new("RGB", (9, 17)).save(own / "red.png")
     words = r"pictures=sealed: conf/pictures/red.png is not the file that .*SHA-256 is"
     refuses(words, pictures_named, "sealed", folders)

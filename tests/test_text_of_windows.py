@@ -1,4 +1,4 @@
-"""Text is read as any system writes it: with a byte order mark, in UTF-16, with lines that end in other ways."""
+"""Tests that text from any system is read: with a byte order mark, in UTF-16, and with other line ends."""
 
 import codecs
 from pathlib import Path

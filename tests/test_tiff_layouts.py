@@ -1,4 +1,4 @@
-"""TIFF files are read as libtiff reads them, whatever their layout, and refused by what they need."""
+"""Tests that TIFF files of any layout are read as libtiff reads them, or refused with what they would need."""
 
 import itertools
 import logging
@@ -42,13 +42,13 @@ LEVEL = 1 / 255
 
 
 def color_map(bits: int, top: int) -> np.ndarray:
-    """Colours (3, N) up to ``top`` of all numbers of so many bits."""
+    """Make colours (3, N) up to ``top`` for all numbers of ``bits`` bits."""
     ramp = np.linspace(0, 255, 2**bits).astype(int)
     return np.stack([ramp, ramp[::-1], ramp * 7 % 256]) * (257 if top > 255 else 1)
 
 
 def picture_of(samples: np.ndarray, layout: Layout) -> np.ndarray:
-    """Colours (H, W, 3) in [0, 1] that samples mean."""
+    """Convert samples to colours (H, W, 3) in [0, 1]."""
     if layout.photometric == PALETTE:
         numbers = np.array(next(values for tag, _, values in layout.tags if tag == 320)).reshape(3, -1)
         levels = numbers if numbers.max() < 256 else numbers >> 8
@@ -232,7 +232,7 @@ def test_packings_are_read_where_imagecodecs_is_installed(tmp_path, options, nee
 
 
 def retagged(tag: int, value: int) -> bytes:
-    """A whole TIFF of floats in three channels whose tag has another value."""
+    """Make a TIFF of floats in three channels with a changed tag."""
     layout = Layout(32, tags=((339, SHORT, [3] * 3),))
     floats = (ramps(3, 16) / 65535).astype(np.float32).view(np.uint32).astype(np.int64)
     data = bytearray(tiff(floats, layout))
@@ -287,7 +287,7 @@ def test_directories_are_walked_as_far_as_they_go_and_to_a_limit(tmp_path):
 def test_directories_below_a_page_that_lead_back_to_it_are_looked_at_once(tmp_path):
     data = bytearray(chain(2, 0))
     at = data.index(struct.pack("<HH", 278, 4))
-    data[at : at + 12] = struct.pack("<HHII", 330, 4, 1, 8)  # in the place of the rows of a strip
+    data[at : at + 12] = struct.pack("<HHII", 330, 4, 1, 8)  # replaces the rows per strip
     (tmp_path / "a.tif").write_bytes(data)
     assert read_picture(tmp_path / "a.tif").shape == (16, 16, 3)
 

@@ -1,4 +1,4 @@
-"""A name with accents means the same file, whether they are signs of their own (NFD) or not (NFC)."""
+"""Tests that an accented name means the same file, with separate accents (NFD) or without (NFC)."""
 
 import os
 import shutil
@@ -29,7 +29,7 @@ PIXELS = np.zeros((12, 16, 3), np.uint8)
 
 @pytest.fixture(params=SPELLINGS, ids=["there decomposed", "there composed"])
 def names(request, tmp_path, monkeypatch):
-    """A name as it is typed, and as it is on disk."""
+    """Return a name in the spelling that is typed, and in the spelling on disk."""
     monkeypatch.chdir(tmp_path)
     return request.param
 

@@ -1,4 +1,4 @@
-"""Broken colour: finished strokes go to warm and cool, by their light and by chance; all else of them stays."""
+"""Tests of variety: finished strokes turn warmer or cooler by light and chance, and change in nothing else."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ from brushexp.strokes.storage import load_catalogue
 
 
 def broken(strokes, target, amount=0.5, seed=0, focus=None):
-    """Colours of strokes that variety has ended."""
+    """Return the colours of strokes after variety."""
     painter = painter_of(target=target, options={"focus": focus})
     state = replace(painter.now(), generator=torch.Generator().manual_seed(seed))
     order = torch.arange(len(strokes))
@@ -113,7 +113,7 @@ def test_a_full_brush_covers_as_several_strokes_do():
         Textured(fullness=k).train()(strokes).sample(torch.zeros(1, 1, dtype=torch.long), points)[0] for k in (1, 3)
     )
     assert once.max() > 0.5
-    away = thrice - (1 - (1 - once) ** 3)  # between texels it is not a power
+    away = thrice - (1 - (1 - once) ** 3)  # between texels it is not an exact power
     assert away.abs().mean() < 0.01
     assert (thrice - once).min() > -1e-6
 

@@ -1,4 +1,4 @@
-"""Films are as long and as large as was asked and look like their pictures; the timelapse survives a checkpoint."""
+"""Tests that films have the requested length and size, show their pictures, and survive a checkpoint."""
 
 import sys
 import weakref
@@ -17,7 +17,7 @@ from brushexp.pictures.video import GIF_SIDE, GIF_TOLERANCE, LARGEST_SIDE, MOST_
 
 
 def smooth(seed: int, height: int = 40, width: int = 60) -> np.ndarray:
-    """A picture of large soft patches."""
+    """Make a picture of large soft patches."""
     few = np.random.default_rng(seed).integers(0, 256, (3, 4, 3), np.uint8)
     return np.asarray(Image.fromarray(few).resize((width, height), Image.Resampling.BICUBIC))
 
@@ -42,7 +42,7 @@ def test_both_films_show_the_pictures_and_are_as_long_as_their_ticks(tmp_path, r
             assert np.abs(picture.astype(float) - original).mean() < 6
     assert abs(sum(durations) - 12000 / rate) <= 5
     assert max(durations) - min(durations) <= 10
-    assert min(durations) >= 20  # below that players take their time
+    assert min(durations) >= 20  # players slow down shorter frames
 
 
 def test_pictures_that_stay_are_as_long_together_for_every_reader_take_no_room_and_do_not_flicker(tmp_path):

@@ -1,4 +1,4 @@
-"""What runs on the forge is a workflow whose commands, files and versions exist here."""
+"""Tests that the commands, files and versions in the forge's workflow exist."""
 
 import re
 import shlex

@@ -1,4 +1,4 @@
-"""Strokes are optimised at the size that their number needs, and painted at that of the photograph."""
+"""Tests that strokes are optimised at the size that their number needs, and painted at that of the photograph."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Strokes stay as long as they are worth their bits: density=worth."""
+"""Tests of density=worth: strokes stay only while they are worth their bits."""
 
 import math
 from dataclasses import replace
@@ -29,7 +29,7 @@ MILLION = 1e6
 
 
 def emblem(size=SIZE):
-    """A disc and a bar on a plain ground."""
+    """Make a disc and a bar on a plain ground."""
     y, x = torch.meshgrid(torch.arange(size[0]) + 0.5, torch.arange(size[1]) + 0.5, indexing="ij")
     picture = torch.full((3, *size), 0.9)
     picture[:, (x - size[1] / 3).square() + (y - size[0] / 2).square() < (size[0] / 4) ** 2] = 0.2
@@ -60,7 +60,7 @@ def state_of(image, target, *, strokes=None, **options):
 
 
 def growth_without(painter, number):
-    """By how much the squared error grows if the picture is composited without a stroke."""
+    """Compute by how much the squared error grows if the picture is composited without a stroke."""
     strokes, order, picture = painter.strokes(), painter.front_to_back, painter.picture
     rest = torch.arange(len(strokes)) != number
     ranks = order[order != number]
@@ -169,7 +169,7 @@ def test_a_trial_with_fewer_strokes_that_fails_brings_back_the_best_in_their_ord
     assert first.keep.tolist() == [True] * 18 + [False] * 2, "the least important tenth goes for trial"
     assert first.steps == 120
     about |= {"step": 120, "steps": 120}
-    density.load_state_dict(density.state_dict())  # as a run that was interrupted goes on
+    density.load_state_dict(density.state_dict())  # as when an interrupted run continues
     second = density.revise(state_of(bad, target, strokes=strokes[first.keep], **about))
     upward = order.flip(0)
     assert not second.keep.any()

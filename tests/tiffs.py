@@ -1,4 +1,4 @@
-"""TIFF files of any layout are written by hand, as scanners, microscopes and old programs write them."""
+"""TIFF files of any layout, assembled by hand like those of scanners, microscopes and old programs."""
 
 import struct
 import zlib
@@ -9,7 +9,7 @@ import numpy as np
 
 HEIGHT, WIDTH = 37, 45
 NONE, DEFLATE, OLD_DEFLATE, PACKBITS = 1, 8, 32946, 32773  # values of Compression
-WHITE_IS_ZERO, BLACK_IS_ZERO, RGB, PALETTE, CMYK = 0, 1, 2, 3, 5  # of PhotometricInterpretation
+WHITE_IS_ZERO, BLACK_IS_ZERO, RGB, PALETTE, CMYK = 0, 1, 2, 3, 5  # values of PhotometricInterpretation
 BYTE, SHORT, LONG, LONG8 = 1, 3, 4, 16  # types of values
 SIZES, FORMS = {BYTE: 1, SHORT: 2, LONG: 4, LONG8: 8}, {BYTE: "B", SHORT: "H", LONG: "I", LONG8: "Q"}
 Tag = tuple[int, int, Sequence[int]]  # number, type and values
@@ -17,7 +17,7 @@ Tag = tuple[int, int, Sequence[int]]  # number, type and values
 
 @dataclass(frozen=True)
 class Layout:
-    """How the samples of a picture lie in a file."""
+    """Layout of a picture's samples in a file."""
 
     bits: int = 8
     photometric: int = RGB
@@ -25,13 +25,13 @@ class Layout:
     is_big: bool = False  # BigTIFF
     compression: int = NONE
     is_planar: bool = False
-    rows: int = 10  # of a strip
-    tile: tuple[int, int] | None = None  # width and height of tiles, in place of strips
-    swaps_names: bool = False  # tiles have the tags of strips, or strips those of tiles
+    rows: int = 10  # per strip
+    tile: tuple[int, int] | None = None  # width and height of tiles, instead of strips
+    swaps_names: bool = False  # tiles use the tags of strips, or strips those of tiles
     last_bit_first: bool = False
     predictor: int = 1
-    tags: tuple[Tag, ...] = ()  # more
-    without: tuple[int, ...] = ()  # tags that are left out
+    tags: tuple[Tag, ...] = ()  # additional tags
+    without: tuple[int, ...] = ()  # omitted tags
 
     @property
     def order(self) -> str:
@@ -39,7 +39,7 @@ class Layout:
 
 
 def ramps(channels: int, bits: int) -> np.ndarray:
-    """Smooth whole numbers (H, W, C) of so many bits."""
+    """Make smooth whole numbers (H, W, C) of ``bits`` bits."""
     y, x = np.mgrid[0:HEIGHT, 0:WIDTH]
     x, y = x / (WIDTH - 1), y / (HEIGHT - 1)
     shares = [x, y, (x + y) / 2, 1 - x / 2]
@@ -47,7 +47,7 @@ def ramps(channels: int, bits: int) -> np.ndarray:
 
 
 def tiff(samples: np.ndarray, layout: Layout) -> bytes:
-    """Write samples (H, W, C) as a TIFF of one page."""
+    """Encode samples (H, W, C) as a TIFF of one page."""
     pieces = [_packed(piece, layout) for piece in _pieces(samples, layout)]
     return _file(_tags(samples.shape, pieces, layout), pieces, layout)
 
@@ -69,7 +69,7 @@ def _packed(piece: np.ndarray, layout: Layout) -> bytes:
     if layout.predictor == 2:
         piece = np.diff(piece, axis=1, prepend=0) % 2**layout.bits
     rows = piece.reshape(len(piece), -1)
-    if layout.predictor == 3:  # the first bytes of all numbers, then the second ones ..., as differences (Adobe, 2005)
+    if layout.predictor == 3:  # the first bytes of all numbers, then the second ones, ..., as differences (Adobe, 2005)
         planes = rows.astype(">u4").view(np.uint8).reshape(*rows.shape, 4).swapaxes(1, 2).reshape(len(rows), -1)
         data = np.diff(planes, axis=1, prepend=np.uint8(0)).tobytes()
     elif layout.bits in (8, 16, 32):
@@ -127,7 +127,7 @@ def _file(tags: Sequence[Tag], pieces: Sequence[bytes], layout: Layout) -> bytes
 
 
 def chain(pages: int, back_to: int | None) -> bytes:
-    """Write a TIFF of grey pages of 16 x 16 pixels, the last of which leads back to one of them, or nowhere."""
+    """Make a TIFF of grey pages of 16 x 16 pixels; the last page links back to one of them, or to none."""
     tags = [(256, 16), (257, 16), (258, 8), (259, 1), (262, 1), (273, 0), (278, 16), (279, 256)]
     length = 2 + 12 * len(tags) + 4
     data = 8 + pages * length

@@ -1,4 +1,4 @@
-"""Configs as the command line would have them, of which the slow part is composed once."""
+"""Configs like those of the command line, with the slow part of composing cached."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -17,12 +17,12 @@ from brushexp.registry import FAMILIES, MULTI_SELECT, plugins
 from brushexp.system.words import conf_folders
 
 PARSER = OverridesParser.create()
-TASK_OF = {"engine": "simulate", "to": "export"}  # families that the config of task=paint does not have
+TASK_OF = {"engine": "simulate", "to": "export"}  # families missing from the config of task=paint
 _composed = cache(lambda *words: composed(words))
 
 
 def configured(words: Sequence[str]) -> DictConfig:
-    """The config of words; what several choose alike is composed once, and their values are set in a copy."""
+    """Compose the config of words; configs with the same choices are composed once, and values set in a copy."""
     names = {word: word.partition("=")[0].lstrip("+~") for word in words}
     choices = [word for word in words if names[word] in CHOSEN_GROUPS or "/" in names[word]]
     try:
@@ -32,7 +32,7 @@ def configured(words: Sequence[str]) -> DictConfig:
             return composed(words)
         _set(overrides, cfg)
     except (HydraException, OmegaConfBaseException):
-        return composed(words)  # whose message is that of the program
+        return composed(words)  # raises the program's own message
     return cfg
 
 
@@ -41,7 +41,7 @@ _set = ConfigLoaderImpl._apply_overrides_to_config
 
 @contextmanager
 def typed_into(cfg: DictConfig, words: Sequence[str]) -> Iterator[DictConfig]:
-    """Set words of the command line in a config as Hydra does, and restore its values."""
+    """Set words of the command line in a config like Hydra, and restore its values afterwards."""
     overrides = PARSER.parse_overrides(list(words))
     names = [override.key_or_group for override in overrides]
     before = {
@@ -57,14 +57,14 @@ def typed_into(cfg: DictConfig, words: Sequence[str]) -> Iterator[DictConfig]:
 
 
 def members(family: str) -> list[str]:
-    """Plugins and presets of a family."""
+    """List plugins and presets of a family."""
     presets = [path.stem for folder in conf_folders() for path in (folder / family).glob("*.yaml")]
     return sorted([plugin.name for plugin in plugins(family)] + presets)
 
 
 @cache
 def nodes() -> dict[tuple[str, str], DictConfig]:
-    """The options of each choice; a config has one of each family, and all of those of which several may be chosen."""
+    """List the options of each choice, from configs with one choice per family, or all where several are allowed."""
     found = {}
     for task in ("paint", *TASK_OF.values()):
         families = [one for one in FAMILIES if TASK_OF.get(one, "paint") == task]

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from brushexp.api.parts import create, list_plugins, render
     from brushexp.errors import UserError
 
-__version__ = "0.2.0"  # the one place: pyproject.toml and all that the program writes take it from here
+__version__ = "0.2.0"  # the only place that states the version; pyproject.toml reads it
 
 __all__ = ["Painting", "State", "UserError", "create", "iterate", "list_plugins", "load", "paint", "render"]
 HOMES = {  # modules are loaded when one of these names is first used, because torch takes seconds to import
@@ -23,7 +23,7 @@ HOMES = {  # modules are loaded when one of these names is first used, because t
     "brushexp.api.loading": ("load",),
     "brushexp.errors": ("UserError",),
 }
-FUNCTIONS = "brushexp.functions"  # entry-point group: functions that installed packages add, by name
+FUNCTIONS = "brushexp.functions"  # entry-point group of the functions that installed packages add
 
 settle_caches()
 let_threads_sleep()

@@ -13,7 +13,7 @@ def main() -> None:
     from brushexp.system.heartbeat import heartbeat  # noqa: PLC0415
 
     try:
-        sys.argv[1:] = open_with(sys.argv[1:])  # before the seconds that the next line takes
+        sys.argv[1:] = open_with(sys.argv[1:])  # before the next import, which takes seconds
         from brushexp.cli.program import run  # noqa: PLC0415
 
         run(start)

@@ -85,22 +85,22 @@ def _plain(value: Any) -> str:
 
 
 def at_least(low: float) -> Bounds:
-    """Bound a number from below, by ``low``."""
+    """Require at least ``low``."""
     return Bounds(low)
 
 
 def above(low: float, high: float = LARGEST) -> Bounds:
-    """Bound a number by more than ``low`` and at most ``high``."""
+    """Require more than ``low`` and at most ``high``."""
     return Bounds(low, high, above=True)
 
 
 def between(low: float, high: float) -> Bounds:
-    """Bound a number from ``low`` to ``high``, both included."""
+    """Require a number from ``low`` to ``high``, both included."""
     return Bounds(low, high)
 
 
 def multiple_of(step: int, high: float = LARGEST) -> Bounds:
-    """Allow the multiples of ``step`` up to ``high``."""
+    """Require a multiple of ``step``, at most ``high``."""
     return Bounds(step, high, step=step)
 
 

@@ -49,7 +49,7 @@ def test_a_set_is_painted_once_and_again_only_with_a_reason(sealed, listed, tmp_
     study = studies_in([tmp_path], tmp_path)["kodak24"]
     assert (study.units, study.n_finished) == (["a.png", "b.png"], 4)
     assert study.table["psnr"].notna().all()
-    with pytest.raises(SystemExit, match=r"was painted on .* say why with --again REASON"):
+    with pytest.raises(SystemExit, match=r"was painted on .* give the reason with --again REASON"):
         sealed.paint(tmp_path / "pictures", tmp_path / "again", listed=listed, words=WORDS, run=call)
     assert len(ran) == 1
     with pytest.raises(SystemExit, match="the run ended with 3"):
@@ -62,7 +62,7 @@ def test_other_files_of_the_names_are_refused_before_the_set_counts_as_painted(s
         sealed.collect(tmp_path / "nowhere", tmp_path / "pictures", listed)
     sealed.collect(tmp_path / "unpacked", tmp_path / "pictures", listed)
     (tmp_path / "pictures" / "b.png").write_bytes(b"another")
-    with pytest.raises(SystemExit, match=r"has not the files of set.yaml: b.png"):
+    with pytest.raises(SystemExit, match=r"lacks files of set.yaml: b.png"):
         sealed.paint(tmp_path / "pictures", tmp_path / "out", listed=listed, words=WORDS)
     assert not listed.with_suffix(".json").exists()
 

@@ -107,7 +107,7 @@ def test_steps_that_take_minutes_are_told_beforehand(run_task, monkeypatch, capl
     words = ["image=moon", "renderer=inverse_vgg", "strokes=600", "resolution=64", *([] if fewer is None else [fewer])]
     with caplog.at_level(logging.INFO), pytest.raises(BegunError):
         run_task(paint, *words)
-    told = "40 steps of 600 strokes with renderer=inverse_vgg take some 4 minutes; less: finish_steps=5"
+    told = "40 steps of 600 strokes with renderer=inverse_vgg take about 4 minutes; less: finish_steps=5"
     assert (told in caplog.text) == (fewer is None)
     assert ("minutes" in caplog.text) == (fewer is None)
 

@@ -38,11 +38,11 @@ class State:
     """The state of a painting after a step."""
 
     step: int  # gradient steps taken
-    steps: int  # planned steps; with ``seconds`` the plan changes on the way
+    steps: int  # planned steps; ``seconds`` revises the plan on the way
     seconds: float  # seconds of optimisation so far
-    image: np.ndarray  # (H, W, 3) uint8 as the steps last saw it; in the last state, the painting under its lamp
+    image: np.ndarray  # (H, W, 3) uint8, as the last step drew it; in the last state, the painting under its lamp
     strokes: Strokes  # the N current strokes
-    psnr: float  # dB, of the picture that the steps last saw
+    psnr: float  # PSNR of the picture that the last step drew, dB
     painting: Painting | None = field(default=None, repr=False)  # in the last state only
     stop: Callable[[], None] = field(default=_stay, repr=False)  # call it to make the next state the last
 
@@ -51,7 +51,7 @@ class State:
 
 
 class Handover(L.Callback):
-    """Hand the states of a painting to another thread, one ahead at most; the painter's clock stops while it waits."""
+    """Pass the states of a painting to another thread, at most one ahead; the painter's clock stops while it waits."""
 
     def __init__(self, every: int, every_seconds: float) -> None:
         self.every, self.every_seconds = every, every_seconds
@@ -76,7 +76,7 @@ class Handover(L.Callback):
             painter.schedule.start()
 
     def _is_due(self, before: int) -> bool:
-        """Tell whether the last steps passed a multiple of ``every``; some painters take many steps at once."""
+        """Check whether the last steps passed a multiple of ``every``; some painters take many steps at once."""
         is_next = self.step // self.every > before // self.every
         return is_next and time.monotonic() - self.last >= self.every_seconds
 
@@ -101,9 +101,9 @@ def iterate(
 ) -> Iterator[State]:
     """Paint as `paint` does, bit for bit, and yield the state before the first step and after every ``every`` steps.
 
-    A thread paints, one state ahead of the caller at most; ``seconds`` do not count while it waits. The last state
-    has the finished ``painting``. ``state.stop()`` makes the next state the last; closing the generator ends the
-    painting without one. The painting uses PyTorch's global random generators until it ends.
+    A thread paints, at most one state ahead of the caller; the time it waits does not count as ``seconds``. The last
+    state has the finished ``painting``. ``state.stop()`` makes the next state the last; closing the generator ends the
+    painting without a last state. The painting uses PyTorch's global random generators until it ends.
 
     ``every`` counts steps, and ``every_seconds`` is the shortest time between two states. With ``every=1`` there are as
     many states as the caller has time for. The other arguments are those of `paint`.

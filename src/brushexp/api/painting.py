@@ -52,7 +52,7 @@ class Painting:
     settings: Settings
 
     def __getstate__(self) -> dict[str, Any]:
-        finished = replace(self.finished, compute_metrics=partial(dict, self.metrics))  # not the function
+        finished = replace(self.finished, compute_metrics=partial(dict, self.metrics))  # the function may not pickle
         return {"finished": finished, "settings": self.settings}
 
     @property
@@ -77,7 +77,7 @@ class Painting:
 
     @property
     def target(self) -> np.ndarray:
-        """(H, W, 3) uint8: the target picture, at the size at which strokes were optimised.
+        """(H, W, 3) uint8: the target, at the resolution at which the strokes were optimised.
 
         Raises a UserError if the run was loaded without it.
         """
@@ -100,7 +100,7 @@ class Painting:
     def export(
         self, form: str, folder: str | PathLike[str] = ".", *, size: int | None = None, **options: Any
     ) -> list[Path]:
-        """Write the painting in a format of other programs (``to=`` of task=export): svg, json, csv, gcode, png, ...
+        """Export the painting to a format for other programs (``to=`` of task=export): svg, json, csv, gcode, png, ...
 
         Args:
             form: name of the exporter.
@@ -120,9 +120,9 @@ class Painting:
             return list[Path](exporter.write(job, into))
 
     def save(self, folder: str | PathLike[str]) -> Path:
-        """Write the files of a run (painting.png, catalogue.h5, report.html, ...) over those of another painting.
+        """Write a run's files (painting.png, catalogue.h5, report.html, ...), replacing those of earlier paintings.
 
-        A timelapse is written only if ``frames`` was set, and curves never are. Returns the path of the page.
+        A timelapse is written only if ``frames`` was set; curves are never written. Returns the path of the page.
         """
         into = find_path(folder)
         (into / ".hydra").mkdir(parents=True, exist_ok=True)
@@ -160,10 +160,10 @@ class Painting:
 
 
 def _sized(job: ExportJob, size: int | None) -> ExportJob:
-    """Scale a painting to ``size`` pixels on the longer side; None leaves it as it is."""
+    """Scale a painting to ``size`` pixels on the longer side; None keeps its size."""
     if size is None:
         return job
-    if not isinstance(size, Real) or not 1 <= size <= LARGEST_SIDE_PIXELS:  # false of NaN
+    if not isinstance(size, Real) or not 1 <= size <= LARGEST_SIDE_PIXELS:  # false for NaN
         raise UserError(f"size={size} is not 1 to {LARGEST_SIDE_PIXELS}; try size={max(job.size)}")
     return job.scaled(size / max(job.size))
 
@@ -204,7 +204,7 @@ def paint(
 def plan_of(
     image: Picture, output: str | PathLike[str] | None, main: Mapping[str, Any], overrides: Mapping[str, Any]
 ) -> Settings:
-    """Check the settings of a painting; entries of ``main`` that are None do not count."""
+    """Check the settings of a painting; entries of ``main`` that are None are ignored."""
     typed = {key: value for key, value in main.items() if value is not None}
     frames = {"frames": 0} if output is None else {}  # no timelapse
     settings = settings_of("paint", {"image": image, **typed, **frames, **overrides}, output)

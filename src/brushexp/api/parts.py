@@ -67,7 +67,7 @@ def render(
         strokes: N strokes in pixels of the canvas; ``strokes.moved(zoom=2)`` scales them to a canvas twice as large. A
             list of B such sets, which may differ in N, is a batch.
         size: height and width of the canvas in pixels, or one number for both.
-        depth: (N,) ranks, 0 for the bottom stroke; None keeps the order of the strokes. For a batch, a list of B.
+        depth: (N,) ranks, 0 for the bottom stroke; None keeps the order of the strokes. For a batch, give a list of B.
         background: (3,) RGB of the bare canvas in [0, 1]; None is white. For a batch it may be (B, 3).
         renderer: name of a renderer, or one that `create` built.
         blend: name of the blend that composites the strokes.

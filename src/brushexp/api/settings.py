@@ -50,7 +50,7 @@ class Settings:
     folder: Path | None  # folder of the run; None if nothing is written
 
     def __getstate__(self) -> dict[str, Any]:
-        plain = OmegaConf.to_container(self.cfg, resolve=True)  # its types are made when plugins are loaded
+        plain = OmegaConf.to_container(self.cfg, resolve=True)  # its types exist only where the plugins are loaded
         return {**vars(self), "cfg": OmegaConf.create(plain)}
 
     @property
@@ -77,7 +77,7 @@ class Settings:
 
 @contextmanager
 def undisturbed(gradients: bool = True) -> Iterator[None]:
-    """Use PyTorch's default precision and device inside ``with``, and ``gradients`` if asked; restore all after."""
+    """Use PyTorch's default precision and device inside ``with``, with gradients by default; restore all after."""
     import torch  # noqa: PLC0415
 
     dtype, gradients = torch.get_default_dtype(), gradients or torch.is_grad_enabled()

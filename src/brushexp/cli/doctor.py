@@ -81,7 +81,7 @@ def examine() -> int:
                 text = describe()
             except Broken as error:
                 mark, text, exit_code = "!", str(error), 1
-            except Exception as error:  # the other lines are written whatever is wrong with this machine
+            except Exception as error:  # one failure must not hide the other lines
                 mark, text, exit_code = "!", f"unknown: {type(error).__name__}: {error}", 1
             print(f"{mark} {name:<{COLUMN}}{_without_home(' '.join(text.split()))}", flush=True)
     return exit_code
@@ -162,16 +162,16 @@ def _gpu(torch: Mapping[str, Any]) -> str:
 
 def _kernels(folder: str | None) -> str:
     if folder is None or not can_hold(Path(folder)):
-        raise Broken("compiled kernels cannot be stored; set NUMBA_CACHE_DIR to a folder that can be written")
+        raise Broken("compiled kernels cannot be stored; set NUMBA_CACHE_DIR to a writable folder")
     place = "beside the program's code" if Path(folder).is_relative_to(PACKAGE) else f"in {folder}"
-    return f"stored {place}, which can be written"
+    return f"stored {place}, which is writable"
 
 
 def _libraries() -> str:
     wrong = [text for text, is_there in _requirements("") if not is_there]
     if wrong:
         raise Broken(f"missing or too old: pip install {' '.join(map(repr, wrong))}")
-    return "all that the program needs"
+    return "all required libraries are installed"
 
 
 def _extras() -> tuple[list[str], list[str]]:

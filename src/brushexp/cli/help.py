@@ -88,7 +88,7 @@ def _start(cfg: DictConfig, folders: Sequence[Path]) -> list[str]:
 def _task(cfg: DictConfig, folders: Sequence[Path]) -> list[str]:
     """Write the page of a task: what it does, its keys and its plugins."""
     schema = TASKS[cfg.task]
-    lines = [usage_of(cfg.task, schema.alone), schema.__doc__ or "", "", "Keys and their values now"]
+    lines = [usage_of(cfg.task, schema.alone), schema.__doc__ or "", "", "Keys and their current values"]
     keys = keys_of(schema)
     lines += _keys(cfg, [key for name, key in keys.items() if not name.startswith(TRAINER)])
     if groups := [group for group in groups_of(schema) if _names(group, folders)]:
@@ -104,7 +104,7 @@ def _task(cfg: DictConfig, folders: Sequence[Path]) -> list[str]:
 def _all_of(cfg: DictConfig, folders: Sequence[Path], families: Sequence[str]) -> list[str]:
     """List every key of a task with its meaning, and every plugin and preset that the task can use."""
     schema = TASKS[cfg.task]
-    lines = [usage_of(cfg.task, schema.alone), schema.__doc__ or "", "", "Keys and their values now"]
+    lines = [usage_of(cfg.task, schema.alone), schema.__doc__ or "", "", "Keys and their current values"]
     lines += _keys(cfg, list(keys_of(schema).values()))
     lines += _words_of_changes(cfg)
     for group in groups_of(schema):
@@ -195,7 +195,7 @@ def _group(group: str, cfg: DictConfig, folders: Sequence[Path], with_options: b
     chosen = [] if not with_options or node is None else list(node.values()) if group in MULTI_SELECT else [node]
     for plugin in plugins(group):
         for options in [options for options in chosen if options.get("_target_") == plugin.target]:
-            lines.append(f"  options of {group}={plugin.name}, and their values now")
+            lines.append(f"  options of {group}={plugin.name}, and their current values")
             for option, about in plugin.meanings.items():
                 lines += two_columns(f"{plugin.path}.{option}={as_typed(options[option])}", about)
     return lines

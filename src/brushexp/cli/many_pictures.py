@@ -24,11 +24,11 @@ from brushexp.system.spellings import find_path
 
 log = logging.getLogger(__name__)
 SETS = "pictures="
-LAUNCHERS = "brushexp.launchers"  # entry-point group: launcher -> function that tells whether it works here
+LAUNCHERS = "brushexp.launchers"  # entry-point group: launcher -> function that checks whether it works here
 ENDING = ".yaml"  # extension of files that list pictures
 PROCESSES, AUTO = "jobs=", "auto"  # key for the number of jobs that run at once
-LAUNCHER_WORDS = ("hydra/launcher=", "experiment=")  # words that choose a launcher or may do so
-PICTURES_PER_PROCESS = 2  # fewest
+LAUNCHER_WORDS = ("hydra/launcher=", "experiment=")  # words that choose a launcher, or may
+PICTURES_PER_PROCESS = 2  # minimum
 MB_PER_PROCESS = 2048  # memory of a process: 450 MB for modules, and about 800 bytes for each pixel
 
 
@@ -52,7 +52,7 @@ def launcher() -> str:
 
 
 def as_many_as_fit(pictures: int) -> int:
-    """Count the processes that cores, memory and the number of pictures (0 = any) allow at once; on a GPU, one."""
+    """Return how many processes the cores, memory and number of pictures (0 = any) allow at once; 1 on a GPU."""
     from brushexp.system.device import device_of  # noqa: PLC0415  (torch; --help should not wait for it)
     from brushexp.system.runtime import cores, free_memory  # noqa: PLC0415
 
@@ -69,7 +69,7 @@ def as_sweep(words: Sequence[str], is_sweep: bool) -> list[str]:
     sets = [_without_brackets(word.removeprefix(SETS)) for word in words if word.startswith(SETS)]
     if not sets and len(named) < 2 and not any(map(is_several, named)):
         return in_processes(words)
-    counts = [len(pictures_in(image)) if is_several(image) else 1 for image in named]  # a UserError if there are none
+    counts = [len(pictures_in(image)) if is_several(image) else 1 for image in named]  # UserError if there are none
     pictures = 0 if sets or is_sweep else sum(counts)
     others = in_processes([word for word in words if not word.startswith((PICTURE, SETS))], pictures)
     parts = [*named, *(part for text in sets for part in ([text] if os.path.exists(text) else text.split(",")))]
@@ -97,7 +97,7 @@ def _without_brackets(text: str) -> str:
 
 
 def all_pictures(names: Sequence[str], folders: Sequence[Path]) -> list[str]:
-    """List the pictures that the parts of ``pictures=`` name, each once."""
+    """List the pictures that ``pictures=`` names, without duplicates."""
     return list(dict.fromkeys(picture for name in names for picture in pictures_named(name, folders)))
 
 

@@ -1,4 +1,4 @@
-"""Say what a command line starts before the slow imports, and answer what needs none of them.
+"""Announce what a command line starts before the slow imports, and answer what needs no imports.
 
 Nothing here checks the words: `brushexp.config.words` reports mistakes a moment later.
 """
@@ -21,7 +21,7 @@ PAINTED = ("", "paint")  # tasks whose first line names the picture
 
 
 def open_with(words: Sequence[str]) -> list[str]:
-    """Answer ``--version`` and ``doctor`` and exit; otherwise say on a terminal what starts.
+    """Answer ``--version`` and ``doctor`` and exit; otherwise announce on a terminal what starts.
 
     Returns the words with ``help`` spelled ``--help`` and tasks in our spelling.
     """
@@ -57,27 +57,27 @@ def open_streams() -> None:
 
 
 def opening_line(words: Sequence[str]) -> str:
-    """Say in a few words what a command line starts; "" for a question or a file that does not exist.
+    """Describe in a few words what a command line starts; "" for a question or a file that does not exist.
 
     >>> opening_line(["coffee", "look=ink", "strokes=300"])
     'painting coffee in ink'
     >>> opening_line(["--help"]), opening_line(["train"]), opening_line(["-m", "seed=1,2"])
-    ('', 'beginning: train', 'checking the jobs of a sweep')
+    ('', 'starting: train', 'checking the jobs of a sweep')
     """
     flags = {word for word in words if word.startswith("-")}
     keys, alone = _sorted([word for word in words if word not in flags])
     if flags - {"-m", "--multirun"}:
         return ""
     if "resume" in keys:
-        return "going on with the sweep" if keys["resume"] == "sweep" else f"going on with {keys['resume']}"
+        return "continuing the sweep" if keys["resume"] == "sweep" else f"continuing {keys['resume']}"
     if flags or "experiment" in keys:
         return "checking the jobs of a sweep"
     named = keys.get("task") or next((word for word in alone if not is_path(word) and word in task_names()), "")
-    return painting_line(keys, alone) if named in PAINTED else f"beginning: {named}"
+    return painting_line(keys, alone) if named in PAINTED else f"starting: {named}"
 
 
 def painting_line(keys: Mapping[str, str], alone: Sequence[str]) -> str:
-    """Say which pictures will be painted and how; "" if they do not exist."""
+    """Describe which pictures will be painted and how; "" if they do not exist."""
     pictures = [*alone, *(keys[key] for key in ("image", "pictures") if key in keys)] or ["astronaut"]
     if not all(is_path(one) or is_several(one) or is_sample(one) or "pictures" in keys for one in pictures):
         return ""
@@ -89,7 +89,7 @@ def painting_line(keys: Mapping[str, str], alone: Sequence[str]) -> str:
 
 
 def is_sample(name: str) -> bool:
-    """Tell whether scikit-image or matplotlib ships a picture of this name."""
+    """Check whether scikit-image or matplotlib ships a picture of this name."""
     found = find_spec("skimage")
     folders = [Path(folder, "data") for folder in (found.submodule_search_locations or () if found else ())]
     return name == "grace_hopper" or any((folder / f"{name}{end}").is_file() for folder in folders for end in ENDS)

@@ -37,7 +37,7 @@ from brushexp.system.words import table_of_words
 RESOLUTIONS = ("resolution=", "working_resolution=")
 
 _prepared: set[int] = set()  # ids of processes that have loaded the plugins
-_start = [time.monotonic()]  # of the program
+_start = [time.monotonic()]  # start time of the program
 
 
 @hydra.main(version_base="1.3", config_path="pkg://brushexp.conf", config_name="config")
@@ -73,7 +73,7 @@ def run(start: float) -> None:
 
 
 def settings_first(words: Sequence[str]) -> list[str]:
-    """Move flags behind all settings, because Hydra takes settings in one place only."""
+    """Move flags behind all settings, because Hydra accepts settings in one place only."""
     typed, after_flags = parse_arguments(words)
     return sorted(words, key=lambda word: word not in (*typed.overrides, *after_flags))
 
@@ -113,7 +113,7 @@ def refuse_flags(words: Sequence[str]) -> None:
 
 
 def without_general(words: Sequence[str]) -> list[str]:
-    """Leave out words that a more precise one beside them includes, such as strokes=auto beside worth=fine."""
+    """Drop words that a more specific word implies, such as strokes=auto next to worth=fine."""
     general = table_of_words("general")
     return [word for word in words if word not in general or not any(one.startswith(general[word]) for one in words)]
 

@@ -5,9 +5,9 @@ so that one loop serves many formulas. Numba types a part once for all functions
 under a name derived from the code of the function and of everything it calls, so a change in any file is noticed.
 Columns of an array may be named by an `IntEnum`, whose members stand for their numbers.
 
-Code uses one thread and releases Python's lock: a loop with independent rounds takes its first round and the one
-after its last as arguments, and `system.runtime.share` distributes it over threads. Numba's own parallel loops take
-three times as long to compile, since Numba optimises them twice, and their threads do not survive a fork.
+Code uses one thread and releases Python's lock: a loop over independent iterations takes the first index and the end
+index as arguments, and `system.runtime.share` distributes it over threads. Numba's own parallel loops take three times
+as long to compile, since Numba optimises them twice, and their threads do not survive a fork.
 
 The arrays passed to a function must not share memory that it writes: the compiler relies on it.
 """
@@ -38,7 +38,7 @@ _inlined: dict[str, Any] = {}  # Numba's versions of functions marked by `inline
 class Compiled:
     """A Python function that is compiled at its first call, for the types of its arguments.
 
-    It may call functions marked by `inline` and other compiled ones; ``parts`` replace those of their names.
+    It may call functions marked by `inline` and other compiled ones; ``parts`` replace the functions of the same names.
     """
 
     def __init__(self, function: FunctionType, parts: Mapping[str, Any]) -> None:
@@ -143,7 +143,7 @@ def _names(code: CodeType) -> Iterator[str]:
 
 
 def _parts(code: CodeType) -> tuple[Any, ...]:
-    """List the parts of code in a form that is equal in every process, leaving out addresses of nested code."""
+    """List the parts of code in a form that is the same in every process, leaving out addresses of nested code."""
     constants = [str(_parts(one)) if isinstance(one, CodeType) else repr(one) for one in code.co_consts]
     return code.co_code, code.co_names, code.co_varnames, constants
 

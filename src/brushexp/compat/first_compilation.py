@@ -19,7 +19,7 @@ def tell_of_compilation() -> None:
 
         def on_start(self, event: Any) -> None:
             if not self.told:
-                log.info("compiling for this machine%s: some 20 s", ", this first time only" if is_kept() else "")
+                log.info("compiling for this machine%s: about 20 s", " (first run only)" if is_kept() else "")
             self.told = True
 
         def on_end(self, event: Any) -> None:

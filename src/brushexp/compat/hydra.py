@@ -23,7 +23,7 @@ _lock = Lock()  # Hydra's state is global to the process
 
 
 def parse_arguments(words: Sequence[str]) -> tuple[Namespace, list[str]]:
-    """Parse a command line as Hydra does into flags, overrides, and words after flags that Hydra does not know.
+    """Parse a command line as Hydra does into flags, overrides, and the words that follow flags unknown to Hydra.
 
     A UserError explains a wrong flag, such as ``-help`` or ``-o x``.
     """
@@ -38,9 +38,10 @@ def parse_arguments(words: Sequence[str]) -> tuple[Namespace, list[str]]:
 
 
 class NodeWhenRead(ConfigNode):
-    """A choice of a config group whose config is built when Hydra reads it.
+    """A choice of a config group; its config is built when Hydra reads it.
 
-    Copying the store builds no config. Pickling builds all: a process of a sweep composes before it loads plugins.
+    Copying the store builds no configs. Pickling builds them all, because a sweep's process composes before it loads
+    plugins.
     """
 
     def __init__(
@@ -76,7 +77,7 @@ class NodeWhenRead(ConfigNode):
     def __reduce__(self) -> tuple[Any, ...]:
         try:
             config = self.node
-        except UserError:  # a file of the user is wrong, which does not matter until it is chosen
+        except UserError:  # a broken user file, which does not matter until it is chosen
             config = OmegaConf.create()
         return ConfigNode, (self.name, config, self.group, self.package, self.provider)
 
@@ -88,7 +89,7 @@ def store_when_read(
     provider: str,
     package: str | None = "_global_",
 ) -> None:
-    """Publish a choice of a group (``loss``, ``look_options/init``) whose config ``make`` builds when it is read."""
+    """Publish a choice of a group (``loss``, ``look_options/init``); ``make`` builds its config when Hydra reads it."""
     file = f"{name}.yaml"
     _group(group)[file] = NodeWhenRead(file, make, group, package, provider)
 
@@ -118,7 +119,7 @@ def _group(path: str) -> dict[str, Any]:
 
 @contextmanager
 def composing_once(words: Sequence[str]) -> Iterator[None]:
-    """Skip the extra composition by which Hydra finds out whether a config asks for a sweep, as only studies do."""
+    """Skip the extra composition in which Hydra checks whether a config asks for a sweep; only studies do."""
     if any(word.startswith(("experiment=", "+experiment=", "hydra.mode=", "hydra/")) for word in words):
         yield
         return

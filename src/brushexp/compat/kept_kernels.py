@@ -1,4 +1,4 @@
-"""Store what Numba compiles, and carry on without a folder, on a full disk or with a damaged file (Numba 0.68)."""
+"""Store the code that Numba compiles; tolerate a missing folder, a full disk and damaged files (Numba 0.68)."""
 
 import logging
 from contextlib import suppress
@@ -20,7 +20,7 @@ def keep_compiled(function: Any) -> None:
 
 
 def is_kept() -> bool:
-    """Tell whether all code compiled so far could be stored."""
+    """Return whether all code compiled so far could be stored."""
     return not _unkept
 
 
@@ -28,8 +28,8 @@ def _tell_of(name: str) -> None:
     """Log once that compiled functions cannot be stored."""
     if not _unkept:
         log.warning(
-            "what is compiled cannot be kept, so each run compiles anew; "
-            "NUMBA_CACHE_DIR=FOLDER before the command names a folder for it"
+            "compiled code cannot be stored, so every run compiles again; "
+            "to choose a folder for it, put NUMBA_CACHE_DIR=FOLDER before the command"
         )
     _unkept.add(name)
 

@@ -1,1 +1,1 @@
-"""Strokes laid over each other, tile by tile: the kernels and their reference, which the blends use."""
+"""Composite strokes tile by tile: the kernels that the blends use, and a reference in PyTorch."""

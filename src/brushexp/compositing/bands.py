@@ -1,4 +1,4 @@
-"""Paint a picture in bands of rows, so that a huge one needs little more memory than its pixels."""
+"""Paint a picture in bands of rows, so that a huge picture needs little more memory than its pixels."""
 
 from collections.abc import Iterator
 from typing import Protocol
@@ -10,30 +10,30 @@ from brushexp.compositing.layers import Compose, Layers, Size
 from brushexp.strokes.catalogue import Strokes
 
 BAND = 2**20  # pixels of a band
-LEAST_ROWS = 64  # rows of the lowest band that is made for the sake of the layers' memory
+LEAST_ROWS = 64  # rows below which a band is not halved to save memory for layers
 
 
 class Drawer(Protocol):
-    """Draws strokes as layers, as a `Renderer` does."""
+    """Draws strokes as layers, like a `Renderer`."""
 
     @property
     def at_once(self) -> int | None:
-        """Largest number of strokes whose layers are held at once; None for no limit."""
+        """Largest number of strokes whose layers are held in memory at once; None for no limit."""
 
     def __call__(self, strokes: Strokes) -> Layers:
         """Draw N strokes."""
 
     def rows(self, strokes: Strokes) -> Tensor | None:
-        """Bound the rows (N, 2) that each stroke may touch, first and last, in pixels; None for no bound."""
+        """Return the first and last row (N, 2) that each stroke may touch, in pixels; None if unknown."""
 
 
 @torch.no_grad()
 def bands(
     strokes: Strokes, front_to_back: Tensor, size: Size, background: Tensor, renderer: Drawer, blend: Compose
 ) -> Iterator[tuple[int, Tensor]]:
-    """Paint strokes from the top of the canvas to its bottom; the arguments are those of `Blend`.
+    """Paint strokes band by band, from the top of the canvas to the bottom; the arguments are those of `Blend`.
 
-    Yields the first row of each band, which has only the strokes that touch it, and its picture (3, h, W).
+    Yields the first row of each band and its picture (3, h, W). A band draws only the strokes that touch it.
     """
     place = front_to_back.argsort()
     for top, rows, number in cuts(strokes, size, renderer):
@@ -45,7 +45,7 @@ def band_of(
     strokes: Strokes, place: Tensor, number: Tensor, band: tuple[int, int, int], background: Tensor,
     renderer: Drawer, blend: Compose,
 ) -> Tensor:  # fmt: skip
-    """Paint strokes ``number`` (n,) in a band (first row, rows, columns); ``place`` (N,) is 0 for the top stroke."""
+    """Paint strokes ``number`` (n,) in a band (first row, rows, columns); ``place`` (N,) ranks the strokes, top 0."""
     top, *size = band
     layers = renderer(strokes[number].moved(shift=(0, -top)))
     return blend(layers, place[number].argsort(), (size[0], size[1]), background).image
@@ -53,7 +53,7 @@ def band_of(
 
 @torch.no_grad()
 def cuts(strokes: Strokes, size: Size, renderer: Drawer) -> Iterator[tuple[int, int, Tensor]]:
-    """Cut a canvas of ``size`` (H, W) into bands: first row, number of rows, and numbers of the strokes in it."""
+    """Cut a canvas of ``size`` (H, W) into bands: first row, number of rows, and indices of the strokes in the band."""
     height, width = size
     rows = renderer.rows(strokes)
     top, number = 0, torch.arange(len(strokes), device=strokes.position.device)
@@ -69,5 +69,5 @@ def cuts(strokes: Strokes, size: Size, renderer: Drawer) -> Iterator[tuple[int, 
 
 
 def within(rows: Tensor, top: int, height: int) -> Tensor:
-    """Find the strokes whose rows (N, 2) meet the ``height`` rows from ``top`` on."""
+    """Find the strokes whose rows (N, 2) overlap the ``height`` rows that start at ``top``."""
     return ((rows[:, 1] > top) & (rows[:, 0] < top + height)).nonzero()[:, 0]

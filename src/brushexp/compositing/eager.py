@@ -10,14 +10,14 @@ from torch.utils.checkpoint import checkpoint
 from brushexp.compositing.layers import Canvas, Layers, Size, accuracy_of
 from brushexp.compositing.tile_lists import TILE, tile_lists
 
-CHUNK = 2**25  # stroke-pixel pairs held at once; more are computed in pieces, and again in the backward pass
+CHUNK = 2**25  # stroke-pixel pairs held at once; bigger jobs are split, and recomputed in the backward pass
 
 # (alpha (T, K, P), color (T, K, P or 1, C)) -> (painted (T, P, C), light left for the background (T, P))
 Combine = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
 
 
 def padded_lists(layers: Layers, front_to_back: Tensor, size: Size) -> tuple[Tensor, Tensor]:
-    """List strokes (T, K) of each tile front to back, padded by -1, and pixel centres (T, P, 2)."""
+    """List the strokes (T, K) of each tile front to back, padded with -1, and the pixel centres (T, P, 2)."""
     lists, like = tile_lists(layers.curve, layers.reach, front_to_back, size), layers.curve
     first, stroke = torch.from_numpy(lists.first), torch.from_numpy(lists.stroke).long()
     counts = first.diff()
@@ -33,7 +33,7 @@ def padded_lists(layers: Layers, front_to_back: Tensor, size: Size) -> tuple[Ten
 def paint_tiles(
     layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor | None, combine: Combine
 ) -> Canvas:
-    """Combine the strokes of every tile into a picture."""
+    """Composite the strokes of every tile into a picture."""
     every, centres = padded_lists(layers, front_to_back, size)
     error, total = layers.reach.new_zeros(2, len(layers.reach))
     whole = -(-size[0] // TILE) * TILE, -(-size[1] // TILE) * TILE  # (H, W) of all tiles

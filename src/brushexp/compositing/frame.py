@@ -1,30 +1,31 @@
-"""Compute coordinates in a stroke: along its curve, beyond an end, and to the side."""
+"""Compute the coordinates of points in a stroke: along its curve, beyond an end, and to the side."""
 
 import torch
 from torch import Tensor
 
 from brushexp.strokes.bezier import closest_parameter, point_at
 
-SLOWEST = 1e-3  # a curve slower than this part of its size has no direction of its own (a cusp, a point)
-SLOWEST_PIXELS = 0.005  # and no curve has one that is slower than this
-LEAST_SQUARE = 0.1  # derivatives are limited as if the curve were nowhere slower than about this part of its size
-SHORTEST_SQUARED = 1 / 32  # and, squared, no shorter than about a quarter of its half width
+SLOWEST = 1e-3  # a curve slower than this fraction of its size has no direction of its own (a cusp, a point)
+SLOWEST_PIXELS = 0.005  # nor does any curve slower than this
+LEAST_SQUARE = 0.1  # derivatives are limited as if the curve were nowhere slower than about this fraction of its size
+SHORTEST_SQUARED = 1 / 32  # and no shorter than about a quarter of its half width (squared)
 
 
 def stroke_frame(curve: Tensor, points: Tensor, half_width: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Compute coordinates (...) of ``points`` (..., 2) in strokes with control points (..., 3, 2).
 
-    ``t`` is the nearest parameter in [0, 1]; ``along`` (pixels) is 0 beside the curve, negative before the start and
-    positive beyond the end, measured along the end's tangent; ``across`` (pixels) is positive where a point lies
-    clockwise of the direction of the stroke as seen on a canvas whose y points down. Always along^2 + across^2 is the
-    squared distance, so nothing comes nearer than it is.
+    ``t`` is the nearest parameter in [0, 1]. ``along`` (pixels) is 0 beside the curve, negative before the start and
+    positive beyond the end, measured along the end's tangent. ``across`` (pixels) is positive where a point lies
+    clockwise of the stroke's direction on a canvas whose y points down. along^2 + across^2 is always the squared
+    distance, so no point appears nearer than it is.
 
-    Where the curve stands still it has no tangent: the point of a fold, a curve that is a point. The direction is then
-    taken square to the offset, with the point on the outer side of the curve.
+    Where the curve has zero velocity (at the tip of a fold, or if it is a single point) it has no tangent. The
+    direction is then perpendicular to the offset, with the point on the outer side of the curve.
 
-    Derivatives: ``across`` has the unit normal (envelope theorem), ``t`` that of the implicit function theorem, and at
-    the ends the tangent turns. The last two grow without bound where a curve is short, stands still, or bends around
-    the point; they are limited there (``LEAST_SQUARE``, ``SHORTEST_SQUARED``), so that none throws a stroke about.
+    Derivatives: the gradient of ``across`` is the unit normal (envelope theorem), that of ``t`` follows from the
+    implicit function theorem, and beyond the ends the tangent turns. The last two grow without bound where a curve is
+    short, slow, or bends around the point, so they are limited there (``LEAST_SQUARE``, ``SHORTEST_SQUARED``) to keep
+    strokes stable.
     """
     start, control, end = curve.unbind(-2)
     bend, forward = start - 2 * control + end, control - start
@@ -45,7 +46,7 @@ def stroke_frame(curve: Tensor, points: Tensor, half_width: Tensor) -> tuple[Ten
         turns = (moves & at_end) / speed.clamp_min(LEAST_SQUARE * size + 1e-30).sqrt()
         steep = 2 * speed - (offset * bend).sum(-1)
         slides = ~at_end / steep.clamp_min(LEAST_SQUARE * size + SHORTEST_SQUARED * half_width.square())
-    turn = (normal * (velocity - velocity.detach())).sum(-1) * turns  # 0, with a derivative
+    turn = (normal * (velocity - velocity.detach())).sum(-1) * turns  # 0, but with a derivative
     tangent = tangent + normal * turn[..., None]
     slope = (offset * velocity).sum(-1)
     t = nearest + (slope - slope.detach()) * slides

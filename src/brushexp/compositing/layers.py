@@ -1,4 +1,4 @@
-"""Layers of strokes, the compiled kernel of a kind of layer, and the canvas that a blend paints."""
+"""Layers of strokes, the compiled kernel for a kind of layer, and the canvas that a blend paints."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -15,25 +15,27 @@ from brushexp.compositing.passes import backward_pass, forward_pass
 from brushexp.compositing.scratch import channel_rows
 
 Size = tuple[int, int]  # height and width of a canvas, pixels
-SPREAD = 1.5  # half widths that textures reach to either side of the curve, and beyond its ends
-PAINT_REACH = 2.0  # half widths, and SOFT_EDGE pixels, beyond which no stroke paints: hairs fray beyond textures
-SOFT_EDGE = 2.0  # pixels that a soft edge adds to a stroke at most, where a renderer says no other number
+SPREAD = 1.5  # half widths that textures extend to either side of the curve and beyond its ends
+PAINT_REACH = 2.0  # no stroke paints beyond this many half widths plus SOFT_EDGE pixels: hairs fray beyond textures
+SOFT_EDGE = 2.0  # pixels that a soft edge adds to a stroke at most, unless a renderer states another number
 Encode = Callable[[Tensor], Tensor]  # from RGB (..., 3) to channels (..., C), black to 0 and white to 1, differentiable
 Part = Callable[..., Any]  # a function marked by `system.compiled.inline`
 
 
 class TileKernel:
-    """The compiled passes of a kind of layer, from its parts: see the functions of these names in `passes`.
+    """The compiled passes for a kind of layer, built from its parts: see the functions of these names in `passes`.
 
     Args:
-        rows: of ``own``, and ``rows_per_channel`` more; row ABOVE is the skeleton's, and row NEAREST too if ``curved``.
-        temporary: rows for use within a part.
-        curved: find nearest points first. The first six numbers of a stroke are then its control points in pixels,
+        rows: rows of ``own``, plus ``rows_per_channel`` for each channel. The skeleton owns row ABOVE, and row NEAREST
+            if ``curved``.
+        temporary: scratch rows for use within a part.
+        curved: find nearest points first. The first six numbers of a stroke are then its control points in pixels:
             start, control and end, x and y each.
-        columns: numbers that ``pull`` writes; None: as many as a stroke has.
-        gather: makes gradients of what ``pull`` wrote, called with pairs, there, row of the lists, order, gradient of
-            the picture, strokes and data; None: they are summed by stroke and are the gradient of the strokes' numbers.
-        constants: that parts have as globals of these names.
+        columns: how many numbers ``pull`` writes; None for as many as a stroke has.
+        gather: computes gradients from the output of ``pull``, called with pairs, there, row of the lists, order,
+            gradient of the picture, strokes and data. With None, the output is summed by stroke and is the gradient of
+            the strokes' numbers.
+        constants: globals of the parts, by name.
     """
 
     def __init__(
@@ -48,7 +50,7 @@ class TileKernel:
 
     @cache  # noqa: B019  (kernels live as long as the program)
     def passes(self, channels: int) -> tuple[Compiled, Compiled]:
-        """Compile the pass that paints colours of ``channels``, and the one for gradients and importance of strokes."""
+        """Compile the pass that paints ``channels`` channels, and the pass for gradients or importance of strokes."""
         rows = self._rows[0] + self._rows[1] * channels
         parts = self._parts | channel_rows(channels) | {"ROWS": rows}
         return forward_pass.having(**parts), backward_pass.having(**parts, pull=self._pull)
@@ -56,22 +58,22 @@ class TileKernel:
 
 @dataclass(frozen=True)
 class KernelInput:
-    """Layers as a compiled kernel takes them: float32, on the CPU."""
+    """Layers in the form that a compiled kernel reads: float32, on the CPU."""
 
     kernel: TileKernel
     strokes: Tensor  # (N, .) numbers of each stroke, differentiable
-    data: tuple[Any, ...] = ()  # whatever else the parts of the kernel need; tensors reach them as arrays
-    learnt: int = 0  # how many of ``data``, counted from the first, are differentiable
+    data: tuple[Any, ...] = ()  # any other data for the parts of the kernel; tensors are passed as arrays
+    learnt: int = 0  # how many of the first entries of ``data`` are differentiable
     boxes: tuple[Tensor, Tensor] | None = None  # curve (N, 3, 2) and reach (N,) of strokes that fill boxes
 
 
 class Layers(ABC):
-    """Coverage of N strokes: their curves, how far they reach, and alpha and colour at any points."""
+    """Coverage of N strokes: their curves, their reach, and their alpha and colour at any point."""
 
-    curve: Tensor  # (N, 3, 2) control points in pixels; all of a stroke lies within ``reach`` of its curve
-    reach: Tensor  # (N,) pixels beyond which its alpha is exactly 0; 0 or less for a stroke that is nowhere
+    curve: Tensor  # (N, 3, 2) control points in pixels; a stroke lies entirely within ``reach`` of its curve
+    reach: Tensor  # (N,) pixels beyond which alpha is exactly 0; 0 or less for a stroke that covers nothing
     color: Tensor  # (N, C) mean colour
-    per_stroke: ClassVar[tuple[str, ...]]  # names of the fields that have a row for each stroke
+    per_stroke: ClassVar[tuple[str, ...]]  # names of the fields that have one row per stroke
 
     def joined(self, other: Self) -> Self:
         """Append the strokes of ``other``, which the same renderer drew."""
@@ -82,11 +84,11 @@ class Layers(ABC):
     def sample(self, index: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
         """Evaluate alpha (T, K, P) and colour (T, K, P or 1, C) of strokes ``index`` (T, K) at ``points`` (T, P, 2).
 
-        Both are in [0, 1], and differentiable in all fields; a colour that is constant has one pixel.
+        Both are in [0, 1] and differentiable in all fields. A constant colour has one pixel.
         """
 
     def pictures(self, side: int) -> Tensor:
-        """Draw each stroke alone on ``side`` x ``side`` pixels: (N, C + 1, side, side), straight alpha last."""
+        """Draw each stroke alone on ``side`` x ``side`` pixels: (N, C + 1, side, side), with straight alpha last."""
         pixel = torch.arange(side).to(self.curve) + 0.5
         points = torch.stack(torch.meshgrid(pixel, pixel, indexing="xy"), dim=-1).reshape(1, -1, 2)
         n = len(self.curve)
@@ -96,7 +98,7 @@ class Layers(ABC):
         return parts.reshape(n, side, side, -1).movedim(-1, 1)
 
     def encoded(self, encode: Encode) -> "Layers":
-        """Encode colours in other channels, in which light in textures then mixes them with white or black."""
+        """Encode the colours in other channels, where the tone of textures then mixes them with white or black."""
         return EncodedLayers(self, encode)
 
     def compiled(self) -> KernelInput | None:
@@ -106,9 +108,9 @@ class Layers(ABC):
 
 @dataclass(frozen=True)
 class Canvas:
-    """A picture: ``image`` (3, H, W), display-referred RGB; ``accuracy`` (N,), without gradient, if a target was given.
+    """A picture: ``image`` (3, H, W), display-referred RGB; ``accuracy`` (N,), without gradient, if there is a target.
 
-    Accuracy is as ``order.base.Order.depth`` defines it, NaN for a stroke that covers nothing here.
+    ``order.base.Order.depth`` defines accuracy; it is NaN for a stroke that covers nothing here.
     """
 
     image: Tensor
@@ -120,12 +122,12 @@ Compose = Callable[[Layers, Tensor, Size, Tensor], Canvas]  # as `Blend`, withou
 
 def accuracy_of(error: Tensor, total: Tensor) -> Tensor:
     """Compute accuracy (N,) from sums (N,) of alpha |color - target|^2 and of alpha; NaN where nothing is covered."""
-    covers = total > 1e-6  # below a millionth of a pixel there is nothing to judge
+    covers = total > 1e-6  # less than a millionth of a pixel is too little to judge
     return torch.where(covers, 1 - error / total.clamp_min(1e-6), torch.nan)
 
 
 class EncodedLayers(Layers):
-    """Layers of any kind, whose colours are encoded where they are sampled."""
+    """Layers of any kind whose colours are encoded when they are sampled."""
 
     def __init__(self, layers: Layers, encode: Encode) -> None:
         self.layers, self.encode = layers, encode

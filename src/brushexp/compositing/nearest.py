@@ -1,4 +1,4 @@
-"""The nearest point of a curve for the 64 pixels of a tile, and how it is kept for the backward pass."""
+"""Find the nearest point of a curve for the 64 pixels of a tile, and store it for the backward pass."""
 # mypy: allow-untyped-defs
 
 import numpy as np
@@ -9,17 +9,17 @@ from brushexp.compositing.tile_lists import AREA, CENTER_X, CENTER_Y, NEAREST, T
 MIDDLE = F(0.5 * TILE)
 HALF_DIAGONAL = F(np.sqrt(0.5) * (TILE - 1) * 1.001)
 PLACES = (np.arange(16, dtype=F) + F(0.5)) * F(1 / 16)
-LEAST_SLOPE = F(1e-6)  # least second derivative Newton divides by, against the curve's own size
-LAST = F(1 / 32)  # of the curve: Halley's method is as near as that after its steps
-TIE = F(3e-7)  # of the curve's length: where both legs of a fold are as near as can be told, the first one is taken
+LEAST_SLOPE = F(1e-6)  # smallest second derivative by which Newton's method divides, relative to the curve's size
+LAST = F(1 / 32)  # largest of the last steps of Halley's method, as a fraction of the curve
+TIE = F(3e-7)  # fraction of the curve's length; within it, two legs of a fold are equally near and the first is chosen
 
 
 @inline
 def _part_near(reach, bx, by, fx, fy, mx, my):
-    """Bounds of t between which all points of the curve lie that come within ``reach`` of the tile.
+    """Bound the range of t that contains all points of the curve within ``reach`` of the tile.
 
-    (mx, my) is the start of the curve, seen from the middle of the tile. No point is farther along than 1/32 from one
-    of the 16 places; no pixel's centre is farther than half a diagonal from the middle.
+    (mx, my) is the start of the curve relative to the middle of the tile. Every point of the curve is within 1/32 of
+    one of the 16 places in t, and every pixel's centre is within half a diagonal of the middle.
     """
     fastest = max(fx * fx + fy * fy, (fx + bx) * (fx + bx) + (fy + by) * (fy + by))
     far = reach + HALF_DIAGONAL + np.sqrt(fastest) * F(1.01 / 16)
@@ -36,9 +36,10 @@ def _part_near(reach, bx, by, fx, fy, mx, my):
 
 @inline
 def _evenness(a, b, c0, bx, by, mx, my, low, high):
-    """Least of the derivative of f, the cubic with zeros at the nearest points, over its greatest: 1 if f is straight.
+    """Compute the ratio of the smallest to the largest slope of f, the cubic with zeros at the nearest points.
 
-    Over t from ``low`` to ``high`` and all pixels of a tile. Above 0 each pixel has one nearest point on that part.
+    The range is t from ``low`` to ``high``, for all pixels of a tile. A ratio of 1 means that f is straight. If the
+    ratio is above 0, each pixel has exactly one nearest point in that range.
     """
     turn = min(max(-b / (F(3) * a + F(1e-20)), low), high)
     spread = F(0.5 * (TILE - 1)) * (abs(bx) + abs(by))
@@ -49,7 +50,7 @@ def _evenness(a, b, c0, bx, by, mx, my, low, high):
 
 @inline
 def _greatest_slope(a, b, c0, bx, by, mx, my, low, high):
-    """Greatest derivative of f between ``low`` and ``high``, over all pixels of a tile."""
+    """Compute the largest derivative of f between ``low`` and ``high``, over all pixels of a tile."""
     spread = F(0.5 * (TILE - 1)) * (abs(bx) + abs(by))
     ends = max((F(3) * a * low + F(2) * b) * low, (F(3) * a * high + F(2) * b) * high)
     return ends + c0 + bx * mx + by * my + spread
@@ -57,13 +58,13 @@ def _greatest_slope(a, b, c0, bx, by, mx, my, low, high):
 
 @inline
 def _constant(a, b, c0, t):
-    """What all pixels share in the squared distance at parameter ``t``."""
+    """Compute the part of the squared distance at parameter ``t`` that all pixels share."""
     return (F(0.25) * a * t + b * F(1 / 3)) * t * t + F(0.5) * c0 * t
 
 
 @inline
 def _find_from_middle(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own):
-    """Newton's method from the middle."""
+    """Find nearest points with Newton's method, starting in the middle."""
     floor, middle = LEAST_SLOPE * (a + abs(b) + c0) + F(1e-20), F(0.5) * (low + high)
     for q in range(AREA):
         mx, my = sx - CENTER_X[q], sy - CENTER_Y[q]
@@ -73,7 +74,7 @@ def _find_from_middle(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own):
 
 @inline
 def _find_from_five(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own):
-    """Newton's method from the best of five places."""
+    """Find nearest points with Newton's method, starting at the best of five places."""
     floor, step = LEAST_SLOPE * (a + abs(b) + c0) + F(1e-20), F(0.25) * (high - low)
     shared, first = _four(a, b, c0, low + step, step), _constant(a, b, c0, low)
     for q in range(AREA):
@@ -87,7 +88,7 @@ def _find_from_five(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own):
 
 @inline
 def _find_from_nine(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own):
-    """Newton's method from the best of nine places."""
+    """Find nearest points with Newton's method, starting at the best of nine places."""
     floor, step = LEAST_SLOPE * (a + abs(b) + c0) + F(1e-20), F(0.125) * (high - low)
     odd, even = _four(a, b, c0, low + step, F(2) * step), _four(a, b, c0, low + F(2) * step, F(2) * step)
     first = _constant(a, b, c0, low)
@@ -104,14 +105,14 @@ def _find_from_nine(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own):
 
 @inline
 def _four(a, b, c0, t, step):
-    """`_constant` at ``t`` and three more places."""
+    """Compute `_constant` at ``t`` and three more places."""
     u, v, w = t + step, t + F(2) * step, t + F(3) * step
     return _constant(a, b, c0, t), _constant(a, b, c0, u), _constant(a, b, c0, v), _constant(a, b, c0, w)
 
 
 @inline
 def _best_of_four(t, step, bend, forward, shared):
-    """A quarter of |B(t) - p|^2 - |P0 - p|^2 at the best of four places, and the place."""
+    """Compute a quarter of |B(t) - p|^2 - |P0 - p|^2 at the best of four places, and that place."""
     u, v, w = t + step, t + F(2) * step, t + F(3) * step
     at_t, at_u = (bend * t + forward + shared[0]) * t, (bend * u + forward + shared[1]) * u
     at_v, at_w = (bend * v + forward + shared[2]) * v, (bend * w + forward + shared[3]) * w
@@ -122,7 +123,7 @@ def _best_of_four(t, step, bend, forward, shared):
 
 @inline
 def _three_steps(a, b, c, d, floor, t, low, high):
-    """Newton's method; written out, as a loop would keep that over the pixels from being SIMD code."""
+    """Take three steps of Newton's method, written out because a loop would prevent SIMD code over the pixels."""
     t = _newton(a, b, c, d, floor, t, low, high)
     t = _newton(a, b, c, d, floor, t, low, high)
     return _newton(a, b, c, d, floor, t, low, high)
@@ -137,14 +138,14 @@ def _newton(a, b, c, d, floor, t, low, high):
 
 @inline
 def _halley(a, b, c, d, t):
-    """What Halley's method takes off ``t``."""
+    """Compute the amount that one step of Halley's method subtracts from ``t``."""
     f, g = ((a * t + b) * t + c) * t + d, max((F(3) * a * t + F(2) * b) * t + c, LEAST_SLOPE)
     return F(2) * f * g / max(F(2) * g * g - f * (F(6) * a * t + F(2) * b), g * g)
 
 
 @inline
 def _valley(a, b, c, d, t, low, high):
-    """Five steps from an end, written out too."""
+    """Take five steps of Halley's method from an end; written out like `_three_steps`."""
     t = min(max(t - _halley(a, b, c, d, t), low), high)
     t = min(max(t - _halley(a, b, c, d, t), low), high)
     t = min(max(t - _halley(a, b, c, d, t), low), high)
@@ -154,13 +155,13 @@ def _valley(a, b, c, d, t, low, high):
 
 @inline
 def _find_from_ends(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own):
-    """Halley's method from both ends; the nearer of both valleys of the distance.
+    """Find nearest points with Halley's method from both ends, and choose the nearer of the two minima of the distance.
 
-    The derivative of the distance is a cubic that rises; its outermost zeros are the valleys, one to each side of its
-    inflection, and it is bent away from the ends on both sides, so that nothing lies between an end and its valley.
+    The derivative of the squared distance is a cubic that rises. Its outermost zeros are the minima, one on each side
+    of its inflection. On both sides it curves away from the ends, so nothing lies between an end and its minimum.
     """
     size = a + abs(b) + c0 + F(1e-20)
-    unit = F(1) / size  # so that no square overflows
+    unit = F(1) / size  # keeps squares from overflowing
     a, b, c0 = a * unit, b * unit, c0 * unit
     tie = TIE * np.sqrt(size)
     turn = min(max(-b / (F(3) * a + F(1e-20)), low), high)
@@ -172,7 +173,7 @@ def _find_from_ends(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own):
         ux, uy = (bx * u + F(2) * fx) * u + mx, (by * u + F(2) * fy) * u + my
         nearer = np.sqrt(tx * tx + ty * ty) <= np.sqrt(ux * ux + uy * uy) + tie
         own[NEAREST * AREA + q] = t if nearer else u
-    for q in range(AREA):  # two steps more for the nearer one; where the derivative is flat they must not throw it away
+    for q in range(AREA):  # two more steps for the nearer minimum, limited because the derivative may be flat there
         mx, my = sx - CENTER_X[q], sy - CENTER_Y[q]
         c, d = c0 + (bx * mx + by * my) * unit, (fx * mx + fy * my) * unit
         t = own[NEAREST * AREA + q]
@@ -183,16 +184,17 @@ def _find_from_ends(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own):
 
 @inline
 def find_nearest(p, i, reach, ox, oy, own, near, j, keep):
-    """Part `seek`: write to row NEAREST the parameter of the nearest point of stroke ``i`` to each pixel of the tile.
+    """Part `seek`: write the parameter of the point of stroke ``i`` nearest to each pixel of the tile to row NEAREST.
 
-    What is kept for the backward pass are 65535ths: a quarter of what alpha, t and distance would take.
+    The backward pass gets a copy in steps of 1/65535, a quarter of the memory that alpha, t and distance would take.
     """
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
     a, b, c0 = bx * bx + by * by, F(3) * (bx * fx + by * fy), F(2) * (fx * fx + fy * fy)
     low, high = _part_near(reach, bx, by, fx, fy, sx - MIDDLE, sy - MIDDLE)
     even = _evenness(a, b, c0, bx, by, sx - MIDDLE, sy - MIDDLE, low, high)
-    # On random curves the distance of pixels within 40 px is then found to 3e-4 px: where it is less even, to more.
+    # On random curves this finds the distance of pixels within 40 px to 3e-4 px; the less even f is, the more starts it
+    # needs.
     if even > F(0.5):
         _find_from_middle(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own)
     elif even > F(0.12):
@@ -209,10 +211,10 @@ def find_nearest(p, i, reach, ox, oy, own, near, j, keep):
 
 @inline
 def recall_nearest(p, i, ox, oy, own, near, j):
-    """Part `recall`: bring back what `find_nearest` kept; most of a Newton step makes up for the rounding.
+    """Part `recall`: restore what `find_nearest` stored, and correct most of the rounding by a Newton step.
 
-    Two of Newton's steps compute 1 / slope from its lower bound, so that it is never too large. A negative slope counts
-    as 0, because the nearest point is then an end; in a tile, all slopes may be negative.
+    Two Newton iterations compute 1 / slope from its lower bound, so that it is never too large. A negative slope counts
+    as 0, because the nearest point is then an end; all slopes in a tile may be negative.
     """
     row = near[j]
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy

@@ -1,23 +1,23 @@
-"""The compiled passes over tiles of 8 x 8 pixels: one skeleton for every kind of layer, which brings its parts.
+"""The compiled passes over tiles of 8 x 8 pixels: one skeleton for every kind of layer, which supplies its parts.
 
-Nothing of size strokes x pixels is stored but a kind's nearest points. A tile's 64 pixels stay in the first-level cache
-while its strokes are laid over each other front to back ("over", Porter and Duff, 1984); the loops over the pixels have
-no branches, so that they become SIMD code. On the way back the forward pass of a tile is repeated, but for the search
-of nearest points; then its strokes are visited back to front with what lies behind them, which needs no division by
-1 - alpha: of its colours only the sum of their products with the gradient of the picture. What a stroke receives from a
-tile goes to a row of its own, and rows are summed per stroke in double precision: no atomics, and the same bits on any
-number of threads.
+The only stored array of size strokes x pixels holds a kind's nearest points. A tile's 64 pixels stay in the first-level
+cache while its strokes are composited front to back ("over", Porter and Duff, 1984); the loops over the pixels have no
+branches, so that they become SIMD code. The backward pass repeats the forward pass of a tile, except for the search for
+nearest points. It then visits the strokes back to front and tracks what lies behind them, so that nothing is divided by
+(1 - alpha); of the colours behind, it needs only the sum of their products with the gradient of the picture. The
+gradient of a stroke in a tile goes to its own row, and rows are summed per stroke in double precision: there are no
+atomics, and the bits are the same on any number of threads.
 
-Colours have CHANNELS numbers: a pixel's alpha is found once, and the loops over its channels are unrolled, for their
-number is known when a kernel is compiled (`channel_rows`).
+Colours have CHANNELS numbers. A pixel's alpha is computed once, and the loops over its channels are unrolled, because
+their number is known when a kernel is compiled (`channel_rows`).
 
-The parts are the functions `seek`, `recall`, `cover`, `tint`, `shade`, `tone` and `pull`. Those here do nothing and say
-what is expected; `TileKernel` puts those of a kind in their place. They are given:
+The parts are the functions `seek`, `recall`, `cover`, `tint`, `shade`, `tone` and `pull`. The ones here do nothing and
+document what is expected; `TileKernel` replaces them by those of a kind of layer. Their arguments are:
 
-- ``p``: (N, C) float32, the numbers of the strokes; ``i``, which stroke; ``data``, a tuple of whatever else belongs to
-  the layers; ``(ox, oy)``, the upper left corner of the tile in pixels.
+- ``p``: (N, C) float32, the numbers of the strokes; ``i``, the index of a stroke; ``data``, a tuple of any other data
+  of the layers; ``(ox, oy)``, the upper left corner of the tile in pixels.
 - ``own``: ROWS rows of 64 numbers, one for each pixel of the tile (pixel q at column q & 7 and row q >> 3), which
-  belong to the stroke in this tile: `cover` writes what `shade` and `pull` read. Row ABOVE is not for the parts, row
+  belong to the stroke in this tile: `cover` writes what `shade` and `pull` read. Parts do not use row ABOVE; row
   NEAREST has the nearest parameters if the kind seeks them.
 - ``temporary``: TEMPORARY more rows, for use within one part.
 """
@@ -34,51 +34,52 @@ ROWS = TEMPORARY = 1
 
 @inline
 def seek(p, i, reach, ox, oy, own, near, j, keep):
-    """Part: find the nearest points of stroke ``i``; if ``keep``, leave them in row ``j`` of ``near`` for `recall`."""
+    """Part: find the nearest points of stroke ``i``; if ``keep``, store them in row ``j`` of ``near`` for `recall`."""
 
 
 @inline
 def recall(p, i, ox, oy, own, near, j):
-    """Part: bring the nearest points back."""
+    """Part: restore the nearest points."""
 
 
 @inline
 def cover(p, i, data, ox, oy, own, temporary):
-    """Part: write into ``own`` what stroke ``i`` is in the tile, and return whether it is there at all."""
+    """Part: write the data of stroke ``i`` in this tile into ``own``; return whether the stroke covers any of it."""
 
 
 @inline
 def tint(p, i):
-    """Part: a tuple of the numbers of stroke ``i`` that `shade` and `tone` need at every pixel."""
+    """Part: return the numbers of stroke ``i`` that `shade` and `tone` need at every pixel, as a tuple."""
 
 
 @inline
 def shade(look, own, q):
-    """Part: a tuple of alpha at pixel ``q``, and whatever else `tone` needs there; ``look`` is from `tint`."""
+    """Part: return alpha at pixel ``q`` and any other numbers that `tone` needs there; ``look`` comes from `tint`."""
 
 
 @inline
 def tone(look, seen, own, q, c):
-    """Part: channel ``c`` of the colour at pixel ``q``, multiplied by alpha; ``seen`` is from `shade`."""
+    """Part: return channel ``c`` of the colour at pixel ``q``, multiplied by alpha; ``seen`` comes from `shade`."""
 
 
 @inline
 def pull(p, i, data, ox, oy, own, temporary, buf, out):
-    """Part: write the gradient of the numbers of stroke ``i`` into ``out``, from that of what `shade` and `tone` say.
+    """Part: write the gradient of the numbers of stroke ``i`` into ``out``, given the gradients of alpha and colour.
 
-    That of alpha is in row PULL_ALPHA of ``buf``, that of a channel is `of_color`. ``own`` may be written over.
+    The gradient of alpha is in row PULL_ALPHA of ``buf``; `of_color` computes the gradient of a channel. ``own`` may be
+    overwritten.
     """
 
 
 @inline
 def of_color(own, buf, q, c):
-    """Derivative with respect to channel ``c`` of what `tone` says at pixel ``q``."""
+    """Compute the derivative with respect to channel ``c`` of the result of `tone` at pixel ``q``."""
     return own[ABOVE * AREA + q] * buf[(PICTURE + c) * AREA + q]
 
 
 @inline
 def _lay(look, own, buf, opaque):
-    """Lay a stroke under those before it; how many pixels still let as much light through as ``opaque``."""
+    """Composite a stroke under those above it; return how many pixels still transmit at least the light ``opaque``."""
     bright = F(0)
     for q in range(AREA):
         seen, light = shade(look, own, q), buf[LIGHT * AREA + q]
@@ -91,10 +92,10 @@ def _lay(look, own, buf, opaque):
 
 @inline
 def _add_color(look, seen, own, q, light, buf):
-    """Add what is seen of a stroke at a pixel.
+    """Add the visible colour of a stroke at a pixel.
 
-    As a function of its own, like other loops over channels: within the loop over pixels it would keep `c` from one
-    pixel to the next, and the compiler would take the first pixel apart from the others, which then lie askew.
+    This is a separate function, like other loops over channels: inside the loop over pixels it would carry `c` from one
+    pixel to the next, and the compiler would peel off the first pixel, which misaligns the others.
     """
     for c in range(CHANNELS):
         buf[c * AREA + q] += light * tone(look, seen, own, q, c)
@@ -102,7 +103,7 @@ def _add_color(look, seen, own, q, light, buf):
 
 @inline
 def _judge(look, own, buf):
-    """Sum of alpha |color - target|^2 and of alpha of a stroke over a tile, the target of which is in rows PICTURE."""
+    """Sum alpha |color - target|^2 and alpha of a stroke over a tile whose target is in rows PICTURE."""
     error, total = F(0), F(0)
     for q in range(AREA):
         seen, square = shade(look, own, q), F(0)
@@ -119,16 +120,16 @@ def forward_pass(
     begin, end, p, data, reach, order, first, stroke, slot, columns, background, opaque, target, image, used, there,
     near, errors,
 ):  # fmt: skip
-    """Paint the tiles of workers ``begin`` to ``end``, of which there are WORKERS.
+    """Paint the tiles of workers ``begin`` to ``end``, out of WORKERS.
 
-    ``reach`` (N,) is that of `Layers`; ``order`` (N,) are the strokes, the uppermost first; ``first``, ``stroke`` and
+    ``reach`` (N,) is that of `Layers`; ``order`` (N,) lists the strokes, top stroke first; ``first``, ``stroke`` and
     ``slot`` are those of `TileLists`, with ``columns`` tiles per row; ``background`` is (C,) float32. A tile is
-    finished when no pixel lets more light than ``opaque`` through; but with a ``target`` (C, H, W) every stroke is
-    looked at. Without, it is (C, 0, 0).
+    finished when no pixel transmits more light than ``opaque``; with a ``target`` (C, H, W), however, every stroke is
+    evaluated. Without a target it is (C, 0, 0).
 
-    Written are ``image`` (C, H, W); how much of its list was ``used`` by each tile (tiles,); by slot whether a stroke
-    is ``there`` (pairs,), False before; ``near`` (pairs, 64) uint16 for `recall`, or (0, 64); and with a target
-    ``errors`` (pairs, 2), the sums of alpha |color - target|^2 and of alpha.
+    Writes ``image`` (C, H, W); ``used`` (tiles,), how much of its list each tile used; by slot, ``there`` (pairs,),
+    whether a stroke covers the tile, False before; ``near`` (pairs, 64) uint16 for `recall`, or (0, 64); and with a
+    target, ``errors`` (pairs, 2), the sums of alpha |color - target|^2 and of alpha.
     """
     judge, keep = target.shape[1] > 0, len(near) > 0
     buf, own, temporary = np.empty(SCRATCH * AREA, F), np.empty(ROWS * AREA, F), np.empty(TEMPORARY * AREA, F)
@@ -160,13 +161,13 @@ def forward_pass(
 
 @inline
 def _replay(p, data, order, stroke, slot, there, near, at, n, ox, oy, buf, kept, temporary):
-    """Repeat the forward pass of a tile from the nearest points; keep the rows of each stroke and the light above."""
+    """Repeat the forward pass of a tile from its nearest points; keep each stroke's rows and the light above it."""
     buf[LIGHT * AREA : (LIGHT + 1) * AREA] = F(1)
     for k in range(n):
         if not there[slot[at + k]]:
             continue
         i = order[stroke[at + k]]
-        own = kept[k * ROWS * AREA : (k + 1) * ROWS * AREA]  # a view: its indices are plainly not negative
+        own = kept[k * ROWS * AREA : (k + 1) * ROWS * AREA]  # a view; its indices are plainly not negative
         recall(p, i, ox, oy, own, near, at + k)
         cover(p, i, data, ox, oy, own, temporary)
         look = tint(p, i)
@@ -178,7 +179,7 @@ def _replay(p, data, order, stroke, slot, there, near, at, n, ox, oy, buf, kept,
 
 @inline
 def _begin_behind(background, weighs, buf):
-    """Lay out the bare canvas, which is behind the last stroke: its colour, or what `_step_back` needs of it."""
+    """Set up the bare canvas behind the last stroke: its colour, or its product with the gradient for `_step_back`."""
     buf[: CHANNELS * AREA] = F(0)
     for c in range(CHANNELS):
         for q in range(AREA):
@@ -190,9 +191,9 @@ def _begin_behind(background, weighs, buf):
 
 @inline
 def _step_back(look, own, buf):
-    """Write the derivative with respect to alpha of a stroke; what lies behind then includes the stroke.
+    """Write the derivative with respect to the alpha of a stroke, then include the stroke in what lies behind the next.
 
-    Of the colour behind, only its product with the gradient of the picture is needed.
+    Only the product of the colour behind with the gradient of the picture is needed.
     """
     for q in range(AREA):
         seen, light, behind = shade(look, own, q), own[ABOVE * AREA + q], buf[BEHIND * AREA + q]
@@ -203,7 +204,7 @@ def _step_back(look, own, buf):
 
 @inline
 def _product(look, seen, own, q, buf):
-    """Sum over channels of the colour of a stroke at a pixel times the gradient of the picture."""
+    """Sum over channels the colour of a stroke at a pixel times the gradient of the picture."""
     total = F(0)
     for c in range(CHANNELS):
         total += buf[(PICTURE + c) * AREA + q] * tone(look, seen, own, q, c)
@@ -212,7 +213,7 @@ def _product(look, seen, own, q, buf):
 
 @inline
 def _miss(look, own, buf):
-    """What the weighted squared error would grow by in a tile without a stroke; the colour behind then includes it."""
+    """Compute by how much the weighted squared error in a tile grows without a stroke; add it to the colour behind."""
     total = F(0)
     for q in range(AREA):
         seen, light, grown = shade(look, own, q), own[ABOVE * AREA + q], F(0)
@@ -229,11 +230,12 @@ def backward_pass(
     begin, end, p, data, reach, order, first, stroke, slot, columns, background, used, there, near, picture,
     weighs, pairs,
 ):  # fmt: skip
-    """Visit the strokes of these workers' tiles back to front, for the gradients of all pairs.
+    """Visit the strokes of these workers' tiles back to front, and compute the gradients of all pairs.
 
-    Arguments as of `forward_pass`, with what it wrote. ``picture`` is the gradient of the image (C, H, W). If it
-    ``weighs``, it is image less target, and the weight of each pixel (C + 1, H, W), and what is written is what the
-    weighted squared error would grow by without a stroke. ``pairs`` (pairs, .) is written where they are ``there``.
+    The arguments are those of `forward_pass`, with the arrays it wrote. ``picture`` is the gradient of the image (C, H,
+    W). If ``weighs``, it is image minus target, followed by the weight of each pixel (C + 1, H, W), and the output is
+    the increase in the weighted squared error without a stroke. ``pairs`` (pairs, .) is written where they are
+    ``there``.
     """
     buf, temporary = np.empty(SCRATCH * AREA, F), np.empty(TEMPORARY * AREA, F)
     kept = np.empty(used.max() * ROWS * AREA, F)

@@ -1,8 +1,8 @@
 """Strokes with round ends and a soft edge, whose colour may drift along them, and the parts of their kernel.
 
-By the envelope theorem the distance to a curve depends on its control points only through the nearest point at fixed t,
-so its gradient is the unit normal times the Bernstein weights; where thickness or colour change along the stroke, the
-derivative of t itself is added.
+By the envelope theorem, the distance to a curve depends on its control points only through the nearest point at fixed
+t, so its gradient is the unit normal times the Bernstein weights. Where thickness or colour change along the stroke,
+the derivative of t itself is added.
 """
 # mypy: allow-untyped-defs
 
@@ -23,19 +23,19 @@ from brushexp.strokes.bezier import closest_parameter, point_at
 
 LEAST_BEND = F(1.25e-5)  # square pixels: as in `strokes.bezier`
 SHARP, WIDENING = 8, 9  # columns after the control points, the half width and the opacity
-COLOR = 10  # column of the first channel; after the last one, how they drift, if they do
-DRIFTS = False  # whether colours change along strokes: a constant of the kernel
-DISTANCE, COVER, ROWS = 2, 3, 4  # rows of a stroke in a tile: distance to the curve, coverage before opacity
+COLOR = 10  # columns after the control points, half width and opacity
+DRIFTS = False  # column of the first channel; their drift follows the last one if they drift
+DISTANCE, COVER, ROWS = 2, 3, 4  # whether colours change along strokes, a constant of the kernel
 
 
 @dataclass(frozen=True)
 class Profile(Layers):
-    """Strokes with round ends and a soft edge, each of one colour, which may drift along the stroke.
+    """Strokes with round ends and a soft edge; a stroke has one colour, which may drift along it.
 
     alpha = opacity * C(d), where d is the distance to the curve and C(d) = S(h + d) + S(h - d) - 1 with the smooth step
-    S of width ``soft`` + ``softness``: the box of half width h smoothed by S, so that a line thinner than the edge
-    fades instead of disappearing. At the nearest parameter t, h = half_width * (1 - taper * u^2) * (1 + widening * u)
-    with u = 2t - 1, and the colour is color + drift * u.
+    S of width ``soft`` + ``softness``: a box of half width h smoothed by S, so that a line thinner than its edge fades
+    instead of disappearing. At the nearest parameter t, h = half_width * (1 - taper * u^2) * (1 + widening * u) with u
+    = 2t - 1, and the colour is color + drift * u.
     """
 
     per_stroke = ("curve", "half_width", "color", "opacity", "softness", "widening", "drift")
@@ -44,8 +44,8 @@ class Profile(Layers):
     half_width: Tensor  # (N,) pixels
     color: Tensor
     opacity: Tensor  # (N,)
-    soft: float  # least width of an edge, pixels, > 0
-    taper: float  # how much thinner both ends are, 0 (not) to 1 (pointed)
+    soft: float  # smallest width of an edge, pixels, > 0
+    taper: float  # how much thinner both ends are, 0 (no thinner) to 1 (pointed)
     softness: Tensor = None  # type: ignore[assignment]  # (N,) by how many pixels edges are wider; 0 if not given
     widening: Tensor = None  # type: ignore[assignment]  # (N,) growth from the middle to the end, -1 to 1; 0 if not given
     drift: Tensor = None  # type: ignore[assignment]  # (N, C) colour at the end less that in the middle; 0 if not given
@@ -68,14 +68,14 @@ class Profile(Layers):
         points = points[:, None]  # (T, 1, P, 2)
         t = closest_parameter(curve, points)  # (T, K, P)
         if not (self.taper or self.widening.any() or self.drifts):
-            t = t.detach()  # t is where the distance is least: to first order it does not matter
+            t = t.detach()  # t minimises the distance, so its derivative vanishes to first order
         offset = (point_at(curve, t) - points).square().sum(-1)
         distance = (offset + 1e-12 * (offset == 0)).sqrt()  # the slope at 0 is 0, not 0/0
         half, soft = self.half_width[index][..., None], self.soft + self.softness[index][..., None]
         u = 2 * t - 1
         half = half * (1 - self.taper * u**2) * (1 + self.widening[index][..., None] * u)
         coverage = smooth_rise((half + distance) / soft) + smooth_rise((half - distance) / soft)
-        coverage = coverage.clamp_min(0)  # rounding may leave less
+        coverage = coverage.clamp_min(0)  # rounding may produce less
         color = self.color[index][:, :, None]
         if self.drifts:
             color = color + self.drift[index][:, :, None] * u[..., None]
@@ -93,7 +93,7 @@ class Profile(Layers):
 
 
 def smooth_rise(x: Tensor) -> Tensor:
-    """Cubic step from -1/2 (x <= -1/2) to 1/2 (x >= 1/2); odd to the bit, so that its sum at x and -x is exactly 0."""
+    """Compute a cubic step from -1/2 (x <= -1/2) to 1/2 (x >= 1/2), odd to the bit: its sum at x and -x is 0."""
     z = x.clamp(-0.5, 0.5)
     return z * (1.5 - 2 * z * z)
 
@@ -106,26 +106,26 @@ def _rise(x):
 
 @inline
 def _slope(x):
-    """A sixth of the derivative of `_rise`."""
+    """Compute a sixth of the derivative of `_rise`."""
     z = min(max(x + F(0.5), F(0)), F(1))
     return z * (F(1) - z)
 
 
 @inline
 def _is_wide(p, i, taper):
-    """Whether the stroke is everywhere as thick as its edge, so that only one side of it is to be seen at a point."""
+    """Check whether the stroke is as thick as its edge everywhere, so that a point sees only one of its sides."""
     return taper == F(0) and p[i, 6] * (F(1) - abs(p[i, WIDENING])) * p[i, SHARP] >= F(0.5)
 
 
 @inline
 def _shape(taper, widening, u):
-    """Thickness at u = 2t - 1, that in the middle being 1."""
+    """Compute the thickness at u = 2t - 1, relative to the middle."""
     return (F(1) - taper * u * u) * (F(1) + widening * u)
 
 
 @inline
 def _growth(taper, widening, u):
-    """Derivative of `_shape` with respect to t."""
+    """Compute the derivative of `_shape` with respect to t."""
     return F(2) * (widening * (F(1) - taper * u * u) - F(2) * taper * u * (F(1) + widening * u))
 
 
@@ -155,7 +155,7 @@ def _cover_pixels(p, i, ox, oy, taper, own, wide):
         else:
             ht = h * _shape(taper, widening, u)
             cover = _rise((ht + d) * sharp) + _rise((ht - d) * sharp)
-            own[COVER * AREA + q] = max(cover, F(0)) * there  # rounding may leave less, or more of what is not there
+            own[COVER * AREA + q] = max(cover, F(0)) * there  # rounding may go below 0; zero width covers nothing
 
 
 @inline
@@ -198,7 +198,7 @@ def _pull(p, i, data, ox, oy, own, temporary, buf, out):
 
 @inline
 def _pull_curve(p, i, ox, oy, taper, own, of_t, buf, out, wide):
-    """Gradient of the control points at fixed t, half width, opacity, sharpness and widening."""
+    """Compute the gradients of the control points at fixed t, half width, opacity, sharpness and widening."""
     sharp, widening = p[i, SHARP], p[i, WIDENING]
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, F(2) * (cx - sx), F(2) * (cy - sy)
@@ -232,7 +232,7 @@ def _pull_curve(p, i, ox, oy, taper, own, of_t, buf, out, wide):
         of_t[q] = gt + scale * gh * p[i, 6] * _growth(taper, widening, u)
         gd /= max(d, F(1e-6))
         px, py = gd * ((bx * t + fx) * t + (sx - CENTER_X[q])), gd * ((by * t + fy) * t + (sy - CENTER_Y[q]))
-        x0 += px  # moments, from which the Bernstein weights follow
+        x0 += px  # moments, which give the Bernstein weights
         x1 += px * t
         x2 += px * t * t
         y0 += py
@@ -245,7 +245,7 @@ def _pull_curve(p, i, ox, oy, taper, own, of_t, buf, out, wide):
 
 @inline
 def _of_all(color, own, buf, q):
-    """Derivative with respect to alpha through the color."""
+    """Compute the derivative with respect to alpha through the colour."""
     total = F(0)
     for c in range(CHANNELS):
         total += color[c] * of_color(own, buf, q, c)
@@ -254,7 +254,7 @@ def _of_all(color, own, buf, q):
 
 @inline
 def _add_change(p, i, ox, oy, taper, own, of_t, out):
-    """Add to the gradient of the curve that thickness and colour depend on t, and t on the control points."""
+    """Add to the gradient of the curve the dependence of thickness and colour on t, and of t on the control points."""
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
     size = bx * bx + by * by + F(3) * abs(bx * fx + by * fy) + F(2) * (fx * fx + fy * fy)
@@ -270,7 +270,7 @@ def _add_change(p, i, ox, oy, taper, own, of_t, out):
         dx, dy = bx * t + fx, by * t + fy
         bend = max(F(2) * (dx * dx + dy * dy) + bx * rx + by * ry, floor, LEAST_BEND)
         gt = -of_t[q] / bend
-        gt = gt if t > F(0) else F(0)  # held at an end, t does not move
+        gt = gt if t > F(0) else F(0)  # at an end, t is fixed
         gt = gt if t < F(1) else F(0)
         g0 += gt * (b0 * dx - v * rx)
         g1 += gt * (b0 * dy - v * ry)

@@ -1,4 +1,4 @@
-"""Paint a picture by compiled kernels, differentiable in all that the layers hand to them."""
+"""Paint a picture with compiled kernels, differentiable in every tensor that the layers pass to them."""
 
 from typing import Any, NoReturn, Protocol
 
@@ -14,9 +14,9 @@ from brushexp.system.runtime import share
 
 
 class Rasterizer(Protocol):
-    """One pass of some kernels over the layers that it was made for; `paint` leaves behind what `gradient` needs.
+    """One pass of some kernels over the layers given at construction; `paint` stores what `gradient` needs.
 
-    ``errors`` (N, 2) are sums of alpha |color - target|^2 and of alpha; `paint` sets them if it is given a target.
+    ``errors`` (N, 2) are the sums of alpha |color - target|^2 and of alpha; `paint` sets them if it gets a target.
     """
 
     errors: Tensor
@@ -25,16 +25,16 @@ class Rasterizer(Protocol):
         """Paint a picture (C, H, W); ``keep`` the data that `gradient` and `importance` need."""
 
     def gradient(self, grad_image: Tensor) -> tuple[Tensor, ...]:
-        """Compute gradients of the strokes' numbers and of learnt data from that (C, H, W) of the picture."""
+        """Compute gradients of the strokes' numbers and of learnt data from the gradient (C, H, W) of the picture."""
 
     def importance(self, target: Tensor, weight: Tensor) -> Tensor:
-        """Compute by how much (N,) the squared error, weighted by (H, W), would grow without each stroke."""
+        """Compute by how much (N,) the squared error, weighted by (H, W), grows if each stroke is removed."""
 
 
 class Rasterization(Rasterizer):
-    """Settings and lists of one pass of Numba's kernels, arguments as of `Blend`.
+    """Settings and lists for one pass of Numba's kernels; the arguments are those of `Blend`.
 
-    A tile is finished when it lets no more than the fraction ``opaque`` of light through.
+    A tile is finished when it transmits no more than the fraction ``opaque`` of the light.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class Rasterization(Rasterizer):
         parts = lists.first, lists.stroke, lists.slot, lists.shape[1]
         self._tiles = layers.reach.detach().numpy(), self.order, *parts, background.numpy()
         self._workers = min(WORKERS, -(-(len(lists.first) - 1) // RUN))
-        self._trace: tuple[Array, Array, Array]  # how much of each list, which pairs, nearest points
+        self._trace: tuple[Array, Array, Array]  # used length of each list, pairs that cover their tile, nearest points
 
     def paint(self, target: Tensor | None, *, keep: bool) -> Tensor:
         pairs = len(self.lists.stroke)
@@ -91,12 +91,12 @@ class Rasterization(Rasterizer):
 
 
 class Painted(torch.autograd.Function):
-    """The kernels as one differentiable operation from the tensors of N strokes to the picture (C, H, W)."""
+    """The kernels as a single differentiable operation from the tensors of N strokes to the picture (C, H, W)."""
 
     @staticmethod
     def forward(ctx: Any, rasterizer: Rasterizer, target: Tensor | None, *tensors: Tensor) -> Tensor:
         ctx.rasterizer = rasterizer
-        ctx.save_for_backward(*tensors)  # so that a change in place is noticed
+        ctx.save_for_backward(*tensors)  # so that PyTorch notices in-place changes
         return rasterizer.paint(target, keep=any(ctx.needs_input_grad))
 
     @staticmethod
@@ -109,7 +109,7 @@ class Painted(torch.autograd.Function):
 
 
 class DifferentiatedOnce(torch.autograd.Function):
-    """First derivatives that refuse (UserError) to be differentiated again, in the gradient and the inputs behind."""
+    """First derivatives that refuse (UserError) to be differentiated again, in the gradient or the inputs."""
 
     @staticmethod
     def forward(ctx: Any, count: int, *tensors: Tensor) -> tuple[Tensor, ...]:
@@ -117,4 +117,4 @@ class DifferentiatedOnce(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *_: Tensor) -> NoReturn:
-        raise UserError("the compiled blend tiled has first derivatives only; blend='dense' (slow) has second ones")
+        raise UserError("the compiled blend 'tiled' has first derivatives only; blend='dense' (slow) has second too")

@@ -1,4 +1,4 @@
-"""A worker's scratch: rows of numbers for the 64 pixels of a tile, and how pictures come into it and leave it."""
+"""Define a worker's scratch, rows of numbers for the 64 pixels of a tile, and copy pictures to and from it."""
 # mypy: allow-untyped-defs
 
 from brushexp.compat.compiled import inline
@@ -6,10 +6,11 @@ from brushexp.compositing.tile_lists import AREA, TILE, F
 
 
 def channel_rows(channels: int) -> dict[str, int]:
-    """Rows of a worker's scratch for colours of ``channels`` channels.
+    """Assign the rows of a worker's scratch for colours of ``channels`` channels.
 
-    First the picture so far (on the way back: what is behind), then the light that is left, the picture that is given
-    (target, gradient or error), and what its pixels count or, for `pull`, the derivative with respect to alpha.
+    The first rows are the picture so far (in the backward pass: what lies behind), then the remaining light, the input
+    picture (target, gradient or error), and the weight of its pixels or, for `pull`, the derivative with respect to
+    alpha.
     """
     light, picture, weight = channels, channels + 1, 2 * channels + 1
     rows = {"LIGHT": light, "PICTURE": picture, "WEIGHT": weight, "PULL_ALPHA": weight}
@@ -22,7 +23,10 @@ CHANNELS, LIGHT, PICTURE, WEIGHT, PULL_ALPHA, SCRATCH = channel_rows(3).values()
 
 @inline
 def load_tile(picture, top, left, buf):
-    """Put a tile of a picture into rows PICTURE; WEIGHT is its plane after the channels, or 1 and beyond the edge 0."""
+    """Copy a tile of a picture into rows PICTURE, and its weights into row WEIGHT.
+
+    Weights are the plane after the channels, or 1 without such a plane, and 0 beyond the edge.
+    """
     height, width = picture.shape[1] - top, picture.shape[2] - left
     if height >= TILE and width >= TILE:
         _read(picture, top, left, TILE, TILE, buf)
@@ -33,7 +37,7 @@ def load_tile(picture, top, left, buf):
 
 @inline
 def _read(picture, top, left, height, width, buf):
-    """Copy part of a picture into rows from PICTURE on, and its weights."""
+    """Copy part of a picture, and its weights, into the rows from PICTURE on."""
     for c in range(CHANNELS):
         for y in range(height):
             _copy(picture[c, top + y, left:], buf[(PICTURE + c) * AREA + y * TILE :], width)
@@ -53,7 +57,7 @@ def _copy(source, goal, n):
 
 @inline
 def show(buf, background, top, left, image):
-    """Write a finished tile into the picture, with the bare canvas where light comes through."""
+    """Write a finished tile into the picture, with the bare canvas where light gets through."""
     for c in range(CHANNELS):
         for q in range(AREA):
             buf[c * AREA + q] += buf[LIGHT * AREA + q] * background[c]
@@ -66,7 +70,7 @@ def show(buf, background, top, left, image):
 
 @inline
 def _write(buf, top, left, height, width, image):
-    """Copy the colours of a tile, as far as it is there, into the picture."""
+    """Copy the colours of the part of a tile inside the picture."""
     for c in range(CHANNELS):
         for y in range(height):
             _copy(buf[c * AREA + y * TILE :], image[c, top + y, left:], width)

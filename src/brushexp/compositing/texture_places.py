@@ -1,4 +1,4 @@
-"""Find where the 64 pixels of a tile sample a stroke's texture: parts of the kernel of textured strokes."""
+"""Find where the 64 pixels of a tile sample a stroke's texture: parts of the kernel for textured strokes."""
 # mypy: allow-untyped-defs
 
 import numpy as np
@@ -9,13 +9,13 @@ from brushexp.compositing.nearest import find_nearest
 from brushexp.compositing.textures import TEXEL_ASPECT
 from brushexp.compositing.tile_lists import AREA, CENTER_X, CENTER_Y, NEAREST, TILE, F
 
-X, Y, ONE = 2, 3, 4  # rows of a stroke in a tile: its place in the texture, in texels, and 1 / length of the direction
-PLACES = 5  # rows that are needed for it
+X, Y, ONE = 2, 3, 4  # rows of a stroke in a tile: place in the texture, in texels, and 1 / length of the direction
+PLACES = 5  # rows that the place needs
 
 
 @inline
 def curve_size(bx, by, fx, fy):
-    """Squared size of a curve: of its velocity at both ends, halved."""
+    """Compute the squared size of a curve: the sum of its squared velocities at both ends, halved."""
     return fx * fx + fy * fy + (fx + bx) * (fx + bx) + (fy + by) * (fy + by)
 
 
@@ -55,7 +55,7 @@ def place_in_texture(p, i, ox, oy, frame, own):
 def places_in_windows(begin, end, p, frames, places):
     """Write the ``places`` (n, S, S, 2) where the pixels of a canvas sample strokes ``begin`` to ``end``.
 
-    They are in the stroke's texture, from -1 to 1.
+    They are coordinates in the stroke's texture, from -1 to 1.
     """
     side = places.shape[1]
     for i in range(begin, end):

@@ -1,7 +1,7 @@
-"""Strokes with textures in coordinates of their own, and the parts of their kernel.
+"""Strokes with textures in the stroke's own coordinates, and the parts of their kernel.
 
-The kernel brings the four texels around a place by one load: eight bits each of opacity and of tone. Its gradient
-goes to the curve through both coordinates; the textures are taken as given.
+The kernel fetches the four texels around a place with one load: eight bits each of opacity and of tone. The gradient
+reaches the curve through both coordinates; the textures are fixed.
 """
 # mypy: allow-untyped-defs
 
@@ -24,8 +24,8 @@ from brushexp.compositing.tile_lists import AREA, CENTER_X, CENTER_Y, NEAREST, T
 from brushexp.system.runtime import share
 
 I = np.int32  # noqa: E741
-COLOR = 9  # column of the first channel; before it are control points, half width, opacity and texels per pixel
-# Rows of a stroke in a tile: its place in the texture's cell, alpha, shade, and the corners of the cell as words.
+COLOR = 9  # column of the first channel; control points, half width, opacity and texels per pixel come first
+# Rows of a stroke in a tile: place in the texture's cell, alpha, shade, and the corners of the cell as words.
 ALPHA, SHADE, OPACITIES, LIGHTS, ROWS = range(PLACES, PLACES + 5)
 
 
@@ -33,12 +33,12 @@ ALPHA, SHADE, OPACITIES, LIGHTS, ROWS = range(PLACES, PLACES + 5)
 class TexturedProfile(Layers):
     """Strokes whose opacity and tone are looked up in textures (`Sheets`), in coordinates of the stroke.
 
-    What juts out beyond the ends of a curve scales with its thickness. Beside the curve lie the beginning, as many
-    ``repeats`` of the texture's loop as there is room for, and the end; the curve parameter t goes evenly through all
-    of it. ``flip`` of -1 turns a texture over. Lookups are bilinear.
+    The caps beyond the ends of a curve scale with its thickness. Along the curve lie the beginning of the texture, as
+    many ``repeats`` of its loop as fit, and its end; the curve parameter t runs evenly through all of them. A ``flip``
+    of -1 mirrors a texture. Lookups are bilinear.
 
-    The tone moves the colour: tone > 0 mixes it with white, tone < 0 with black, by |tone|. So a colour stays a colour
-    without being clamped.
+    The tone changes the colour: tone > 0 mixes it with white, tone < 0 with black, by |tone|. So the colour stays in
+    range without being clamped.
     """
 
     per_stroke = ("curve", "half_width", "color", "opacity", "look", "repeats", "flip")
@@ -47,8 +47,8 @@ class TexturedProfile(Layers):
     half_width: Tensor  # (N,) pixels, > 0
     color: Tensor
     opacity: Tensor  # (N,)
-    look: Tensor  # (N,) int64, each stroke's texture
-    repeats: Tensor  # (N,) int64, of the loop, 0 or more
+    look: Tensor  # (N,) int64, index of each stroke's texture
+    repeats: Tensor  # (N,) int64, repeats of the loop, 0 or more
     flip: Tensor  # (N,) 1 or -1
     sheets: Sheets
 
@@ -57,10 +57,11 @@ class TexturedProfile(Layers):
         return self.half_width * self.sheets.extent.to(self.half_width.dtype)[self.look]
 
     def frame(self) -> Tensor:
-        """Describe where each stroke finds its texels (N, 8), in those of its sheet, texel j with its centre at j.
+        """Compute where each stroke finds its texels (N, 8), in texels of its sheet; texel j has its centre at j.
 
-        Rows and columns of the sheet, the column at the start of the curve, columns along it, the column where the
-        loop begins, its length (1 if it has none), by how many repeats there are more than one, and the flip.
+        The columns are: rows and columns of the sheet, the column at the start of the curve, the columns along the
+        curve, the column where the loop begins, the length of the loop (1 if there is none), the repeats after the
+        first, and the flip.
         """
         size, (begin, length) = self.sheets.size[self.look].double(), self.sheets.loop[self.look].double().unbind(1)
         cap, more = size[:, 0] / (2 * TEXEL_ASPECT), self.repeats - 1.0
@@ -96,7 +97,7 @@ class TexturedProfile(Layers):
         return torch.lerp(above, below, down)
 
     def pictures(self, side: int) -> Tensor:
-        """Draw as others do, but find the places in the textures by compiled parts, as training textures needs."""
+        """Draw like other layers, but find the places in the textures with compiled code, for training."""
         size, free = self.sheets.size[self.look], not (self.curve.requires_grad or self.half_width.requires_grad)
         if not free or side % TILE or self.curve.device.type != "cpu" or bool((size != size[:1]).any()):
             return super().pictures(side)
@@ -118,7 +119,7 @@ class TexturedProfile(Layers):
         if self.sheets.cells is None:
             return None
         frame = self.frame().float()
-        texels = 0.5 * frame[:, 0] / SPREAD / self.half_width  # per pixel, across
+        texels = 0.5 * frame[:, 0] / SPREAD / self.half_width  # texels per pixel, across
         strokes = [self.curve.flatten(1), self.half_width.detach()[:, None], self.opacity[:, None]]
         strokes += [texels[:, None], self.color]
         data = (self.sheets.first[self.look], self.sheets.cells, with_reach(frame, self.reach))
@@ -126,16 +127,16 @@ class TexturedProfile(Layers):
 
 
 def with_reach(frame: Tensor, reach: Tensor) -> Tensor:
-    """Append to `frame` (N, 8) the square of the reach (N,) in pixels, beyond which nearest points are not sought."""
+    """Append the squared reach (N,) in pixels to `frame` (N, 8); nearest points beyond it are not sought."""
     return torch.cat([frame, reach.detach().float().square()[:, None]], dim=1)
 
 
 @inline
 def _fetch(cells, first, columns, rows, own, at, opacity, light):
-    """Write the corners (AREA,) around the places in rows X and Y, and leave the places within the cell there.
+    """Write the corners (AREA,) around the places in rows X and Y, and replace these rows with places within the cell.
 
-    ``cells`` are those of all textures (`cells_of`); this one of ``rows`` x ``columns`` texels, without the ring,
-    begins at ``first``. ``at`` is scratch (AREA,) int32.
+    ``cells`` are those of all textures (`cells_of`); this texture has ``rows`` x ``columns`` texels without the ring,
+    and begins at ``first``. ``at`` is scratch (AREA,) int32.
     """
     for q in range(AREA):
         x, y = own[X * AREA + q], own[Y * AREA + q]
@@ -144,7 +145,7 @@ def _fetch(cells, first, columns, rows, own, at, opacity, light):
         own[Y * AREA + q] = y - F(row)
         at[q] = row * I(columns + 2) + column
     mine = cells[first : first + (rows + 2) * (columns + 2)]
-    for q in range(AREA):  # apart from the arithmetic, which becomes SIMD code
+    for q in range(AREA):  # separate from the arithmetic, which becomes SIMD code
         cell = mine[np.uint32(at[q])]
         opacity[q] = I(cell)
         light[q] = I(cell >> 32)
@@ -157,7 +158,7 @@ def _corner(word, k):
 
 @inline
 def _mix(word, x, y):
-    """Bilinear value between the four bytes of a word, and its slopes along x and y."""
+    """Interpolate bilinearly between the four bytes of a word; also return the slopes along x and y."""
     a, b, c, d = _corner(word, 0), _corner(word, 1), _corner(word, 2), _corner(word, 3)
     twist = a - b - c + d
     along_y = c - a + x * twist
@@ -201,7 +202,10 @@ def _tone(look, seen, own, q, c):
 
 @inline
 def _pull(p, i, data, ox, oy, own, temporary, buf, out):
-    """Gradient of colour and opacity; that of the place in the texture replaces the place, for `_move`."""
+    """Compute the gradients of colour and opacity.
+
+    The gradient of the place in the texture overwrites the place, for `_move`.
+    """
     op, color = p[i, 7] * F(1 / 255), first_of(p[i, COLOR:], CHANNELS)
     words = own.view(I)
     opacity, light = words[OPACITIES * AREA : (OPACITIES + 1) * AREA], words[LIGHTS * AREA : (LIGHTS + 1) * AREA]
@@ -228,7 +232,7 @@ def _pull(p, i, data, ox, oy, own, temporary, buf, out):
 
 @inline
 def _of_colors(color, own, buf, q):
-    """Derivatives with respect to how much there is of the stroke's color at a pixel, and of white."""
+    """Compute the derivatives with respect to the amounts of the stroke's colour and of white at a pixel."""
     plain, every = F(0), F(0)
     for c in range(CHANNELS):
         slope = of_color(own, buf, q, c)
@@ -239,7 +243,7 @@ def _of_colors(color, own, buf, q):
 
 @inline
 def _move(p, i, ox, oy, body, flip, own, out):
-    """Gradient of curve and size from that of the place in the texture, in rows X and Y."""
+    """Compute the gradients of curve and size from the gradient of the place in the texture, in rows X and Y."""
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
     half, scale = p[i, 6], p[i, 8]
@@ -263,8 +267,8 @@ def _move(p, i, ox, oy, body, flip, own, out):
         gt = gt if beside else F(0)
         turn = (gu * across - gv * along) * min(one, least)
         turn = turn if moves else F(0)
-        ax, ay = gv * ty - gu * tx - gt * dx, -gv * tx - gu * ty - gt * dy  # to the point of the curve
-        vx, vy = gt * wx - turn * ty, gt * wy + turn * tx  # to the velocity there
+        ax, ay = gv * ty - gu * tx - gt * dx, -gv * tx - gu * ty - gt * dy  # gradient of the point of the curve
+        vx, vy = gt * wx - turn * ty, gt * wy + turn * tx  # gradient of the velocity there
         ux, uy = t * ax, t * ay
         x0 += ax
         x1 += F(2) * ux + vx

@@ -1,8 +1,7 @@
-"""Which strokes touch which tile: compiled list builder.
+"""List the strokes that touch each tile, front to back, with compiled code.
 
-Each tile's strokes come front to back.
-A (tile, stroke) pair has two numbers: its place in the tile's list, and its slot in the stroke's row of pairs, where
-the kernels leave gradients so that they can be summed per stroke without atomics and always in the same order.
+A (tile, stroke) pair has two numbers: its place in the tile's list, and its slot in the stroke's row of pairs. Kernels
+leave gradients in the slots, so that they can be summed per stroke without atomics and always in the same order.
 """
 # mypy: allow-untyped-defs
 
@@ -18,25 +17,25 @@ from brushexp.system.runtime import share
 F = np.float32
 TILE = 8  # pixels
 AREA = TILE * TILE
-CENTER_X = np.tile(np.arange(TILE, dtype=F) + F(0.5), TILE)  # of the pixels of a tile, from its corner
+CENTER_X = np.tile(np.arange(TILE, dtype=F) + F(0.5), TILE)  # pixel centres of a tile, relative to its corner
 CENTER_Y = np.repeat(np.arange(TILE, dtype=F) + F(0.5), TILE)
 ABOVE, NEAREST = 0, 1  # rows of a stroke in a tile: the light above it, and the nearest parameter of its curve
-PIECES = 4  # straight pieces that stand for a curve when tiles are tested
+PIECES = 4  # straight pieces that approximate a curve when tiles are tested
 BANDS = 16  # bands of tile rows that are filled independently; fixed, so that slots do not depend on the thread count
 
 WORKERS = 64  # enough to share the work evenly
-RUN = 16  # tiles in a row that a worker paints one after the other, so that it meets a line of memory once
+RUN = 16  # consecutive tiles that a worker paints one after the other, so that it loads each line of memory once
 
 Array = np.ndarray[Any, Any]
 
 
 @dataclass(frozen=True)
 class TileLists:
-    """The pairs of one canvas."""
+    """The (tile, stroke) pairs of one canvas."""
 
     first: Array  # (tiles + 1,) where each tile's list begins in ``stroke`` and ``slot``; tiles go row by row
     stroke: Array  # (pairs,) index of the stroke, front to back within a tile
-    slot: Array  # (pairs,) the pair's place when pairs are sorted by stroke
+    slot: Array  # (pairs,) place of the pair when pairs are sorted by stroke
     row: Array  # (N + 1,) where each stroke's slots begin
     shape: tuple[int, int]  # tile rows and columns
 
@@ -46,9 +45,9 @@ def tile_lists(
 ) -> TileLists:
     """List the strokes that may touch each tile of a canvas of ``size`` (H, W).
 
-    ``curve`` (N, 3, 2) and ``reach`` (N,) are those of `Layers`; ``front_to_back`` (N,) are indices of the strokes, the
-    uppermost first, and the lists have their places in this order. With ``boxes_only`` strokes fill the boxes around
-    them, corners too, as windows do.
+    ``curve`` (N, 3, 2) and ``reach`` (N,) are those of `Layers`; ``front_to_back`` (N,) are indices of the strokes, top
+    stroke first, and the lists contain places in this order. With ``boxes_only``, strokes fill the boxes around them,
+    including the corners, as windows do.
     """
     points, reaches = (part.detach()[front_to_back].float().cpu().contiguous().numpy() for part in (curve, reach))
     rows, columns = -(-size[0] // TILE), -(-size[1] // TILE)
@@ -69,10 +68,13 @@ def tile_lists(
 
 
 def _boxes(curve, reach, rows, columns):
-    """Tile rectangle (4, N) of each stroke: left, top, right, bottom, inclusive; right < left where there is none."""
+    """Bound each stroke by a rectangle of tiles (4, N): left, top, right, bottom, inclusive.
+
+    If a stroke touches no tile, right < left.
+    """
     start, control, end = np.ascontiguousarray(curve.transpose(1, 2, 0))  # (2, N)
     middle, bend = (start + 2 * control + end) / 4, start - 2 * control + end
-    # A quadratic curve lies within its chord's and its middle's box, widened by an eighth of its bend.
+    # A quadratic curve lies within the box around its ends and middle, widened by an eighth of its bend.
     slack, most = reach + abs(bend) / 8, np.array([[columns], [rows]], F) * TILE
     low = np.minimum(np.minimum(start, end), middle) - slack
     high = np.maximum(np.maximum(start, end), middle) + slack
@@ -83,10 +85,10 @@ def _boxes(curve, reach, rows, columns):
 
 @inline
 def _touches(points, reach, x, y):
-    """Whether a piecewise straight stroke of half thickness ``reach`` meets the square of pixel centres around (x, y).
+    """Check whether a piecewise straight stroke of half thickness ``reach`` meets the pixel centres around (x, y).
 
-    It does where its middle is within reach of the hexagon that the square sweeps along a piece. Separating axes alone
-    (along and across) let through the pairs at corners, an eighth of all.
+    It does if (x, y) is within reach of the hexagon that the square of pixel centres sweeps along a piece. Separating
+    axes alone (along and across) would keep false pairs at corners, an eighth of all pairs.
     """
     half = 0.5 * (TILE - 1)
     for m in range(PIECES):
@@ -109,7 +111,7 @@ def _touches(points, reach, x, y):
             return True
         if _near_square(x - ax, y - ay, half, reach) or _near_square(x - bx, y - by, half, reach):
             return True
-        # What is left are the two long sides; the nearer one starts at this corner of the square around a.
+        # Only the two long sides remain; the nearer one starts at this corner of the square around a.
         side = half if across > 0 else -half
         corner_x, corner_y = (-side if uy > 0 else side), (side if ux > 0 else -side)
         along = ux * (x - ax - corner_x) + uy * (y - ay - corner_y)
@@ -120,10 +122,11 @@ def _touches(points, reach, x, y):
 
 @inline
 def _sample(curve, reach, xs, ys):
-    """Write points of a curve, seen from its start, 16 for every 40 px and 64 at most; return their number.
+    """Write points of a curve relative to its start, 16 per 40 px and at most 64, and return their number.
 
-    And how near, squared, one of them comes to whatever is within ``reach`` of the curve: the offset from the nearest
-    point is square to the curve or that point is an end, and ends are among them.
+    Also returns the squared distance within which one of them lies from any point within ``reach`` of the curve: the
+    offset from the nearest point is perpendicular to the curve, or that point is an end, and the ends are among the
+    points.
     """
     sx, sy, cx, cy, ex, ey = curve
     fx, fy, bx, by = 2 * (cx - sx), 2 * (cy - sy), sx - 2 * cx + ex, sy - 2 * cy + ey
@@ -139,9 +142,10 @@ def _sample(curve, reach, xs, ys):
 
 @inline
 def _glance(xs, ys, count, x, y, within, beyond):
-    """How near points of a curve come to the square around (x, y): 1000 or more if one does to less than ``within``.
+    """Compare the distance from points of a curve to the square around (x, y) with two squared distances.
 
-    If one comes to less than ``beyond``, 1 or more, and otherwise 0. Both are squares of distances.
+    Returns 1000 or more if a point is closer than ``within``, 1 or more if one is closer than ``beyond``, and otherwise
+    0.
     """
     total, half = F(0), F(0.5 * (TILE - 1))
     for k in range(count):
@@ -153,14 +157,14 @@ def _glance(xs, ys, count, x, y, within, beyond):
 
 @inline
 def _near_square(x, y, half, reach):
-    """Whether (x, y) is within ``reach`` of the square from -half to half."""
+    """Check whether (x, y) is within ``reach`` of the square from -half to half."""
     dx, dy = max(abs(x) - half, 0.0), max(abs(y) - half, 0.0)
     return dx * dx + dy * dy <= reach * reach
 
 
 @inline
 def _flatten(curve, points):
-    """Write PIECES + 1 points of a curve and return how far it strays from the pieces between them."""
+    """Write PIECES + 1 points of a curve, and return the largest distance between the curve and the pieces."""
     sx, sy, cx, cy, ex, ey = curve
     for m in range(PIECES + 1):
         t = m / PIECES
@@ -173,10 +177,10 @@ def _flatten(curve, points):
 
 @function
 def _find(first_band, end_band, curve, reach, boxes, rows, columns, boxes_only, space, hits, per_tile, per_band):
-    """Test the tiles in the boxes of strokes, in some bands: write those that touch, and count them.
+    """Test the tiles in the boxes of strokes within some bands; write and count those that are touched.
 
-    Stroke ``i`` has room in ``hits`` for all the tiles of its box from ``space[i]`` on, row by row, so that each band
-    of it has a place of its own.
+    From ``space[i]`` on, ``hits`` has room for all tiles in the box of stroke ``i``, row by row, so that each band of
+    the stroke has its own place.
     """
     for band in range(first_band, end_band):
         low, high = band * rows // BANDS, (band + 1) * rows // BANDS
@@ -204,7 +208,7 @@ def _find(first_band, end_band, curve, reach, boxes, rows, columns, boxes_only, 
 
 @function
 def _fill(first_band, end_band, hits, space, boxes, rows, place, row, per_band, stroke, slot):
-    """Put the hits of some bands, which come by stroke, where their tile and their stroke want them."""
+    """Sort the hits of some bands, which come by stroke, into the lists of tiles and strokes."""
     for band in range(first_band, end_band):
         low = band * rows // BANDS
         for i in range(len(row)):
@@ -218,11 +222,11 @@ def _fill(first_band, end_band, hits, space, boxes, rows, place, row, per_band, 
 
 @inline
 def most_tiles(used):
-    """How many tiles a worker has at most."""
+    """Return the largest number of tiles of a worker."""
     return (len(used) + RUN * WORKERS - 1) // (RUN * WORKERS) * RUN
 
 
 @inline
 def tile_of(worker, k):
-    """Tile ``k`` of a worker; they ascend, and go beyond the last tile."""
+    """Return the number of tile ``k`` of a worker; the numbers ascend, and may exceed the last tile."""
     return (k // RUN * WORKERS + worker) * RUN + k % RUN

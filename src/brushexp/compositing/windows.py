@@ -1,8 +1,9 @@
-"""Strokes that were drawn in windows, and the parts of their kernel.
+"""Strokes drawn in windows, and the parts of their kernel.
 
-A window is square to the pixels, so the texels and weights of a bilinear lookup are found once for each of the eight
-columns and rows of a tile. On the way back a stroke leaves two numbers for every pixel of a tile, the light that
-reaches it and the derivative with respect to its alpha. Then each stroke gathers them from its tiles into its picture.
+Windows are aligned with the pixels, so the texels and weights of a bilinear lookup are computed once for each of the
+eight columns and rows of a tile. In the backward pass, a stroke stores two numbers for every pixel of a tile: the light
+that reaches it and the derivative with respect to its alpha. Then each stroke gathers them from its tiles into its
+picture.
 """
 # mypy: allow-untyped-defs
 
@@ -20,15 +21,15 @@ from brushexp.compositing.scratch import CHANNELS, PULL_ALPHA
 from brushexp.compositing.tile_lists import ABOVE, AREA, TILE, Array, F
 from brushexp.system.runtime import share
 
-ALMOST_NOTHING = 1e-6  # alpha below which the colour of a texel no longer counts
+ALMOST_NOTHING = 1e-6  # alpha below which a texel has no colour
 ALPHA, PAINTED = 1, 2  # rows of a stroke in a tile: alpha and the channels times alpha, before opacity
-AXES = 2 * 2 * TILE  # numbers of a lookup: along x and y, the texel before and after, of each pixel
-TILE_PLACE, COLUMNS = 2 * AREA, 2 * AREA + 2  # of what is left behind for a stroke: the place of the tile comes last
+AXES = 2 * 2 * TILE  # numbers of a lookup: for each pixel, the texels before and after it along x and y
+TILE_PLACE, COLUMNS = 2 * AREA, 2 * AREA + 2  # numbers stored for a stroke; the place of the tile comes last
 
 
 @dataclass(frozen=True)
 class Windows(Layers):
-    """Strokes that were drawn in square windows, each placed anywhere on the canvas and sampled bilinearly.
+    """Strokes drawn in square windows; a window may lie anywhere on the canvas and is sampled bilinearly.
 
     Texel (row, column) of a window of side ``scale`` lies at ``position`` + scale * ((column + 0.5) / S - 0.5, ...);
     beyond the outermost texel centres the picture fades to nothing within one texel.
@@ -38,19 +39,19 @@ class Windows(Layers):
 
     images: Tensor  # (N, C + 1, S, S) channels and alpha in [0, 1], straight alpha
     position: Tensor  # (N, 2) centres of the windows, pixels
-    scale: Tensor  # (N,) their sides, pixels, > 0
+    scale: Tensor  # (N,) sides of the windows, pixels, > 0
     opacity: Tensor  # (N,)
     color: Tensor  # (N, C) mean colour
 
     @property
     def curve(self) -> Tensor:  # type: ignore[override]
-        """The horizontal middle line of each window."""
+        """Return the horizontal middle line of each window."""
         half = torch.stack([0.5 * self.scale, torch.zeros_like(self.scale)], dim=-1)
         return torch.stack([self.position - half, self.position, self.position + half], dim=1)
 
     @property
     def reach(self) -> Tensor:  # type: ignore[override]
-        """All of a window, and the texel around it, lies this near to its middle line."""
+        """Return the distance from the middle line within which a window, and the texel around it, lies."""
         return self.scale * (0.5 + 0.5 / self.images.shape[-1])
 
     def sample(self, index: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
@@ -67,16 +68,16 @@ class Windows(Layers):
             texels = self.images[index[..., None], :, y, x]  # (T, K, P, C + 1)
             covered = weight[..., 0] * weight[..., 1] * inside * texels[..., -1]
             alpha = alpha + covered
-            painted = painted + covered[..., None] * texels[..., :-1]  # premultiplied: an empty texel has no colour
+            painted = painted + covered[..., None] * texels[..., :-1]  # premultiplied: empty texels have no colour
         color = painted / alpha.clamp_min(ALMOST_NOTHING)[..., None]
         return self.opacity[index][..., None] * alpha, color
 
     def pictures(self, side: int) -> Tensor:
-        """Those that were drawn, if they have this size."""
+        """Return the windows' own images if they have this size; otherwise draw each stroke alone."""
         return self.images if side == self.images.shape[-1] else super().pictures(side)
 
     def encoded(self, encode: Encode) -> Self:
-        """Texel by texel."""
+        """Encode the colours texel by texel."""
         color = encode(self.images[:, :3].movedim(1, -1)).movedim(-1, 1)
         return replace(self, images=torch.cat([color, self.images[:, 3:]], dim=1), color=encode(self.color))
 
@@ -86,14 +87,14 @@ class Windows(Layers):
 
     @torch.no_grad()
     def _boxes(self) -> tuple[Tensor, Tensor]:
-        """The box around what each window shows, as a line (N, 3, 2) and a half thickness (N,).
+        """Compute the box around the visible part of each window, as a line (N, 3, 2) and a half thickness (N,).
 
-        Where a picture is exactly transparent its alpha has no gradient: whatever made it so has none either.
+        Where an image is exactly transparent, its alpha has no gradient; neither has the network that drew it there.
         """
         side = self.images.shape[-1]
         shows = self.images[:, -1] > 0
         lines = torch.stack([shows.any(1), shows.any(2)], dim=1).to(torch.uint8)  # (N, 2, S), along x and y
-        low, high = lines.argmax(-1) - 1, side - lines.flip(-1).argmax(-1)  # each texel is felt as far as the next one
+        low, high = lines.argmax(-1) - 1, side - lines.flip(-1).argmax(-1)  # a texel extends to its neighbours
         ends = torch.stack([low, high])
         ends = self.position + ((ends + 0.5) / side - 0.5) * self.scale[:, None]
         centre, half = ends.mean(0), 0.5 * (ends[1] - ends[0])
@@ -105,9 +106,9 @@ class Windows(Layers):
 
 @inline
 def _axis(centre, scale, side, origin, index, weight, inside):
-    """Of the eight pixels from ``origin`` on, along one axis, the texels before and after them.
+    """Find the texels before and after each of eight pixels from ``origin`` on, along one axis.
 
-    Written to (16,), first the eight before: their numbers, what each counts, and whether it is there at all.
+    Writes arrays (16,), the eight texels before first: their indices, their weights, and whether they exist.
     """
     per_pixel = F(side) / scale
     for q in range(TILE):
@@ -123,7 +124,7 @@ def _axis(centre, scale, side, origin, index, weight, inside):
 
 @inline
 def _axes(p, i, side, ox, oy, index, weight, inside):
-    """Both axes: (AXES,), x first."""
+    """Find the texels along both axes: (AXES,), x first."""
     half = 2 * TILE
     _axis(p[i, 0], p[i, 2], side, ox, index[:half], weight[:half], inside[:half])
     _axis(p[i, 1], p[i, 2], side, oy, index[half:], weight[half:], inside[half:])
@@ -178,7 +179,7 @@ def _pull(p, i, data, ox, oy, own, temporary, buf, out):
 def _gather(
     left: Array, there: Array, row: Array, order: Array, grad_image: Array, places: Array, data: tuple[Array, ...]
 ) -> tuple[Array, Array]:
-    """Gradients of places (N, 4) and images (N, C + 1, S, S)."""
+    """Compute the gradients of places (N, 4) and images (N, C + 1, S, S)."""
     gradients = np.zeros_like(places), np.zeros_like(data[0])
     share(_gathering(len(grad_image)), len(order), places, *data, order, row, there, left, grad_image, *gradients)
     return gradients
@@ -191,10 +192,10 @@ def _gathering(channels: int) -> Compiled:
 
 @function
 def _over_strokes(begin, end, places, images, order, row, there, left, grad_image, grad_places, grad_images):
-    """Gather some strokes' gradients from what `_pull` ``left`` behind in their tiles, always in the same order.
+    """Gather the gradients of some strokes from what `_pull` ``left`` in their tiles, always in the same order.
 
-    ``places`` (N, 4) are centre x and y, side, and opacity of ``images`` (N, C + 1, S, S); ``grad_places`` and
-    ``grad_images``, as large and 0 before, are written.
+    ``places`` (N, 4) are centre x and y, side, and opacity of ``images`` (N, C + 1, S, S). Writes ``grad_places`` and
+    ``grad_images``, which have the same shapes and are 0 before.
     """
     side = images.shape[-1]
     for s in range(begin, end):
@@ -227,7 +228,7 @@ def _over_strokes(begin, end, places, images, order, row, there, left, grad_imag
 def _scatter(image, opacity, given, grad_image, top, left, y, x, index, weight, inside, out):
     """Add one pixel's gradient to four texels of ``out`` (C + 1, S, S).
 
-    What is returned are the derivatives with respect to its place, in texels along x and y, and to the opacity.
+    Returns the derivatives with respect to the pixel's place, in texels along x and y, and to the opacity.
     """
     light, of_alpha = given[y * TILE + x], given[AREA + y * TILE + x]
     along_x, along_y, of_opacity = F(0), F(0), F(0)

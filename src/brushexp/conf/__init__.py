@@ -1,1 +1,1 @@
-"""Configs that ship; `brushexp.config.schema` has the keys of tasks, and users' configs go in their own ``conf``."""
+"""Configs that ship; `brushexp.config.schema` declares the keys of tasks, and users keep their configs in ``conf``."""

@@ -1,4 +1,4 @@
-"""Declare keys of tasks (`schema`, `keys`, `rules`), build configs (`words`, `publish`, `compose`), `check` them."""
+"""Declare keys of tasks (`schema`, `keys`, `rules`), build configs (`words`, `publish`, `compose`) and `check` them."""
 
 import warnings
 

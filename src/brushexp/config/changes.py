@@ -1,4 +1,4 @@
-"""Expand words for options of changes: ``guides=lines.png`` chooses a change and sets its option.
+"""Expand words for options of changes: ``guides=lines.png`` chooses a change and sets one of its options.
 
 guides=lines.png                +change=[guides] change.guides.lines=lines.png
 guides=lines.png change=[wet]   change=[wet,guides] change.guides.lines=lines.png
@@ -21,14 +21,14 @@ from brushexp.errors import UserError
 from brushexp.system.words import table_of_words
 
 GROUP = "change"
-LIST = re.compile(r"\[?([\w\s,]*)\]?")  # of names
-NONE = ("", "null", "none")  # values with which a word does not choose its change
+LIST = re.compile(r"\[?([\w\s,]*)\]?")  # list of names
+NONE = ("", "null", "none")  # values of a word that choose no change
 
 
 def expand_changes(words: Sequence[str], beside: Sequence[str] = (), *, sweep: bool = False) -> list[str]:
     """Expand the words of a command line that stand for options of changes; ``beside`` are other words in effect.
 
-    A UserError names a word whose change is not chosen, or a word of an earlier version.
+    A UserError names a word whose change is not chosen or that belongs to an earlier version.
     """
     refuse_earlier(words)
     schema = TASKS.get(value_of("task", [*beside, *words]), PaintTask)
@@ -64,9 +64,9 @@ def expand_changes(words: Sequence[str], beside: Sequence[str] = (), *, sweep: b
 
 
 def with_list_of_look(words: Sequence[str], beside: Sequence[str]) -> list[str]:
-    """Write out the changes that a look chooses if the words name one look and no study, and add to no list.
+    """Write out the changes that a look chooses, unless the words name several looks or a study, or add to a list.
 
-    Hydra composes members added by ``+change`` before it knows the look, on which options of some members depend.
+    Hydra composes members added by ``+change`` before the look, but options of some members depend on the look.
     """
     every = [*beside, *words]
     look = value_of("look", every) or PaintTask.presets["look"]
@@ -102,14 +102,14 @@ def merge(words: Iterable[str]) -> list[str]:
 
 
 def keep_added(words: Sequence[str], beside: Iterable[str]) -> list[str]:
-    """Add to a list of a setting what the words ``beside`` it add, because the list would replace that."""
+    """Add the changes in the words ``beside`` a setting to the setting's list, which would otherwise replace them."""
     added = [name for word in beside if word.startswith(f"+{GROUP}=") for name in names_in(word)]
     has_list = any(word.startswith((f"{GROUP}=", f"+{GROUP}=")) for word in words)
     return choose(words, added) if has_list else [*words]
 
 
 def names_in(word: str) -> list[str]:
-    """List the changes that a word names; none if it is a sweep."""
+    """List the changes that a word names; none if the word is a sweep."""
     found = LIST.fullmatch(word.partition("=")[2])
     return re.findall(r"\w+", found[1]) if found else []
 
@@ -122,7 +122,7 @@ def chosen_by(words: Sequence[str]) -> tuple[set[str], list[set[str]]]:
 
 
 def changes_of(look: str) -> list[str]:
-    """List the changes that a look, or otherwise the task, chooses."""
+    """List the changes that a look chooses, or the task if the look chooses none."""
     stored = ConfigStore.instance().repo.get("look", {}).get(f"{look}.yaml")
     look_node: Any = {} if stored is None else stored.node
     return [*choices_of(look_node, PaintTask.groups)[GROUP]]
@@ -135,7 +135,7 @@ def missing(brought: Iterable[str], words: Sequence[str]) -> list[str]:
 
 
 def refuse_earlier(words: Sequence[str]) -> None:
-    """Refuse (UserError) callbacks and tasks of earlier versions that have become changes."""
+    """Refuse (UserError) callbacks and tasks of earlier versions that are now changes."""
     for key, value in pairs_in(words):
         for name in re.findall(r"\w+", value) if key in ("task", "callbacks", "+callbacks") else ():
             if cure := table_of_words("earlier").get(f"{key.lstrip('+')}={name}"):
@@ -144,7 +144,7 @@ def refuse_earlier(words: Sequence[str]) -> None:
 
 
 def needs(word: str) -> str:
-    """Say which words choose the change whose option a word sets."""
+    """Explain which words choose the change whose option a word sets."""
     names = [path_of(path)[0] for path in table_of_words("change_options")[word]]
     choosing = [key for key, path in table_of_words("change_words").items() if path_of(path)[0] in names]
     other = spellings("keys").get(word)
@@ -178,7 +178,7 @@ def as_typed_word(name: str, node: Mapping[str, Any] | DictConfig) -> str:
 
 
 def shortened(words: Iterable[str]) -> list[str]:
-    """Write expanded words in their short form, for a line that can be typed.
+    """Shorten expanded words, for a command line that can be typed.
 
     >>> shortened(["image=a.png", "+change=[guides]", "change.guides.lines=b.png"])
     ['image=a.png', 'guides=b.png']

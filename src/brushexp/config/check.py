@@ -19,7 +19,7 @@ from brushexp.errors import UserError
 from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, keep_built, options_in, plugin_of, plugins
 from brushexp.system.words import table_of_words
 
-SUGGESTIONS = 3  # most names that a message lists
+SUGGESTIONS = 3  # largest number of names in a message
 SCALED_BY = {  # keys whose look values are scaled by another key: that key and its power
     "steps": ("effort", 1),
     "pixels_per_stroke": ("detail", -1),
@@ -29,7 +29,7 @@ COLLECTIONS: dict[Any, tuple[type, str, str]] = {
     list: (ListConfig, "list", "[a,b]"),
     dict: (DictConfig, "mapping", "{a:b}"),
 }
-ELEMENTS = {str: "a text", int: "a whole number", float: "a number"}
+ELEMENTS = {str: "text", int: "a whole number", float: "a number"}
 NOT_KEYS = {"task", "hydra", "experiment"}  # names at the top of a config that are neither keys nor groups
 STYLE_PARTS = {"style.loss": "style.image", "style.strokes": "style.brushwork"}  # losses and the keys that add them
 
@@ -41,7 +41,7 @@ def leave_to_others(name: str, values: Mapping[str, Any]) -> None:
 
 
 def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
-    """Check a composed config, and keep the built plugins for the run; a UserError names the override that helps."""
+    """Check a composed config, and keep the built plugins for the run; a UserError names the override to correct."""
     schema = TASKS[cfg.task]
     leave_to_others(cfg.task, cfg)
     for family in MULTI_SELECT:
@@ -66,12 +66,12 @@ def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
             check_plugin(path, node, is_used)
         except UserError as error:
             raise UserError(with_words_of_changes(str(error))) from error
-    if cfg.get("resume") is None:  # otherwise the settings are those of the continued run
+    if cfg.get("resume") is None:  # otherwise the settings of the continued run apply
         schema.check(cfg, overrides)
 
 
 def name_scaling_key(cfg: DictConfig, key: Key) -> str:
-    """Say which key scales the value of another key beyond its bounds, and its limit; "" if none does."""
+    """Explain which key scales another key's value beyond its bounds, with its limit; "" if none does."""
     scaling, power = SCALED_BY.get(key.name, ("", 0))
     if not power or not OmegaConf.is_interpolation(cfg, key.name) or not isinstance(key.bounds, Bounds):
         return ""
@@ -95,7 +95,7 @@ def check_collection(name: str, annotation: Any, value: Any) -> None:
     collection, noun, example = COLLECTIONS[get_origin(kind)]
     element = without_null(get_args(kind)[-1])
     if not isinstance(value, collection):
-        raise UserError(f"{name} stands for {as_typed(value)}, which is not a {noun}; type '{name}={example}'")
+        raise UserError(f"{name} resolves to {as_typed(value)}, which is not a {noun}; type '{name}={example}'")
     elements: Any = value.values() if isinstance(value, DictConfig) else value
     accepted = (int, float) if element is float else element
     wrong = [one for one in elements if element in ELEMENTS and not isinstance(one, accepted)]
@@ -127,7 +127,7 @@ def check_plugin(path: str, node: DictConfig, is_used: bool) -> None:
 
 
 def leaves(settings: Any, above: str = "") -> Iterator[tuple[str, Any]]:
-    """List all values of nested settings by their full keys."""
+    """Yield all values of nested settings with their full keys."""
     settings = dict(enumerate(settings)) if isinstance(settings, list) else settings
     if not isinstance(settings, dict):
         yield above, settings
@@ -153,7 +153,7 @@ def check_chosen(cfg: DictConfig) -> None:
         tuned = [name for name in cfg[family] if name not in chosen]
         if tuned:
             names = ",".join([*chosen, *tuned])
-            wrong = f"{family}.{tuned[0]} is tuned but not chosen (chosen: {', '.join(chosen) or 'none'})"
+            wrong = f"{family}.{tuned[0]} has options but is not chosen (chosen: {', '.join(chosen) or 'none'})"
             raise UserError(f"{wrong}; add it with '{family}=[{names}]' or drop the keys below {family}.{tuned[0]}")
         if family == "loss" and not chosen:
             cure = f"try loss=mse (there are: {members_of(family)})"
@@ -163,7 +163,7 @@ def check_chosen(cfg: DictConfig) -> None:
 
 
 def nodes_of(cfg: DictConfig, above: str = "") -> Iterator[tuple[str, DictConfig]]:
-    """List the key and the node of each chosen plugin."""
+    """Yield the key and the node of each chosen plugin."""
     for name, node in ((str(key), node) for key, node in cfg.items()):
         if isinstance(node, DictConfig) and (above or name in FAMILIES or name == "style"):
             if "_target_" in node:
@@ -185,7 +185,7 @@ def nearest_first(word: str, names: Sequence[str]) -> str:
 
 
 def unknown_option(option: str, plugin: Plugin, arguments: Sequence[str] = ()) -> str:
-    """Explain that a plugin lacks an option; plugins that have it are named, typed ones first."""
+    """Explain that a plugin lacks an option, and name the plugins that have it, typed ones first."""
     family, names = plugin.family, list(plugin.meanings)
     text = f"{plugin.path}.{option} is not an option of {family}={plugin.name}; "
     text += f"its options, nearest first: {nearest_first(option, names)}" if names else "it has none"
@@ -202,7 +202,7 @@ def unknown_option(option: str, plugin: Plugin, arguments: Sequence[str] = ()) -
 
 
 def change_words_of(schema: type[Task]) -> dict[str, str]:
-    """Map the words for options of changes that a task accepts to these options."""
+    """Map the words that a task accepts for options of changes to these options."""
     taken = table_of_words("change_words") if "change" in schema.groups else {}
     return {word: option for word, option in taken.items() if word not in keys_of(schema)}
 
@@ -214,7 +214,7 @@ def meaning_of_option(option: str) -> str:
 
 
 def known_elsewhere(typed: str, task: str) -> str:
-    """Explain a missing key by its name here, or "" if it has none."""
+    """Explain a missing key by its name in this program; "" if it has none."""
     schema, plain = TASKS[task], plain_name(typed)
     keys, words = keys_of(schema), change_words_of(schema)
     if typed in words:
@@ -230,7 +230,7 @@ def known_elsewhere(typed: str, task: str) -> str:
 
 
 def unknown_key(typed: str, task: str) -> str:
-    """Explain that a task lacks a key or that the plugin with this option is not chosen."""
+    """Explain that a task lacks a key, or that the plugin with this option is not chosen."""
     family, _, rest = typed.partition(".")
     keys, plain = keys_of(TASKS[task]), plain_name(typed)
     names = [*keys, *change_words_of(TASKS[task]), *groups_of(TASKS[task])]
@@ -244,7 +244,7 @@ def unknown_key(typed: str, task: str) -> str:
         mend = f"add {name} to the list, '{family}=[{name},...]', or drop the keys below it"
         if name not in members:
             mend = f"there are: {nearest_first(name, members)}; options go below a member, {family}.<name>.{name}=..."
-        return f"{family}.{name} is tuned but not chosen; {mend}"
+        return f"{family}.{name} has options but is not chosen; {mend}"
     for plugin in plugins():
         for option in plugin.meanings:
             if typed.startswith(f"{plugin.path}.{option}."):

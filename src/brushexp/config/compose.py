@@ -18,7 +18,7 @@ from brushexp.system.words import conf_folders
 
 CHOSEN_GROUPS = {*FAMILIES, "look", "quality", "trainer", "task", "experiment"}  # chosen as ``group=name``
 SOURCE = "text"  # URL scheme of folders of configs that `hydra_plugins.brushexp_text` reads
-GLOBAL = "# @package _global_\n"  # first line of such a file
+GLOBAL = "# @package _global_\n"  # first line of global config files
 
 
 def folders_of(root: Path, words: Sequence[str] = ()) -> list[Path]:
@@ -35,12 +35,12 @@ def folders_of(root: Path, words: Sequence[str] = ()) -> list[Path]:
 
 
 def own_folders(folders: Sequence[Path]) -> list[Path]:
-    """List those folders of configs that do not ship."""
+    """List the folders of configs that do not ship with the program."""
     return [folder for folder in folders if folder not in conf_folders()]
 
 
 def folders_in(cfg: DictConfig) -> list[Path]:
-    """List the folders from which Hydra composed a config, shipped ones first."""
+    """List the folders whose files make up a composed config, shipped ones first."""
     sources = [source for source in cfg.hydra.runtime.config_sources if source.schema == SOURCE]
     return list(dict.fromkeys([*conf_folders(), *(Path(source.path).resolve() for source in sources)]))
 
@@ -51,13 +51,13 @@ def files_of(folder: Path, group: str) -> dict[str, Path]:
 
 
 def presets_of(folder: Path) -> dict[str, str]:
-    """Map the presets in a folder to their first comment lines, not counting the one that Hydra reads."""
+    """Map the presets in a folder to their first comment lines; the line that Hydra reads does not count."""
     texts = {path.stem: decode_text(path.read_bytes()) for path in folder.glob("*.yaml")}
     return {name: text.removeprefix(GLOBAL).partition("\n")[0].lstrip("# ") for name, text in texts.items()}
 
 
 def load_config(path: Path) -> Any:
-    """Read the YAML of a config, in any encoding that `decode_text` knows."""
+    """Read the YAML of a config, in any encoding that `decode_text` supports."""
     return OmegaConf.load(StringIO(decode_text(path.read_bytes())))
 
 
@@ -84,9 +84,9 @@ def quote(text: str) -> str:
 
 
 def composed(words: Sequence[str], folders: Sequence[Path] = ()) -> DictConfig:
-    """Compose the config for the words of a command line from folders of configs, by default the shipped ones.
+    """Compose the config for the words of a command line; ``folders`` of configs default to the shipped ones.
 
-    It is thread-safe and does not disturb other users of Hydra in this process.
+    The function is thread-safe and does not disturb other users of Hydra in this process.
     """
     with isolated(), initialize_config_module("brushexp.conf", version_base="1.3"):
         return compose("config", overrides=[*words, *search_path(folders or conf_folders())])

@@ -14,16 +14,16 @@ from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, member, plugins
 
 
 def is_key(name: str) -> bool:
-    """Tell whether a name is a key of a task, an option of a plugin, or a config group."""
+    """Check whether a name is a key of a task, an option of a plugin, or a config group."""
     return name in CHOSEN_GROUPS or type_of_key(name)[0] is not None
 
 
 @cache
 def type_of_key(name: str, task: str = "") -> tuple[Any, bool]:
-    """Return the type of a key and whether it may be null, or (None, False) if there is no such key.
+    """Return the type of a key and whether it may be null, or (None, False) if no such key exists.
 
-    ``task`` is asked first, because keys of one name may differ in type between tasks. If plugins of a family have an
-    option with different types, it is a text if any of them is, otherwise an ``object``.
+    Keys of ``task`` come first, because keys of the same name may differ in type between tasks. If the plugins of a
+    family give an option different types, the type is ``str`` if any of them is, otherwise ``object``.
 
     >>> type_of_key("strokes"), type_of_key("strokes", "score"), type_of_key("nothing")
     ((<class 'int'>, True), (<class 'str'>, False), (None, False))
@@ -37,15 +37,15 @@ def type_of_key(name: str, task: str = "") -> tuple[Any, bool]:
 
 
 def without_null(annotation: Any) -> Any:
-    """Return the type of values that are not null."""
+    """Return a type without null."""
     parts = get_args(annotation)
     return next(part for part in parts if part is not NoneType) if NoneType in parts else annotation
 
 
 def _annotations_of(name: str, task: str) -> Iterator[list[Any]]:
-    """List the annotations of a name: those of the task, then of plugins, then of all other tasks.
+    """Yield the annotations of a name in the task, then in plugins, then in all other tasks.
 
-    A word that stands for an option of a change has the type of that option.
+    A word for an option of a change has the type of that option.
     """
     for other in dict.fromkeys([*([task] if task in TASKS else []), "paint"]):
         yield [key.annotation] if (key := keys_of(TASKS[other]).get(name)) is not None else []
@@ -60,7 +60,7 @@ def _annotations_of(name: str, task: str) -> Iterator[list[Any]]:
 
 
 def _owners(family: str, option: str) -> list[tuple[Plugin, str]]:
-    """List the plugins that may have an option, each with the option's name there."""
+    """List the plugins that may have an option, each with the plugin's name for the option."""
     if family in MULTI_SELECT:
         name, _, own = option.partition(".")
         plugin = member(family, name)

@@ -29,7 +29,7 @@ class Key:
 
 
 def keys_of(schema: type[Any], above: str = "") -> dict[str, Key]:
-    """List all keys of a task by their full names, keys of every task last."""
+    """List all keys of a task by their full names; keys that every task has come last."""
     hints = get_type_hints(schema)
     keys: dict[str, Key] = {}
     inherited = {item.name for base in schema.__bases__ if is_dataclass(base) for item in fields(base)}
@@ -44,7 +44,7 @@ def keys_of(schema: type[Any], above: str = "") -> dict[str, Key]:
 
 
 def groups_of(schema: type[Any]) -> list[str]:
-    """List the plugin families and other groups of configs of a task."""
+    """List the plugin families and other config groups of a task."""
     return [name for name in {**schema.groups, **schema.presets} if "@" not in name]
 
 

@@ -1,8 +1,8 @@
-"""Publish looks: files of overrides ``conf/look/<name>.yaml`` that define a medium or style, chosen by ``look=oil``.
+"""Publish looks: files of overrides, ``conf/look/<name>.yaml``, that define a medium or style (``look=oil``).
 
-A look also sets options of plugins, which must give way if another plugin is typed. So these options are published
-one by one, as ``look_options/<family>/<look>_<member>``; the defaults lists of tasks, and of members of families that
-allow several, load the options of the chosen members only. A typed ``renderer=analytic`` keeps the rest.
+A look also sets options of plugins, which must yield if another plugin is typed. So these options are published one by
+one, as ``look_options/<family>/<look>_<member>``. The defaults lists of tasks, and of members of families that allow
+several, load only the options of the chosen members. A typed ``renderer=analytic`` keeps all other options.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -27,16 +27,16 @@ from brushexp.system.reading import read_text, yaml_of
 from brushexp.system.words import table_of_words
 
 LOOK_OPTIONS = "look_options"  # group of the options that looks set: look_options/<family>/<look>_<member>
-UNTUNED = "untuned"  # group of members of families that allow several, as they are without a look
-FAST_STARTS = "fast_start"  # group of files, one per ``init``: its replacement in a draft
+UNTUNED = "untuned"  # group of members of families that allow several, without options of looks
+FAST_STARTS = "fast_start"  # group of files, one for each ``init``, that replace it in a draft
 SCALED = ("steps", "pixels_per_stroke", "max_strokes", "focus_strength")  # keys of looks that other keys scale
-KEEPS_SIZE = "keep_stroke_size"  # key by which looks choose what quality means
-CLOSER = 50  # factor on the weight of the focus with abstraction=1
-LAYERS = 3  # layers added with abstraction=1, so that the smallest strokes stay as small
+KEEPS_SIZE = "keep_stroke_size"  # key by which a look chooses the effect of ``quality``
+CLOSER = 50  # factor on the weight of the focus at abstraction=1
+LAYERS = 3  # layers added at abstraction=1, so that the smallest strokes keep their size
 
 
 def scale(key: str, value: float, *, _root_: DictConfig) -> int | float:
-    """Scale a look's value of a key by ``detail``, ``effort`` and ``abstraction``; whole numbers stay whole."""
+    """Scale a look's value of a key by ``detail``, ``effort`` and ``abstraction``; integers stay integers."""
     fewer = FEWER**_root_.abstraction
     scaled: dict[str, int | float] = {
         "steps": round(value * _root_.effort),
@@ -49,9 +49,10 @@ def scale(key: str, value: float, *, _root_: DictConfig) -> int | float:
 
 
 def fast_start(look: str, family: str) -> str:
-    """Choose a member for a draft: for ``init``, one that lays strokes in one pass, if there is one for the look's own.
+    """Choose a member for a draft; for ``init``, one that lays strokes in a single pass, if the look's choice has one.
 
-    Members of other families suit those strokes. A look that imitates brushwork or tunes the optimizer keeps its own.
+    The members of other families then match this initialiser. A look that imitates brushwork or tunes the optimizer
+    keeps its own members.
     """
     store = ConfigStore.instance()
     node = store.load(f"look/{look}.yaml").node
@@ -66,7 +67,7 @@ def fast_start(look: str, family: str) -> str:
 
 
 def start_of_draft(look: str, family: str) -> str:
-    """Choose a member for a draft: the look's own if its strokes keep their size, otherwise a fast start."""
+    """Choose a member for a draft: the look's own member if its strokes keep their size, otherwise a fast start."""
     node = ConfigStore.instance().load(f"look/{look}.yaml").node
     return str(choices_of(node, PaintTask.groups)[family]) if node.get(KEEPS_SIZE) else fast_start(look, family)
 
@@ -78,7 +79,7 @@ def density_of_quality(look: str, density: str) -> str:
 
 
 def by_quality(nearer: Any, finished: Any, *, _root_: DictConfig) -> Any:
-    """Choose what a quality means: ``finished`` if a look's strokes keep their size, otherwise ``nearer``."""
+    """Choose the effect of ``quality``: ``finished`` if a look's strokes keep their size, otherwise ``nearer``."""
     return finished if _root_[KEEPS_SIZE] else nearer
 
 
@@ -119,7 +120,7 @@ def look_names() -> list[str]:
 
 
 def _parse(path: Path) -> dict[str, Any]:
-    """Parse the file of a look into plain values, or an empty mapping if it is invalid, which `_read` reports."""
+    """Parse the file of a look into plain values; an invalid file, which `_read` reports, becomes an empty mapping."""
     try:
         return _with_options_of_changes(yaml_of(read_text(path, "correct it")))
     except UserError:
@@ -127,9 +128,9 @@ def _parse(path: Path) -> dict[str, Any]:
 
 
 def _with_options_of_changes(look: dict[str, Any]) -> dict[str, Any]:
-    """Expand words for options of changes, ``wet: 0.5``, into those options, and choose the changes.
+    """Expand words for options of changes, such as ``wet: 0.5``, into these options, and choose the changes.
 
-    Looks of version 0.1 have such keys, and painters type them.
+    Looks of version 0.1 contain such keys, and users still type them.
     """
     words = {word: option for word, option in table_of_words("change_words").items() if word in look}
     if not words or not isinstance(look.get("change") or {}, dict):
@@ -147,7 +148,7 @@ def _with_options_of_changes(look: dict[str, Any]) -> dict[str, Any]:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """Read the file of a look; refuse (UserError) plugins or options in places where Hydra does not look."""
+    """Read the file of a look; refuse (UserError) plugins or options in places that Hydra ignores."""
     look = _with_options_of_changes(yaml_of(read_text(path, "correct it")))
     if not look:
         raise UserError(f"{path} sets nothing; a look has lines like 'steps: 100'")
@@ -172,7 +173,7 @@ def _keys_of(path: Path, schema: type[Any]) -> DictConfig:
     """Build the config of a look without options of plugins; ``detail`` and similar keys scale its numbers."""
     look = _read(path)
     for family, chosen in _tuned_by(look, schema.groups):
-        _options_of(path, family, chosen, schema.groups)  # raises a UserError if it has no such options
+        _options_of(path, family, chosen, schema.groups)  # raises a UserError if the plugin lacks them
     values = {key: value for key, value in look.items() if key not in FAMILIES}
     for key in SCALED:
         values[key] = _as_scaled(key, values.get(key, getattr(schema, key)))
@@ -186,13 +187,13 @@ def _as_scaled(key: str, value: object) -> object:
 
 
 def _tuned_by(look: Mapping[str, Any], groups: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """List the family and name of each member whose options a look sets."""
+    """Yield the family and name of each member whose options a look sets."""
     chosen = choices_of(look, groups)
     for family in FAMILIES:
         if family not in look:
             continue
         if family in MULTI_SELECT:
-            if isinstance(look[family], dict):  # `_read` reports others
+            if isinstance(look[family], dict):  # `_read` reports other values
                 yield from ((family, str(name)) for name in look[family])
         elif isinstance(chosen.get(family), str):
             yield family, chosen[family]
@@ -209,7 +210,7 @@ def _options_of(path: Path, family: str, chosen: str, groups: Mapping[str, Any])
 
 
 def choices_of(look: Mapping[str, Any] | DictConfig, groups: Mapping[str, Any]) -> dict[str, Any]:
-    """Map the families of a task to the members that the look, or otherwise the task, chooses."""
+    """Map the families of a task to the members that the look chooses, or the task if the look chooses none."""
     chosen = dict(groups)
     for entry in look.get("defaults") or []:
         if isinstance(entry, Mapping | DictConfig):
@@ -218,7 +219,7 @@ def choices_of(look: Mapping[str, Any] | DictConfig, groups: Mapping[str, Any]) 
 
 
 def check_options(path: Path, family: str, name: str, options: DictConfig) -> None:
-    """Refuse (UserError) a file that sets options which the plugin does not have."""
+    """Refuse (UserError) a file that sets options that the plugin does not have."""
     if (plugin := member(family, name)) is None:
         return  # a preset, which Hydra reports
     try:
@@ -230,13 +231,13 @@ def check_options(path: Path, family: str, name: str, options: DictConfig) -> No
 
 
 def is_tuned(family: str, name: str) -> bool:
-    """Tell whether a published look sets options of a member of a family that allows several."""
+    """Check whether a published look sets options of a member of a family that allows several."""
     stored = ConfigStore.instance().get_type(f"{UNTUNED}/{family}/{name}.yaml")
     return stored is ObjectType.CONFIG
 
 
 def _make_tunable(family: str, name: str) -> None:
-    """Republish a member so that ``look=`` sets its options wherever it is chosen."""
+    """Republish a member so that looks set its options wherever the member is chosen."""
     parts = [
         "_self_",
         f"/{UNTUNED}/{family}/{name}@_here_",

@@ -29,7 +29,7 @@ NONE = ("none", "no", "off", "false")  # spellings of an empty list
 DECIMAL_COMMA = re.compile(r"([+-]?(?:\d+|\d{1,3}(?:\.\d{3})+))(,\d+(?:e[+-]?\d+)?)?")  # a number with a decimal comma
 UNSET = (*NONE, "all", "auto", "automatic", "default", "max", "unlimited", "never", "random")  # spellings of null
 SCALES = {"k": 1000, "m": 60, "min": 60, "mins": 60, "minutes": 60, "h": 3600, "%": 0.01}  # units after a number
-KINDS = {int: "a whole number", float: "a number", bool: "true or false", str: "a text", dict: "{name: value}"}
+KINDS = {int: "a whole number", float: "a number", bool: "true or false", str: "text", dict: "{name: value}"}
 
 
 def explanation(error: BaseException, folders: Sequence[Path], arguments: Sequence[str]) -> str:
@@ -48,7 +48,7 @@ def explanation(error: BaseException, folders: Sequence[Path], arguments: Sequen
 
 
 def translate(text: str, task: str, folders: Sequence[Path], arguments: Sequence[str] = ()) -> str | None:
-    """Translate a message of Hydra or OmegaConf for a task; None for an unknown message."""
+    """Translate an error message of Hydra or OmegaConf for a task; None for an unknown message."""
     if message := of_grammar(text):
         return message
     if match := re.search(r"Could not (?:find|load) '(\w+)/([^']*)'", text):
@@ -56,14 +56,14 @@ def translate(text: str, task: str, folders: Sequence[Path], arguments: Sequence
         more = LIGHTNINGS if match[1] == "callbacks" else ""
         near = f"{nearest_first(match[2], names)} (all: --help)"
         near += f", or {match[1]}=[] for none" if match[1] in MULTI_SELECT and match[2] in NONE else ""
-        return f"{match[1]}={match[2]} is not there; choose one of {near}{more}{missing_because()}" if names else None
+        return f"{match[1]}={match[2]} does not exist; choose one of {near}{more}{missing_because()}" if names else None
     if match := re.search(r"Could not override '([\w.@/]+)'.*No match in the defaults list", text):
         owners = [f"task={name}" for name, schema in TASKS.items() if match[1] in groups_of(schema)]
         more = f". {match[1]} is one of {', '.join(owners)}" if owners else ""
         if match[1] == "to" and (painted := TASKS[task].painted):
             form = re.sub(r"[][]", "", next(word for word in arguments if word.startswith("to=")))
-            more = f"; drop {form}, and when it is painted, type: brushexp export {painted} {form}"
-        return f"task={task} has no {match[1]}; it takes {', '.join(groups_of(TASKS[task])) or 'no plugins'}{more}"
+            more = f"; drop {form}, and after painting, type: brushexp export {painted} {form}"
+        return f"task={task} has no {match[1]}; it has {', '.join(groups_of(TASKS[task])) or 'no plugins'}{more}"
     if match := re.search(r"Key '(\w+)' not in '(\w+)'", text):
         found = [plugin for plugin in loaded_plugins() if plugin.config.__name__ == match[2]]
         return unknown_option(match[1], found[0], arguments) if found else None
@@ -73,7 +73,7 @@ def translate(text: str, task: str, folders: Sequence[Path], arguments: Sequence
 
 
 def of_grammar(text: str) -> str | None:
-    """Translate a message of Hydra or OmegaConf about a word they cannot read; None for other messages."""
+    """Translate an error message of Hydra or OmegaConf about a word they cannot parse; None for other messages."""
     if match := re.match(r"LexerNoViableAltException: (.*?) \^ See |Ambiguous value for argument '(.*?)' ", text):
         return quoting(match[1]) if match[1] else several(match[2])
     if match := re.search(r"Sweep parameters '(.*)' requires --multirun", text):
@@ -98,13 +98,13 @@ def unreadable(error: BaseException) -> str | None:
 
 
 def quoting(word: str) -> str:
-    """Say how to type a word with characters of Hydra's grammar."""
+    """Explain how to type a word that contains characters of Hydra's grammar."""
     key = word.partition("=")[0]
     return f"{word} has characters that need quotes; type both kinds: '{key}=\"...\"'"
 
 
 def several(word: str) -> str:
-    """Say how to type several values, or a number with a decimal comma or thousands separators."""
+    """Explain how to type several values, or a number with a decimal comma or thousands separators."""
     key, _, value = word.partition("=")
     if (takes_fractions(key) or "x" in value) and (meant := with_points(value)):
         thousands = f" or {key}={value.replace(',', '')}" if re.fullmatch(r"[1-9]\d{0,2},\d{3}", value) else ""
@@ -120,7 +120,7 @@ def several(word: str) -> str:
 
 
 def takes_fractions(key: str) -> bool:
-    """Tell whether a key, or an option of a plugin or preset, accepts fractions.
+    """Check whether a key, or an option of a plugin or preset, accepts fractions.
 
     >>> [takes_fractions(key) for key in ("psnr", "+loss.mine.weight", "optimizer.units.width", "strokes", "image")]
     [True, True, True, False, False]
@@ -133,7 +133,7 @@ def takes_fractions(key: str) -> bool:
 
 
 def with_points(value: str) -> str | None:
-    """Replace decimal commas by points in a number or a size such as 29,7x21; None for other values.
+    """Replace decimal commas with points in a number or a size such as 29,7x21; None for other values.
 
     >>> with_points("30,5"), with_points("1.000,5"), with_points("-1,5e-3"), with_points("29,7x21")
     ('30.5', '1000.5', '-1.5e-3', '29.7x21')
@@ -187,7 +187,7 @@ def wrong_type(text: str, task: str) -> str | None:
 
 
 def meant_by(value: str, kind: Any, meaning: str) -> str | None:
-    """Guess the value meant by a unit, a size, a word for none, or a text in place of a list; None if unknown.
+    """Guess the value meant by a unit, a size, a word for none, or text in place of a list; None if unknown.
 
     >>> meant_by("512px", int, ""), meant_by("1920x1080", int, ""), meant_by("2min", float, "")
     ('512', '1920', '120')
@@ -215,7 +215,7 @@ def meant_by(value: str, kind: Any, meaning: str) -> str | None:
 
 
 def declaration_of(path: str, task: str) -> tuple[Any, Any, str] | None:
-    """Find the type, default and meaning of a key or of a plugin's option; None if there is none."""
+    """Find the type, default and meaning of a key or of a plugin's option; None if it does not exist."""
     if (key := keys_of(TASKS[task]).get(path)) is not None:
         return key.annotation, key.default, key.meaning
     above, _, option = path.rpartition(".")

@@ -1,4 +1,4 @@
-"""Check the user's own config files: report wrong ones, and refuse them if they are chosen."""
+"""Check the user's own config files: report invalid files, and refuse them if they are chosen."""
 
 import logging
 import re
@@ -29,14 +29,14 @@ def check_own_files(folders: Sequence[Path], words: Sequence[str], *, warns: boo
 
 
 def _is_chosen(path: Path, words: Sequence[str]) -> bool:
-    """Tell whether words of a command line choose a file: ``look=mine``, ``loss=[mse,mine]``, ``mine``."""
+    """Check whether words of a command line choose a file: ``look=mine``, ``loss=[mse,mine]``, ``mine``."""
     group, name = path.parent.name, path.stem
     chosen = rf"\+*{re.escape(group)}=(.*\W)?{re.escape(name)}(\W.*)?"
     return any(re.fullmatch(chosen, word) or (group in ALONE and word == name) for word in words)
 
 
 def problems_in(folder: Path) -> Iterator[tuple[Path, str]]:
-    """Map each invalid file of a folder of configs to what is wrong and what to do."""
+    """Yield each invalid file in a folder of configs, with what is wrong and what to do."""
     for path in sorted(folder.glob("*/*.yaml")):
         if any((shipped / path.relative_to(folder)).exists() for shipped in conf_folders()):
             yield path, f"{path} has the name of a shipped preset; give the file another name"
@@ -45,7 +45,7 @@ def problems_in(folder: Path) -> Iterator[tuple[Path, str]]:
 
 
 def _problem_of(path: Path) -> str:
-    """Explain what is wrong with a file on which Hydra would show a traceback or misread a word as a key."""
+    """Explain what is wrong with a file for which Hydra would show a traceback or misread a word as a key."""
     if not path.is_file():
         return f"{path} is a folder, a device or a pipe, not a file; remove it"
     kind, example = (list, "- photo.jpg") if path.parent.name == "pictures" else (dict, "steps: 100")

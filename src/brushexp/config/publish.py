@@ -28,7 +28,7 @@ from hydra_plugins.brushexp_settings import SettingsSweeperConf
 
 @cache
 def scratch_folder() -> str:
-    """Make a folder that is removed when the program ends, for tasks that leave no files."""
+    """Make a folder that is removed when the program ends, for tasks that write no files of their own."""
     folder = mkdtemp(prefix="brushexp-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder
@@ -43,7 +43,7 @@ PUBLISHER = "brushexp"  # owner of a config in Hydra's store
 def prepare(root: Path, words: Sequence[str] = (), *, warns: bool = True) -> None:
     """Announce all plugins, import ``root/plugins``, and publish tasks and presets to Hydra.
 
-    It ``warns`` of files that are left out; processes of a sweep do not, because their parent has.
+    It ``warns`` of files that are left out, but not in the processes of a sweep, whose parent has warned already.
     """
     load_plugins(root / "plugins", warns=warns)
     folders = folders_of(root, words)
@@ -82,7 +82,7 @@ def config_of_task(name: str, tuned: Collection[str]) -> Any:
     if "look" in schema.presets:
         options = [{f"optional /{LOOK_OPTIONS}/{family}@{family}": f"${{look}}_${{{family}}}"} for family in tuned]
     presets = [{f"/{group}": chosen} for group, chosen in schema.presets.items()]
-    several: dict[str, Any] = {family: {} for family in MULTI_SELECT if family in schema.groups}  # for loss=[]
+    several: dict[str, Any] = {family: {} for family in MULTI_SELECT if family in schema.groups}  # needed for loss=[]
     head = {"defaults": [f"/{MEMBERS}/{name}@_global_", *options, "_self_", *presets], "task": name, **several}
     return OmegaConf.merge(head, without_class(OmegaConf.structured(schema)), schema.settings)
 
@@ -90,9 +90,9 @@ def config_of_task(name: str, tuned: Collection[str]) -> Any:
 def offer_presets(family: str, paths: Mapping[str, Path]) -> None:
     """Publish YAML files as members of a family that allows several: ``loss=name``.
 
-    By itself, Hydra would put the values of ``conf/loss/name.yaml`` beside the losses instead of below ``loss.name``.
-    A file that lists several members or names its package is left to Hydra. A file with the name of a plugin, or with
-    an option that its plugin does not have, is refused (UserError).
+    By itself, Hydra would put the values of ``conf/loss/name.yaml`` next to the losses, not below ``loss.name``. Files
+    that list several members or name their package are left to Hydra. A UserError refuses a file that has the name of a
+    plugin or sets an option that its plugin lacks.
     """
     for name, path in paths.items():
         if any(name == plugin.name for plugin in plugins(family)):
@@ -107,7 +107,7 @@ def offer_presets(family: str, paths: Mapping[str, Path]) -> None:
 
 
 def offer_sweepers() -> None:
-    """Replace Hydra's sweeper by ours under the same name, and offer the sweepers of packages.
+    """Replace Hydra's sweeper with ours under the same name, and offer the sweepers of packages.
 
     A default in config.yaml would override a study that chooses another sweeper.
     """

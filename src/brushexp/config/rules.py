@@ -23,7 +23,7 @@ from brushexp.system.runtime import check_memory
 
 log = logging.getLogger(__name__)
 
-STEP_KEYS = {  # keys of task=paint used by gradient steps only
+STEP_KEYS = {  # keys of task=paint that only gradient steps use
     *("init", "order", "loss", "density", "sampler", "optimizer", "style", "catalogue"),
     *("focus", "focus_strength", "faces"),
     *("steps", "steps_per_stroke", "coarse", "warm_up", "finish_steps", "effort", "early_stop", "checkpoint_every"),
@@ -102,7 +102,7 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
 
 def keeps(before: Any, after: Any) -> bool:
-    """Tell whether a change kept a value: members or options that it adds to a node override nothing.
+    """Check whether a change kept a value; members or options that it adds to a node override nothing.
 
     >>> keeps({"psnr": 1}, {"psnr": 1, "bits": 2}), keeps({"psnr": 1}, {"psnr": 2})
     (True, False)
@@ -171,7 +171,7 @@ def check_painting(
 
 
 def warn_of_unused_keys(cfg: DictConfig, overrides: Sequence[str]) -> None:
-    """Warn of typed keys that have no effect beside the others; in a sweep they may be meant for other jobs."""
+    """Warn of typed keys that other typed keys make ineffective; in a sweep they may be meant for other jobs."""
     keys = [override.lstrip("+~").partition("=")[0] for override in overrides]
     unused = sorted({key for key in keys if key.partition(".")[0] in STEP_KEYS or key.startswith("change.variety.")})
     if unused and isinstance(keep_built(cfg.painter), Painter):
@@ -209,7 +209,7 @@ def check_export(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
 
 def check_monitors(cfg: DictConfig, curves: tuple[str, ...]) -> None:
-    """Refuse (UserError) a callback that watches a curve the task does not have, or that needs one and names none."""
+    """Refuse (UserError) a callback that watches a curve the task lacks, or that needs a curve and names none."""
     for name, node in cfg.callbacks.items():
         if not (node.get("monitor") or curves[0]).startswith(curves):
             option = f"callbacks.{name}.monitor"

@@ -1,4 +1,4 @@
-"""Declare the keys of the core tasks, each in a line with type, default, bounds and meaning, and their plugins."""
+"""Declare the keys of the core tasks, one per line with type, default, bounds and meaning, and the tasks' plugins."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -79,22 +79,22 @@ class Task:
     # options below ``style.loss``. Presets override the values here.
     groups: ClassVar[dict[str, Any]] = {}
     presets: ClassVar[dict[str, str]] = {}
-    settings: ClassVar[dict[str, Any]] = {}  # values of plugin options that differ from the plugins' defaults
+    settings: ClassVar[dict[str, Any]] = {}  # options that differ from the plugins' defaults
     is_research: ClassVar[bool] = False  # whether --help=research lists it instead of --help=tasks
-    module: ClassVar[str]  # has ``run(cfg, folder, start)``, which carries out the task and returns its metrics
+    module: ClassVar[str]  # module with ``run(cfg, folder, start)``, which performs the task and returns its metrics
     alone: ClassVar[str] = ""  # key that a path typed alone sets: brushexp export outputs/x
-    painted: ClassVar[str] = ""  # names of its results that ``task=export`` can read
-    results: ClassVar[tuple[str, ...]] = ()  # names of files that it overwrites, without extensions
+    painted: ClassVar[str] = ""  # names of the task's results that ``task=export`` can read
+    results: ClassVar[tuple[str, ...]] = ()  # names of files that the task overwrites, without extensions
     writes_metrics: ClassVar[bool] = False  # whether the module writes metrics.json and its provenance itself
 
     @staticmethod
     def suits(typed: Mapping[str, Any]) -> bool:
-        """Tell whether typed or configured values ask for this task in place of the one it may stand in for."""
+        """Return whether typed or configured values call for this task instead of the one that it can replace."""
         return False
 
     @staticmethod
     def grows(cfg: DictConfig, folder: Path) -> bool:
-        """Tell whether this run adds to results already in its folder."""
+        """Return whether this run adds to results that are already in its folder."""
         return False
 
     @staticmethod

@@ -37,13 +37,13 @@ TASKS = Tasks({"paint": PaintTask, "export": ExportTask})
 
 
 def stand_ins_of(name: str) -> list[str]:
-    """List the tasks that may stand in for a task if their `Task.suits` says so."""
+    """List the tasks that may replace a task if their `Task.suits` agrees."""
     points = (point.partition(".") for point in published(STAND_INS))
     return [other for of, _, other in points if of == name]
 
 
 def task_for(name: str, values: Mapping[str, Any]) -> str:
-    """Find the task that stands in for a task given these values; usually it is the task itself.
+    """Find the task that replaces a task for these values; usually it is the task itself.
 
     >>> task_for("paint", {"image": "clip.mp4"}), task_for("paint", {"image": "photo.jpg"})
     ('film', 'paint')
@@ -53,7 +53,10 @@ def task_for(name: str, values: Mapping[str, Any]) -> str:
 
 
 def _count_known(task: type[Task], values: Mapping[str, Any]) -> int:
-    """Count the keys among ``values`` that a task has; of several suitable tasks, the one with most keys is meant."""
+    """Count the keys among ``values`` that a task has.
+
+    Of several suitable tasks, the one with the most keys is chosen.
+    """
     return len({field.name for field in fields(task)} & values.keys())
 
 

@@ -46,7 +46,7 @@ def with_words_of_changes(message: str) -> str:
 
 
 def members_alone() -> dict[str, str]:
-    """Map each look and quality, shipped or in ``conf/``, to its meaning as a word alone."""
+    """Map each look and quality, shipped or in ``conf/``, to its meaning when typed alone."""
     return {name: f"{group}={name}" for group in ALONE for name in members_of_group(group)}
 
 
@@ -95,7 +95,7 @@ def task_names() -> set[str]:
 
 
 def is_path(text: str) -> bool:
-    """Tell whether a text is the path of an existing file or folder."""
+    """Check whether a text is the path of an existing file or folder."""
     return bool(text) and os.path.exists(os.path.expanduser(text))
 
 
@@ -117,7 +117,7 @@ def as_found(word: str) -> str:
 
 
 def _found(path: str) -> str:
-    """Spell a path as it exists, with the home folder in full; a path spelled right stays as it is."""
+    """Spell a path as it exists, with the home folder in full; a path that is spelled correctly stays unchanged."""
     whole = os.path.expanduser(path)
     found = find_spelling(whole)
     return path if found == whole else found

@@ -2,13 +2,13 @@
 
 photo.jpg, photos/    image=photo.jpg, image=photos/
 train                 task=train
-export outputs/x      task=export catalogue=outputs/x, and so for the path that each task takes
-analyse photo.jpg     task=measure image=photo.jpg: the task that stands in for another one for this picture
+export outputs/x      task=export catalogue=outputs/x; other tasks take paths likewise
+analyse photo.jpg     task=measure image=photo.jpg, the task that replaces another one for this picture
 watercolour, finer    look=watercolour, detail=2
 look=watercolor       look=watercolour
 style=painting.jpg    style.image=painting.jpg
 light=315,45          light={azimuth:315,elevation:45}
-to=svg,json           to=[svg,json], and so for every key and family with several values except ``loss``
+to=svg,json           to=[svg,json]; likewise every key and family with several values except ``loss``
 resume=sweep          hydra.sweeper.resume=true
 """
 
@@ -45,17 +45,17 @@ from brushexp.system.caches import has_home
 from brushexp.system.published import catalogue_suffixes
 from brushexp.system.words import table_of_words
 
-ALL_PIXELS = "working_resolution=null"  # in sweeps by default, to stay comparable with earlier ones
+ALL_PIXELS = "working_resolution=null"  # default in sweeps, to keep them comparable with earlier sweeps
 RESUME_SWEEP = "resume=sweep"
 RESULTS = ("metrics.json", "report.html", "multirun.yaml")  # the folder of a run or sweep has one of these files
 NO_FOLDERS = ("nan", "inf", "infinity", "null", "none", "true", "false")  # written by scripts for a missing name
-OF_HYDRA = re.compile(r"[\['\"{]|null$|\w+\(|\$\{")  # start of values that Hydra does not read as a text
+OF_HYDRA = re.compile(r"[\['\"{]|null$|\w+\(|\$\{")  # start of values that Hydra does not read as text
 
 
 def expand_positional(word: str, task: str = "paint", beside: Mapping[str, str] | None = None) -> str:
     """Write a word as ``key=value``: a word alone is a task, a painter's word, or the path that a task takes.
 
-    ``beside`` are the keys typed with it, which may make a path belong to another task.
+    ``beside`` are the other typed keys, which may assign a path to another task.
     """
     path = Path(word)
     if is_setting(word):
@@ -79,7 +79,7 @@ def expand_positional(word: str, task: str = "paint", beside: Mapping[str, str] 
 
 
 def is_setting(word: str) -> bool:
-    """Tell whether a word is ``key=value`` or ``~key`` and not a path with such a name, like steps=3/x.jpg."""
+    """Check whether a word is ``key=value`` or ``~key``, and not a path with such a name, like steps=3/x.jpg."""
     key, equal, value = word.partition("=")
     if not equal and (not word.startswith("~") or os.sep in word):
         return False
@@ -147,7 +147,7 @@ def setting_in(word: str) -> str | None:
 
 
 def at_home(word: str) -> str:
-    """Write out the home folder in ``output=~/x``, since not every shell does; readers of pictures do their own."""
+    """Expand the home folder in ``output=~/x``, which some shells do not; keys of pictures expand it themselves."""
     key, _, value = word.partition("=")
     is_other = key in ("image", "pictures", "style", "style.image", "focus", "faces") or os.path.lexists(value)
     if is_other or not re.fullmatch(r"~(/.*)?", value):
@@ -238,7 +238,7 @@ def parse_value(value: str) -> Any:
 
 
 def is_readable(value: str) -> bool:
-    """Tell whether Hydra's grammar allows a text as a value."""
+    """Check whether Hydra's grammar allows a text as a value."""
     try:
         parse_value(value)
     except HydraException:
@@ -255,7 +255,7 @@ def verbatim(text: str) -> str:
 
 
 def quote_text(key: str, value: str, sweep: bool = False, optional: bool = False) -> str:
-    """Quote the text of a key if Hydra would read a number or null, or if a file has this name.
+    """Quote the text of a key if Hydra would read it as a number or null, or if a file has this name.
 
     A value that may mean either a file or null is refused (UserError).
     """
@@ -284,12 +284,12 @@ def check_choice(group: str, value: str) -> None:
     if group in MULTI_SELECT:
         choices = [name for one in choices for name in (one if isinstance(one, list) else [one])]
     if not all(isinstance(name, str | dict | Sweep | Glob) for name in choices) or value == "''":
-        names = ", ".join(plugin.name for plugin in plugins(group)) or "those that --help lists"
+        names = ", ".join(plugin.name for plugin in plugins(group)) or "the names that --help lists"
         raise UserError(f"{group}={value} is not a name; choose one of {names}")
 
 
 def as_typed(value: Any, *, is_part: bool = False) -> str:
-    """Write a value as a user would type it, with quotes around texts in lists or mappings that need them."""
+    """Write a value as a user would type it, with quotes around strings in lists or mappings that need them."""
     plain: Any = OmegaConf.to_container(value) if OmegaConf.is_config(value) else value
     plain = plain.item() if hasattr(plain, "item") else plain  # scalars of NumPy and PyTorch become Python's
     if plain is None or isinstance(plain, bool):

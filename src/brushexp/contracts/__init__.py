@@ -5,7 +5,7 @@ provides what every plugin needs: registration, bounds of options, and the error
 
 - `families`: the contract of each family of plugins.
 - `members`: shipped plugins that others extend.
-- `strokes`: what a stroke is: curves, catalogues, the prior, measures.
+- `strokes`: the representation of strokes: curves, catalogues, the prior, measures.
 - `pictures`: reading and writing pictures, colour, structure, feature networks.
 - `layers`: compositing of strokes, and the light on them.
 - `networks`: layers for networks that draw strokes.

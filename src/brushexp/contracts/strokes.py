@@ -1,4 +1,4 @@
-"""What a stroke is: its curve and units, catalogues of strokes, the prior, and measures."""
+"""The representation of strokes: their curves and units, catalogues of strokes, the prior, and measures."""
 
 from brushexp.strokes import measures
 from brushexp.strokes.bezier import (

@@ -7,7 +7,7 @@ from brushexp.features.base import OPTION, Backbone, packaged_file, read_tensors
 from brushexp.features.efficientnet_lite import FILE, PACKAGE, EfficientNetLite0
 from brushexp.system.published import published
 
-PUBLISHED = published("brushexp.networks")  # functions that make a network from its name and tensors
+PUBLISHED = published("brushexp.networks")  # functions that build a network from its name and tensors
 NETWORKS = ("effl0", *PUBLISHED)  # names that `open_backbone` accepts
 
 
@@ -21,7 +21,7 @@ def open_backbone(name: str, weights: str | None = None, option: str = OPTION) -
     if weights is None:
         raise UserError(
             f"backbone {name} needs a file with torchvision's weights, .pth or .safetensors; set {option}=path, "
-            f"or take another network: {option.replace('weights', 'backbone')}=effl0"
+            f"or choose another network: {option.replace('weights', 'backbone')}=effl0"
         )
     network: Backbone = PUBLISHED[name].load()(name, read_tensors(Path(weights), option))
     return network

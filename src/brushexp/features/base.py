@@ -22,14 +22,14 @@ class Backbone(nn.Module, ABC):
 
     Its weights are constants from a separate file: they are neither parameters nor part of a checkpoint.
 
-    A part of a picture is evaluated with ``context`` pixels around it. Activations see up to twice as far, but hardly
-    depend on it.
+    A part of a picture is evaluated with ``context`` pixels around it. Activations reach up to twice as far, but hardly
+    depend on what lies beyond.
     """
 
     taps: tuple[str, ...]  # names of all activations, shallow to deep
     default_taps: tuple[str, ...]  # taps that serve best as a content loss
     context: int = 32
-    grid: int = 16  # pixels; parts that start at multiples of it have activations where the whole picture has them
+    grid: int = 16  # pixels; parts of a picture that start at multiples of this share activations with the whole
 
     @abstractmethod
     def walk(self, pictures: Tensor) -> Iterator[tuple[str, Tensor]]:
@@ -100,7 +100,7 @@ def packaged_file(package: str, file: str) -> Path:
 
 
 def read_tensors(path: Path, option: str = "weights") -> dict[str, Tensor]:
-    """Read the tensors of a .pth or .safetensors file by name; refuse others by the name of the ``option``."""
+    """Read the tensors of a .pth or .safetensors file by name; errors name the ``option``."""
     cure = "name a .pth or .safetensors file that exists"
     try:
         if path.suffix == ".safetensors":
@@ -108,7 +108,7 @@ def read_tensors(path: Path, option: str = "weights") -> dict[str, Tensor]:
         tensors = read_pickled(path, cure)
         with explaining(path, cure):
             if not isinstance(tensors, dict) or not all(isinstance(value, Tensor) for value in tensors.values()):
-                raise UserError(f"no table of tensors; {cure}")
+                raise UserError(f"not a table of tensors; {cure}")
             return check_finite(dict(tensors))
     except UserError as error:
         raise UserError(f"{option}: {error}") from error

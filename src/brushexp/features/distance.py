@@ -40,7 +40,7 @@ class Distance(nn.Module):
     def compare(
         self, ours: Sequence[Tensor], theirs: Sequence[Tensor], focus: Sequence[Tensor | None] | None = None
     ) -> Tensor:
-        """Compare the vectors of two pictures; ``focus`` (h, w) weighs the positions of each tap."""
+        """Compare the vectors of two pictures; ``focus`` (h, w) weights the positions of each tap."""
         taps = zip(ours, theirs, self.buffers(recurse=False), focus or [None] * len(ours), strict=True)
         return torch.stack([(mean_squares(a, b, at) * weight).sum() for a, b, weight, at in taps]).sum()
 

@@ -22,9 +22,9 @@ MIDDLE, SCALE = 127 / 255, 255 / 128  # it was trained on (0..255 - 127) / 128, 
 class EfficientNetLite0(Backbone):
     """EfficientNet-Lite0 without its classifier, batch norms folded into the convolutions (Tan and Le, 2019).
 
-    Taps: ``stem`` (32 channels, 1/2 of the side), ``b<i>`` (the linear output of block i, 0 to 15) and
-    ``b<i>.expand`` (its widened, rectified inside, i from 1). A ``state`` without exactly the tensors of the published
-    file is refused (UserError).
+    Taps: ``stem`` (32 channels, 1/2 of the side), ``b<i>`` (the linear output of block i, 0 to 15) and ``b<i>.expand``
+    (its expanded, rectified interior, i from 1). A ``state`` must have exactly the tensors of the published file, or it
+    is refused (UserError).
     """
 
     taps = ("stem", "b0", *(f"b{i}{part}" for i in range(1, len(STRIDES)) for part in (".expand", "")))
@@ -116,7 +116,7 @@ class _Halve(torch.autograd.Function):
     """3 x 3 convolution of pictures with stride 2 and a fast gradient.
 
     Each block of 2 x 2 pixels of the gradient is a 2 x 2 convolution of the incoming gradient, with four times the
-    channels. PyTorch's own uses 16 channels in place of 3 and takes nearly twice the time on a CPU.
+    channels. PyTorch's own gradient uses 16 channels in place of 3 and takes nearly twice as long on a CPU.
     """
 
     @staticmethod

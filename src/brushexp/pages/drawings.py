@@ -16,14 +16,14 @@ from brushexp.plugins.export.base import ExportJob
 from brushexp.registry import build_named
 from brushexp.results.stroke_table import DIRECTION_BINS, direction_shares
 
-MAX_POINTS = 400  # most points of a line
+MAX_POINTS = 400  # maximum number of points of a line
 BINS = 28
 TAIL_QUANTILE = 0.99  # quantile beyond which values share the last bar
 SWATCHES = 12
 SMALLEST_SHARE = 0.002  # smallest share of a colour with a swatch
 COARSE_LEVELS = 31  # levels per channel in which swatches are clustered
 SCALE_ENDS = (4, 8, 16, 32, 64, 128, 255)  # levels at which the scale of an error map may end
-SHARE_ON_SCALE = 0.995  # least share of the pixels that lie on the scale
+SHARE_ON_SCALE = 0.995  # smallest share of the pixels that lie on the scale
 # Magma by Smith and van der Walt (2015) in equal steps: perceptually uniform, also in grey and for the colour-blind.
 MAGMA = (
     "#000004", "#180f3e", "#451077", "#721f81", "#9f2f7f", "#cd4071", "#f1605d", "#fd9567", "#fec98d", "#fcfdbf",
@@ -35,7 +35,7 @@ def line_chart(
     title: str, x: Sequence[float] | np.ndarray, y: Sequence[float] | np.ndarray, x_label: str, unit: str = ""
 ) -> dict | None:
     """Chart a curve over increasing ``x``; None if it has fewer than two finite points."""
-    if len(x) != len(y):  # the table may have been edited by others
+    if len(x) != len(y):  # users may have edited the table
         return None
     points = np.array([x, y], float)
     points = points[:, np.isfinite(points).all(0)]

@@ -1,4 +1,4 @@
-"""Render templates to self-contained pages; a content security policy forbids everything else."""
+"""Render templates to self-contained pages, whose content security policy forbids any other source."""
 
 import base64
 import hashlib
@@ -19,7 +19,7 @@ TEMPLATES = Path(__file__).parent / "templates"
 
 
 def page(template: str, folder: Path = TEMPLATES, **context: Any) -> str:
-    """Render a template of a folder, which may use the templates here, to a whole page, deterministically.
+    """Render a template to a complete page, deterministically; templates in another folder may use those here.
 
     Templates escape their values, and a missing name is an error. ``{{ assets["page.css"] }}`` writes a file of either
     folder into the page. The policy allows only these files and embedded pictures, and no ``style`` or ``onclick``
@@ -47,7 +47,7 @@ def _environment(folder: Path) -> Environment:
 
 
 def readable_number(value: object, digits: int = 0) -> str:
-    """Format a number for people, 12,345.6; infinity as its symbol, None and NaN as a dash."""
+    """Format a number for readers, 12,345.6; infinity becomes its symbol, None and NaN a dash."""
     if not isinstance(value, int | float) or math.isnan(value):
         return "–"
     return f"{value:,.{digits}f}" if math.isfinite(value) else "∞" if value > 0 else "−∞"
@@ -62,7 +62,7 @@ def encode(picture: Image.Image, largest: int, **options: Any) -> bytes:
 
 
 def embed(picture: Image.Image, largest: int, **options: Any) -> dict[str, Any]:
-    """Encode a picture as a PNG, or by ``options``, for templates: ``source``, ``width`` and ``height``."""
+    """Encode a picture as a PNG, or with Pillow's ``options``, for templates: ``source``, ``width`` and ``height``."""
     options = options or PNG
     letters = base64.b64encode(encode(picture, largest, **options)).decode()
     source = f"data:image/{options['format'].lower()};base64,{letters}"

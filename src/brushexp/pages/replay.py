@@ -17,17 +17,17 @@ from brushexp.results.stroke_table import StrokeTable
 from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import LATER_FIELDS
 
-MAX_STROKES = 200_000  # most strokes that browsers draw smoothly
-LEVELS = 65_535  # largest number of 16 bits
+MAX_STROKES = 200_000  # largest number of strokes that browsers draw smoothly
+LEVELS = 65_535  # largest 16-bit number
 FARTHEST_CANVAS_SIDES = 4.0  # canvas sides, beyond which control points are clamped
-CANVAS_RENDERER = "analytic"  # the renderer whose strokes a canvas can draw
+CANVAS_RENDERER = "analytic"  # renderer whose strokes a canvas can draw
 Columns = Mapping[str, tuple[np.ndarray, float, float]]  # (N, ...) values and their range
 
 
 def replay_of(job: ExportJob, measures: StrokeTable) -> dict[str, Any] | None:
     """Pack strokes (`pack_strokes`) with their measures and textures; None for more than ``MAX_STROKES``.
 
-    ``direction`` is -1 for strokes without one, ``layer`` the third of the strokes by area.
+    ``direction`` is -1 for strokes without a direction; ``layer`` is the third to which a stroke belongs by area.
     """
     if len(job.strokes) > MAX_STROKES:
         return None
@@ -48,12 +48,13 @@ def replay_of(job: ExportJob, measures: StrokeTable) -> dict[str, Any] | None:
 def pack_strokes(job: ExportJob, about: Columns | None = None, looks: np.ndarray | None = None) -> dict[str, Any]:
     """Pack a painting for ``strokes.js``, without textures, with extra columns ``about`` the strokes.
 
-    ``data`` holds arrays over the strokes, bottom to top, one after another, little-endian, in base64: the number in
+    ``data`` holds consecutive arrays over the strokes, bottom to top, little-endian, in base64: the stroke's index in
     the catalogue (uint32), then each of ``columns`` (name, values per stroke, lowest and highest value) as fractions of
     its range (uint16). ``points`` are the control points, ``half`` is half the width. Strokes drawn as a `Profile` also
     have ``softness`` in pixels, ``widening`` and ``drift``, unless all are 0. Textured strokes have the half width
     (``thick``) and opacity (``strength``) of their renderer and, in ``texture_of``, the texture, the repeats of its
-    loop, and whether it is flipped; textures are numbered by their place in the sorted ``looks``, None for all of them.
+    loop, and whether it is flipped; textures are numbered by their place in the sorted ``looks``; None means all
+    textures.
     """
     count, saved, (height, width) = len(job.strokes), job.saved, job.size
     textured = textured_of(job)
@@ -104,8 +105,8 @@ def pack_strokes(job: ExportJob, about: Columns | None = None, looks: np.ndarray
 def pack_textures(sheets: Sheets, looks: np.ndarray) -> dict[str, Any]:
     """Pack the textures ``looks`` (M,) for a page.
 
-    Texels are in base64, one byte of opacity and one of tone each; ``sheets`` hold the first texel, rows, columns,
-    start and length of the loop in columns, and the half widths beyond which a texture is empty.
+    Texels are in base64, with one byte each for opacity and tone; ``sheets`` hold the first texel, rows, columns, start
+    and length of the loop in columns, and the half widths beyond which a texture is empty.
     """
     levels = np.stack([sheets.texels[:, 0].numpy() * BYTE, sheets.texels[:, 1].numpy() * HALF + 128], axis=1)
     size, loop, extent = (part[looks] for part in (sheets.size, sheets.loop, sheets.extent))
@@ -126,11 +127,11 @@ def pack_textures(sheets: Sheets, looks: np.ndarray) -> dict[str, Any]:
 
 @torch.no_grad()
 def textured_of(job: ExportJob) -> TexturedProfile | None:
-    """Compute how textures lie along the strokes, if their renderer has textures."""
+    """Compute the layout of textures along the strokes; None if their renderer has no textures."""
     layers = None if job.renderer.warm_up else job.renderer(job.strokes)
     return layers if isinstance(layers, TexturedProfile) else None
 
 
 def _quantised(values: np.ndarray, steps: int, kind: str) -> np.ndarray:
-    """Round numbers in [0, 1] to whole numbers from 0 to ``steps``."""
+    """Quantise numbers in [0, 1] to integers from 0 to ``steps``."""
     return (np.nan_to_num(values).clip(0, 1) * steps + 0.5).astype(kind)  # halves round up, as in files.to_bytes

@@ -1,4 +1,4 @@
-"""Write the page of a painting, with everything about it in one file."""
+"""Write the page of a painting, one file with everything about it."""
 
 import json
 import math
@@ -39,11 +39,11 @@ FILES = {  # files of a run in the order in which the page lists them
     "metrics.json": "its numbers",
     "curves/metrics.csv": "the curves, as a table",
 }
-OTHERS = {  # pictures shown beside the painting
+OTHERS = {  # pictures shown next to the painting
     "style": "the painting whose style was transferred",
     "focus": "the focus: the brighter, the more an error counts",
 }
-NOT_LISTED = (PAGE_NAME, "checkpoint.ckpt", "lock", "files.txt", TEMPORARY)  # files of a run
+NOT_LISTED = (PAGE_NAME, "checkpoint.ckpt", "lock", "files.txt", TEMPORARY)  # files that the page does not list
 NULL_COUNTS = ("working_resolution",)  # keys whose null differs from their default
 LARGEST_SIDE = 1600  # pixels on the longer side of a picture in a page
 LOSSLESS = 2**18  # pixels of the largest PNG; larger pictures become JPEGs
@@ -80,7 +80,7 @@ def page_in(folder: Path, finished: Finished, film: Future[Any] | None = None) -
 def files_in(folder: Path, film: Future[Any] | None = None) -> Iterator[dict[str, str]]:
     """Yield the files of a run except its page: names, addresses relative to the page, and descriptions.
 
-    Yielding the first one waits for a ``film`` that is being written.
+    Waits for a ``film`` that is being written before it yields the first file.
     """
     wait([] if film is None else [film])
     paths = sorted(path for path in folder.rglob("*") if path.is_file() and not any(map(path.match, NOT_LISTED)))
@@ -102,7 +102,7 @@ def run_page(
     """Build the page of a painting as self-contained HTML, leaving out parts without data.
 
     ``look`` is a name. ``curves`` are columns by name: ``step``, ``psnr``, ``loss/...``; ``files`` come from
-    `files_in`, and ``beside`` tells whether painting.png lies beside the page.
+    `files_in`, and ``beside`` says whether painting.png is in the page's folder.
     """
     job, metrics, pictures = finished.job, finished.metrics, finished.pictures
     saved, config = job.saved, config_of(job.saved)
@@ -175,7 +175,7 @@ def _curves(curves: Mapping[str, Sequence[float]], metrics: Mapping[str, Any]) -
     """Plot PSNR against steps, seconds and strokes, and each loss against steps.
 
     The curve by strokes exists if a density policy chose their number. It shows the PSNR without the least important
-    strokes, before others make up for them, and with a hundred more, before steps improve them.
+    strokes, before other strokes make up for them, and with a hundred more strokes, before steps improve them.
     """
     steps = curves.get("step", ())
     times, psnr = curve_from(metrics.get("anytime")) or ((), ())
@@ -228,14 +228,14 @@ def _overlay(pictures: Mapping[str, np.ndarray]) -> str | None:
 
 
 def list_settings(config: Mapping[str, Any], overrides: Sequence[str]) -> list[tuple[str, str, bool]]:
-    """List dotted keys, their values as a user types them (plugins by name), and whether they were typed."""
+    """List dotted keys, their values as users type them (plugins by name), and whether they were typed."""
     typed = {word.lstrip("+~").partition("=")[0] for word in overrides}
     rows = ((key.removesuffix("._target_"), _as_name(key, value)) for key, value in _flat(config))
     return [(key, value, key in typed) for key, value in rows]
 
 
 def _as_name(key: str, value: str) -> str:
-    """Write the value of a setting, a plugin by its name."""
+    """Write the value of a setting; plugins appear by name."""
     return name_of_target(value, family_of_key(key)) if key.endswith("._target_") else value
 
 
@@ -256,7 +256,7 @@ def line_of(config: Mapping[str, Any]) -> str:
             or key in ("task", "output", "overwrite", "resume")
         ):
             continue
-        below = key.rpartition(".")[0].rpartition(".")[0]  # an option that is a mapping has keys of the user
+        below = key.rpartition(".")[0].rpartition(".")[0]  # an option that is a mapping has keys chosen by the user
         keys.append(f"{'++' * (below in chosen)}{key}={text}")
     return shlex.join(["brushexp", "look=even", *words, *keys])
 

@@ -1,4 +1,4 @@
-"""Write ``report.html`` for a sweep or any runs: a table to sort and filter, pictures, and plots."""
+"""Write ``report.html`` for a sweep or any set of runs: a sortable, filterable table, pictures and plots."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 COST = "seconds"  # metric against which quality is plotted
-MOST_COLUMNS = 4  # most settings with a column of their own; more share one
+MOST_COLUMNS = 4  # largest number of settings with columns of their own; more settings share one column
 CURVE_DIGITS = 4  # decimals
-AREA = 16_000_000  # pixels of all pictures of a page together
-SIDES = (640, 452, 320, 226, 160, 113, 80)  # pixels, each with half the area of the one before
-MOST_THUMBNAILS = 4096  # pictures in memory: more than a page holds at the smallest side
+AREA = 16_000_000  # pixels of all pictures on a page together
+SIDES = (640, 452, 320, 226, 160, 113, 80)  # pixels, each with half the area of the previous one
+MOST_THUMBNAILS = 4096  # pictures in memory, more than a page holds at the smallest side
 
 
 def write_sweep_page(folder: Path, frame: DataFrame) -> Path:
@@ -38,7 +38,7 @@ def write_sweep_page(folder: Path, frame: DataFrame) -> Path:
 
 
 def sweep_page(folder: Path, frame: DataFrame) -> str:
-    """Build the page of at least one run with embedded pictures; runs are named by folder relative to ``folder``."""
+    """Build the page of at least one run, with embedded pictures; runs are named by folder relative to ``folder``."""
     data = _page_data(frame)
     return page(
         "sweep.html.j2",
@@ -56,7 +56,7 @@ def sweep_page(folder: Path, frame: DataFrame) -> str:
 
 
 def _summary(frame: DataFrame) -> str:
-    """Count in words the paintings of a folder of pictures, or the runs, and the failed ones."""
+    """Summarise in words how many paintings (of a folder of pictures) or runs there are, and how many failed."""
     if not tables.is_album(frame):
         return tables.run_count(frame)
     failed = int((frame["run", "status"] == Status.FAILED).sum())
@@ -122,8 +122,8 @@ def _rows(frame: DataFrame, targets: list[str], groups: dict[tuple[str, str], in
 def _groups(frame: DataFrame) -> tuple[list[dict[str, Any]], list[str]]:
     """List the compared settings and the names of the painted pictures.
 
-    ``picture`` is the number of the painted picture, and ``ahead_from`` the second at which a setting took the lead for
-    the last time, None if it never led.
+    ``picture`` is the index of the painted picture. ``ahead_from`` is the time, in seconds, when a setting last took
+    the lead, None if it never led.
     """
     keys = list(tables.over_seeds(frame).index)
     pictures = list(dict.fromkeys(image for image, _ in keys))
@@ -137,7 +137,7 @@ def _groups(frame: DataFrame) -> tuple[list[dict[str, Any]], list[str]]:
 
 
 def _means(frame: DataFrame) -> DataFrame | None:
-    """Tabulate means over seeds, with many settings in one column."""
+    """Tabulate means over seeds; many settings share one column."""
     means = tables.means_table(frame)
     if means is None:
         return None
@@ -151,7 +151,7 @@ def _means(frame: DataFrame) -> DataFrame | None:
 
 
 def _best(data: dict[str, Any]) -> dict[str, str]:
-    """Write the best value of each metric, or nothing if several pictures were painted."""
+    """Collect the best value of each metric; nothing if several pictures were painted."""
     best = {}
     for metric in data["metrics"] if len(data["pictures"]) <= 1 else ():
         key = metric["key"]
@@ -164,7 +164,7 @@ def _best(data: dict[str, Any]) -> dict[str, str]:
 def _plotted(data: dict[str, Any]) -> dict[str, Any]:
     """Choose the initial plot: ``x`` (a metric, or a setting as ``axis:steps``) and ``y`` (a metric), "" for none.
 
-    ``xs`` are the choices for ``x``, with names.
+    ``xs`` maps the choices for ``x`` to their names.
     """
     rows = [row for row in data["rows"] if row["group"] is not None and not data["album"]]
     names = {
@@ -186,7 +186,7 @@ def _plotted(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def _script_data(data: dict[str, Any]) -> dict[str, Any]:
-    """Select the data for the scripts of the page, with the number of each value."""
+    """Select the data for the scripts of the page, and replace values by their indices."""
     filters = data["filters"]
     keys = ("name", "label", "error", "cells", "numbers", "command", "report", "target", "group", "curve")
     return {
@@ -201,7 +201,7 @@ def _script_data(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def side_for(count: int) -> int:
-    """Choose the longer side in pixels of ``count`` pictures: the largest that fits all of them into ``AREA``."""
+    """Choose the longer side in pixels for ``count`` pictures: the largest at which all of them fit into ``AREA``."""
     return next((side for side in SIDES if count * side**2 <= AREA), SIDES[-1])
 
 

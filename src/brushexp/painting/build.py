@@ -33,7 +33,7 @@ log = logging.getLogger(__name__)
 def build_painter(cfg: DictConfig, target: Tensor | None = None) -> PaintingModule:
     """Build the painter of a checked config of ``task=paint`` on the CPU, after seeding PyTorch's generators.
 
-    ``target`` (3, H, W) in [0, 1] replaces the picture named by ``image``, keeping its own size and colours.
+    ``target`` (3, H, W) in [0, 1] replaces the picture named by ``image``, and keeps its size and colours.
     """
     sizes = sizes_of(cfg) if target is None else None
     picture = _load(cfg, resolution_of(cfg)) if target is None else target
@@ -63,8 +63,8 @@ def _in_palette(cfg: DictConfig, picture: Tensor) -> Tensor:
 def faces_of(cfg: DictConfig, picture: Tensor) -> list[Face]:
     """Find the faces of a picture (3, H, W) if the painting uses them for its focus or for strokes.
 
-    A mask adds the faces that it marks. With ``faces=off``, or if all strokes are given and no focus is sought, it
-    loads no network and returns none.
+    A mask adds the faces that it marks. With ``faces=off``, or if all strokes are given and there is no automatic
+    focus, it loads no network and returns no faces.
     """
     if cfg.faces == OFF or not (cfg.focus == AUTO or cfg.catalogue is None):
         return []
@@ -79,7 +79,7 @@ def faces_of(cfg: DictConfig, picture: Tensor) -> list[Face]:
 
 
 def spots_of(cfg: DictConfig, target: Tensor, attended: Tensor | None) -> list[Spot]:
-    """Find possible eyes of animals in a target (3, H, W) where its detected focus lies.
+    """Find spots that may be eyes of animals in the detected focus of a target (3, H, W).
 
     A typed number of strokes is reserved for the picture, because spots are less certain than faces.
     """
@@ -148,7 +148,7 @@ def _stroke_optimizer(
 
 
 def clip_of(cfg: DictConfig) -> GradientClip | None:
-    """Read how gradients are clipped from the options of the Trainer; None if they are not."""
+    """Read from the options of the Trainer how to clip gradients; None for no clipping."""
     most, algorithm = cfg.trainer.gradient_clip_val, cfg.trainer.gradient_clip_algorithm
     return None if most is None else GradientClip(most, algorithm or "norm")
 
@@ -162,7 +162,7 @@ def compute_focus(cfg: DictConfig, target: Tensor, faces: Sequence[Face] = ()) -
 
 
 def match_colors(target: Tensor, parts: Components) -> tuple[Tensor, Tensor]:
-    """Match the colours of target and style picture as the style loss asks; return both."""
+    """Match the colours of target and style picture as the style loss requires; return both."""
     style = parts.losses[STYLE]
     assert isinstance(style, StyleLoss)
     picture = style.picture(target)

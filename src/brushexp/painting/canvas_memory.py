@@ -1,4 +1,4 @@
-"""Paint a part of the canvas and keep the rest as it was last painted."""
+"""Paint a part of the canvas, and keep the rest as last painted."""
 
 from dataclasses import dataclass
 
@@ -21,13 +21,13 @@ MAX_CACHE_BYTES = 2**29  # memory for cached pictures: 16,384 of 64 x 64 pixels
 
 @dataclass(eq=False)
 class CanvasMemory:
-    """Paints the region that a step looks at, and keeps the whole picture up to date.
+    """Paints the region that a step compares, and keeps the whole picture up to date.
 
     Pixels of the region under strokes that a view neither moves nor draws come from the whole picture as last painted.
     Differs from the thesis, which leaves those strokes out and hides the gap behind the ring.
     """
 
-    picture: Tensor  # (3, H, W) the whole painting, changed in place; the other fields are as in `Picture`
+    picture: Tensor  # (3, H, W) the whole painting, changed in place; the other fields are those of `Picture`
     target: Tensor
     focus: Tensor | None
     background: Tensor
@@ -38,7 +38,7 @@ class CanvasMemory:
         self.cache = PatchCache(self.renderer)
         self._squares = float(sum_of_squares(self.picture, self.target))
         self._region: Region | None = None  # region of the current steps
-        self._numbers = torch.empty(0)  # numbers of the strokes drawn in the region
+        self._numbers = torch.empty(0)  # indices of the strokes drawn in the region
         self._fixed = torch.empty(0)  # (h, w) bool: pixels of the region that do not change
         self._surroundings: Surroundings | None = None  # surroundings of the region; None if it is the whole canvas
 
@@ -98,7 +98,7 @@ class PatchCache:
 
     def __init__(self, renderer: Renderer, most_bytes: int = MAX_CACHE_BYTES) -> None:
         self.renderer, self.most_bytes = renderer, most_bytes
-        self._pictures: dict[int, Tensor] = {}  # number of a stroke -> picture (4, side, side), oldest first
+        self._pictures: dict[int, Tensor] = {}  # index of a stroke -> picture (4, side, side), oldest first
 
     def forget(self, number: Tensor) -> None:
         """Drop the pictures of changed strokes ``number`` (K,)."""
@@ -107,7 +107,7 @@ class PatchCache:
 
     @torch.no_grad()
     def layers(self, strokes: Strokes, number: Tensor) -> Layers:
-        """Draw K strokes, ``number`` (K,) of the painting, without gradient."""
+        """Draw K strokes, ``number`` (K,) in the painting, without gradient."""
         if not isinstance(self.renderer, PatchRenderer):
             return self.renderer(strokes)
         keys = number.tolist()

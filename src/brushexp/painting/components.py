@@ -42,15 +42,15 @@ log = logging.getLogger(__name__)
 BYTES_PER_PIXEL = 500  # minimum memory of a painting; blend=tiled takes up to 800
 BYTES_PER_WINDOW_PIXEL = 32  # bytes per pixel: RGBA in 32 bits and its gradient
 STYLE, BRUSHWORK = "style", "brushwork"  # names of the losses added by keys of ``style``
-LONG_MINUTES = 2  # steps that take longer are announced
-MANY_DRAWINGS = 10_000  # number of drawings of a stroke below which their time is not measured
+LONG_MINUTES = 2  # duration beyond which slow steps are announced
+MANY_DRAWINGS = 10_000  # number of drawings below which their time is not measured
 PIXELS_OF_A_STROKE = 16  # minimum pixels per stroke where the number of strokes is chosen for the user
-AUTO = "auto"  # value of warm_up that leaves the choice to the renderer
+AUTO = "auto"  # value of warm_up that lets the renderer choose
 
 
 @dataclass(frozen=True)
 class Stage:
-    """A number of gradient steps with one renderer, and the renderer's name for messages."""
+    """A number of gradient steps with one renderer, which has a name for messages."""
 
     name: str
     renderer: Renderer
@@ -74,7 +74,7 @@ def standard_components(
     renderer: Renderer | None = None, *, steps: int = 500, blend: Blend | None = None, color: ColorSpace | None = None,
     **chosen: Any,
 ) -> Components:  # fmt: skip
-    """Build the default components of ``task=paint`` from Python, except the ``chosen`` ones."""
+    """Build the default components of ``task=paint`` in Python, replacing some of them by ``chosen`` ones."""
     renderer = renderer or Analytic()
     stages = [Stage(type(renderer).__name__.lower(), renderer, steps)]
     compositor = Compositor(blend or Tiled(), color or Rgb())
@@ -107,7 +107,7 @@ def build_losses(cfg: DictConfig) -> dict[str, Loss]:
 
 
 def check_losses(cfg: DictConfig) -> None:
-    """Refuse (UserError) two losses with one name, and a loss without its reference."""
+    """Refuse (UserError) two losses with the same name, and a loss without its reference."""
     for key, name in (("image", STYLE), ("brushwork", BRUSHWORK)):
         if cfg.style[key] is not None and name in cfg.loss:
             raise UserError(f"style.{key}={cfg.style[key]} adds the loss {name} itself; drop {name} from loss=...")
@@ -129,8 +129,8 @@ def plan_steps(
 ) -> Components:
     """Plan the steps for partial updates of ``strokes`` on a canvas of ``size`` (H, W).
 
-    Each stroke moves ``steps_per_stroke`` times in the first stage (None keeps the stage's steps), and as many times as
-    a second stage, with a slow renderer, has steps.
+    Each stroke moves ``steps_per_stroke`` times in the first stage (None keeps the stage's steps). In a second stage,
+    with a slow renderer, it moves as many times as that stage has steps.
     """
     first, *others = parts.stages
     if steps_per_stroke is None and not others:
@@ -158,7 +158,7 @@ def tell_of_slow_steps(stages: Sequence[Stage], strokes: int) -> None:
         if isinstance(stage.renderer, PatchRenderer) and strokes * stage.steps >= MANY_DRAWINGS:
             minutes = strokes * stage.steps * stage.renderer.seconds_per_stroke() / 60
             if minutes >= LONG_MINUTES:
-                steps = f"{stage.steps} steps of {strokes:,} strokes with renderer={stage.name} take some"
+                steps = f"{stage.steps} steps of {strokes:,} strokes with renderer={stage.name} take about"
                 cure = f"less: {'finish_steps' if len(stages) > 1 else 'steps'}=5, strokes=300 or seconds=60"
                 log.info("%s %d minutes; %s", steps, minutes, cure)
 
@@ -173,7 +173,7 @@ def first_strokes(
     *,
     painted: tuple[int, int] | None = None,
 ) -> tuple[Strokes, int]:
-    """Load the strokes of ``catalogue``, or make them by ``init`` and ``style.brushwork``; also return the budget.
+    """Load the strokes of ``catalogue``, or make them with ``init`` and ``style.brushwork``; also return the budget.
 
     Small strokes for ``features`` come last. They, and the strokes that abstraction leaves to ``faces``, are added to
     the look's own number of strokes, but count towards a typed ``strokes``. ``painted`` is the size (H, W) of the
@@ -183,7 +183,7 @@ def first_strokes(
     painted = painted or (height, width)
     if cfg.catalogue is not None:
         if cfg.style.brushwork is not None:
-            log.info("the strokes of %s are kept; style.brushwork only acts as a loss on them", cfg.catalogue)
+            log.info("the strokes of %s are kept, so style.brushwork acts only as a loss", cfg.catalogue)
         strokes = load_strokes(Path(cfg.catalogue), (height, width))
         return strokes, stroke_budget(cfg, painted, density, len(strokes))
     n = stroke_budget(cfg, painted, density)
@@ -215,9 +215,9 @@ def planned_steps(cfg: DictConfig) -> int:
 
 
 def stroke_budget(cfg: DictConfig, size: tuple[int, int], density: Density, count: int | None = None) -> int:
-    """Return the final number of strokes for a picture of ``size`` (H, W); ``catalogue`` already has ``count`` of them.
+    """Return the final number of strokes for a picture of ``size`` (H, W); ``count`` strokes come from ``catalogue``.
 
-    A UserError is raised if the picture is too small for them, or if nothing adds the missing ones.
+    Raises a UserError if the picture has too few pixels for them, or if nothing adds the missing strokes.
     """
     n = count if cfg.strokes is None else cfg.strokes
     if n is None:

@@ -9,12 +9,12 @@ from brushexp.compositing.bands import cuts
 from brushexp.painting.picture import Picture
 from brushexp.strokes.catalogue import Strokes
 
-PROBE_COUNT = 8  # random pictures to estimate a sum of squares, with a relative deviation of sqrt(2 / PROBE_COUNT)
+PROBE_COUNT = 8  # random pictures for estimating a sum of squares, with a relative deviation of sqrt(2 / PROBE_COUNT)
 
 
 @torch.no_grad()
 def importance(strokes: Strokes, front_to_back: Tensor, picture: Picture, generator: torch.Generator) -> Tensor:
-    """Measure how much the squared error of the painting, weighted by the focus, grows without each of N strokes.
+    """Measure by how much the squared error of the painting, weighted by the focus, grows without each of N strokes.
 
     The picture is linear in the opacity of each stroke (with color=rgb; nearly so in other spaces). Removing a stroke
     changes it by d = -opacity * dP/dopacity, and the squared error by sum(d^2) + 2 sum(error * d). Some blends compute

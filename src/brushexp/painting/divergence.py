@@ -13,7 +13,7 @@ from brushexp.strokes.catalogue import Strokes
 
 @torch.enable_grad()
 def first_broken(painter: Any, strokes: Strokes, wrong: str | None) -> str:
-    """Repeat the last step with its N ``strokes``, and name the first non-finite result and the plugin that made it.
+    """Repeat the last step with its N ``strokes``; name the first non-finite result and the plugin that produced it.
 
     ``wrong`` names the loss that was not finite in that step, if any.
     """
@@ -57,7 +57,7 @@ def tensors_of(layers: Layers) -> list[Tensor]:
 
 
 def has_finite_gradient(value: Tensor, inputs: list[Tensor]) -> bool:
-    """Tell whether a value's gradient is finite in all inputs on which it depends."""
+    """Check whether a value's gradient is finite in all inputs on which it depends."""
     inputs = [one for one in inputs if one.requires_grad]
     slopes = torch.autograd.grad(value, inputs, allow_unused=True, retain_graph=True) if value.requires_grad else ()
     return all(slope is None or bool(slope.isfinite().all()) for slope in slopes)

@@ -1,4 +1,4 @@
-"""Lay strokes for faces: small ones for eyes and mouths, and those that abstraction removes elsewhere."""
+"""Make strokes for faces: small ones for eyes and mouths, and some that abstraction would remove."""
 
 import math
 from collections.abc import Sequence
@@ -17,22 +17,22 @@ from brushexp.strokes.catalogue import Strokes
 
 EYE_RADIUS = 0.17  # sides of a face
 MOUTH_RADIUS = 0.22  # sides of a face
-UNKNOWN_RADIUS = 0.6  # sides of a face, radius of the part to draw if eyes and mouth are unknown
-FLOOR = 120  # small strokes for an eye or a mouth
-FLOOR_OF_FACE = 6 * FLOOR  # small strokes for a face whose eyes and mouth are unknown
-FLOOR_OF_SPOT = 60  # small strokes for a spot, which may be the eye of an animal
-RADII_PER_WIDTH = 6.0  # radius of a feature over the width of the broadest stroke for it
-BROAD = 2.0  # width of a stroke that hides an eye or a mouth, over the greatest width of a small one
+UNKNOWN_RADIUS = 0.6  # sides of a face, radius of the drawn part if eyes and mouth are unknown
+FLOOR = 120  # minimum number of small strokes for an eye or a mouth
+FLOOR_OF_FACE = 6 * FLOOR  # minimum number of small strokes for a face whose eyes and mouth are unknown
+FLOOR_OF_SPOT = 60  # minimum number of small strokes for a spot, which may be the eye of an animal
+RADII_PER_WIDTH = 6.0  # radius of a feature over the width of its broadest stroke
+BROAD = 2.0  # width of a stroke that hides an eye or a mouth, over the largest width of a small stroke
 THINNEST_STROKE = 1.5  # width in pixels of the smallest strokes for a feature
 TYPED_SHARE = 0.5  # largest share of a typed number of strokes for features
-MOST_ON_A_FACE = 400  # most strokes that a face keeps while abstraction removes them elsewhere
+MOST_ON_A_FACE = 400  # largest number of strokes that a face keeps while abstraction removes strokes elsewhere
 FACE_REACH = 0.85  # sides of a face, largest distance of these strokes from its middle
 IN_LAYERS = InLayers(layers=2, ratio=0.5, cover=0.5, length=2.2, width=0.9, edges=0.08, shadows=1.0, opacity=1.0)
 
 
 @dataclass(frozen=True)
 class Feature:
-    """A round place, in pixels, to be drawn with at least ``floor`` small strokes: an eye, a mouth, or a whole face.
+    """A round place to draw with at least ``floor`` small strokes: an eye, a mouth, or a whole face; in pixels.
 
     A small stroke is narrower than ``radius`` divided by ``fineness``.
     """
@@ -49,12 +49,12 @@ class Feature:
         return min(self.most, round(math.pi * (self.radius / THINNEST_STROKE) ** 2))
 
     def holds(self, position: Tensor) -> Tensor:
-        """Tell which positions (N, 2) lie in the place: (N,) bool."""
+        """Return which positions (N, 2) lie in the feature: (N,) bool."""
         return (position - position.new_tensor([self.x, self.y])).norm(dim=1) < self.radius
 
 
 def features_of(faces: Sequence[Face], spots: Sequence[Spot] = ()) -> list[Feature]:
-    """List the eyes and mouth of each face, the whole of a face without landmarks, and the spots."""
+    """List the eyes and mouth of each face (all of a face without landmarks), and the spots."""
     features = []
     for face in faces:
         if not len(face.landmarks):
@@ -75,9 +75,9 @@ def draw_features(
     generator: torch.Generator,
     limit: float = math.inf,
 ) -> Strokes:
-    """Lay small strokes on the features of a target (3, H, W) that have fewer than their floor on top of ``strokes``.
+    """Draw small strokes on the features of a target (3, H, W) where ``strokes`` has fewer than the feature's floor.
 
-    They go on top of all. There are at most ``limit``, shared in proportion to the floors.
+    The new strokes lie on top of all others. There are at most ``limit``, shared in proportion to the floors.
     """
     width = 2 * half_width_of(strokes)
     missing = [feature for feature in features if count_small(feature, strokes.position, width) < feature.floor]
@@ -87,10 +87,10 @@ def draw_features(
 
 
 def count_small(feature: Feature, position: Tensor, width: Tensor) -> int:
-    """Count the small strokes in a feature that no broad one hides: those that come after the last broad one.
+    """Count the small strokes in a feature that no broad stroke hides: those that follow the last broad one.
 
     ``position`` (N, 2) and ``width`` (N,) of N strokes are in pixels, bottom stroke first. A broad stroke is wider than
-    `BROAD` times the greatest width of a small one.
+    `BROAD` times the largest width of a small one.
     """
     small = max(feature.radius / feature.fineness, THINNEST_STROKE)
     inside = width[feature.holds(position)]
@@ -102,7 +102,7 @@ def count_small(feature: Feature, position: Tensor, width: Tensor) -> int:
 def draw_feature(
     initializer: Initializer, target: Tensor, feature: Feature, n: int, generator: torch.Generator
 ) -> Strokes:
-    """Lay at most ``n`` small strokes in the place of a feature of a target (3, H, W)."""
+    """Draw at most ``n`` small strokes on a feature of a target (3, H, W)."""
     height, width = target.shape[1:]
     left, right = (round(min(max(feature.x + way * feature.radius, 0), width)) for way in (-1, 1))
     top, bottom = (round(min(max(feature.y + way * feature.radius, 0), height)) for way in (-1, 1))
@@ -117,7 +117,7 @@ def draw_feature(
 def face_strokes(
     initializer: Initializer, target: Tensor, face: Face, n: int, abstraction: float, generator: torch.Generator
 ) -> Strokes:
-    """Lay up to `MOST_ON_A_FACE` of the strokes that ``abstraction`` took from a face; the picture has ``n`` left."""
+    """Draw up to `MOST_ON_A_FACE` of the strokes that ``abstraction`` removed from a face; the picture keeps ``n``."""
     reach = FACE_REACH * face.side
     top, left = max(0, round(face.y - reach)), max(0, round(face.x - reach))
     near = target[:, top : round(face.y + reach), left : round(face.x + reach)].contiguous()

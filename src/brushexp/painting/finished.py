@@ -59,11 +59,11 @@ class Finished:
     compute_metrics: Callable[[], Mapping[str, Any]]
     timelapse: "Timelapse | None" = None
     whole: np.ndarray | None = None  # the painting at its own size, if it was read from a file
-    files: Mapping[str, bytes] = field(default_factory=dict)  # those that metrics keep, once they are computed
+    files: Mapping[str, bytes] = field(default_factory=dict)  # files of the metrics, once they are computed
 
     @cached_property
     def metrics(self) -> dict[str, Any]:
-        """The entries of metrics.json, computed at first use because that takes as long as some steps."""
+        """The entries of metrics.json, computed at first use, because that takes as long as some steps."""
         return dict(self.compute_metrics())
 
     @cached_property
@@ -75,13 +75,13 @@ class Finished:
 
     @property
     def is_whole(self) -> bool:
-        """Tell whether the pictures have the size of the painting."""
+        """Return whether the pictures have the size of the painting."""
         return self.pictures["painting"].shape[:2] == self.job.size
 
     def write(self, folder: Path, names: Collection[str] = ("painting", "flat")) -> None:
-        """Write the pictures ``names``, the catalogue, the SVG, the files of metrics and finally ``metrics.json``."""
+        """Write the pictures ``names``, the catalogue, the SVG, the files of metrics, and finally ``metrics.json``."""
         (folder / METRICS_FILE).unlink(missing_ok=True)  # the old metrics describe the painting that is being replaced
-        save_catalogue(folder / "catalogue.h5", self.job.saved)  # first, because everything else can be made from it
+        save_catalogue(folder / "catalogue.h5", self.job.saved)  # first, because all other files can be made from it
         about = credits_of(self.job.source)
         for name in (name for name in names if name in self.pictures):
             if name == "painting" and not self.is_whole:
@@ -99,7 +99,7 @@ class Finished:
         write_json(folder / METRICS_FILE, metrics | status)
 
     def conclude(self, folder: Path) -> None:
-        """Add to ``metrics.json`` how the painting ended, after all other files are written."""
+        """Add the final status of the painting to ``metrics.json``, after all other files are written."""
         write_json(folder / METRICS_FILE, self.metrics)
 
 
@@ -150,7 +150,7 @@ def finish(
 
 
 def bare_job(cfg: DictConfig, renderer: Renderer, compositor: Compositor, size: tuple[int, int]) -> ExportJob:
-    """Make the export job of a painting that has no strokes yet from its settings and its parts."""
+    """Make the export job of a painting without strokes from its settings and parts."""
     source = plugin_of(cfg.renderer).name, renderer.weights_hash, cfg.seed, OmegaConf.to_yaml(cfg, resolve=True)
     saved = Saved(Strokes.none(), torch.empty(0, dtype=torch.int32), size, torch.ones(3), *source)
     parts = renderer, compositor.blend, compositor.space, Light(**cfg.light)
@@ -181,7 +181,7 @@ def effort_of(painter: "PaintingModule", n: int) -> dict[str, object]:
 
 
 def style_distances(painter: "PaintingModule", cfg: DictConfig, colors: Tensor) -> dict[str, float]:
-    """Measure the distance of a painting (3, H, W) from the style picture by each kernel of the style loss."""
+    """Measure the distance of a painting (3, H, W) from the style picture with each kernel of the style loss."""
     if cfg.style.image is None or not painter.resumable:  # only painters that take gradient steps have a style
         return {}
     style = painter.losses[STYLE]
@@ -190,12 +190,12 @@ def style_distances(painter: "PaintingModule", cfg: DictConfig, colors: Tensor) 
 
 
 def summary_line(folder: Path, metrics: Mapping[str, Any]) -> str:
-    """Say in one line where the painting is, its number of strokes, its time and its quality."""
+    """Summarise in one line the path of a painting, its number of strokes, time and quality."""
     psnr, ssim, total = metrics["psnr"], metrics.get("ssim"), metrics["seconds_total"]
     quality = f"{psnr:.2f} dB" if isinstance(psnr, float) and math.isfinite(psnr) else "identical to the target"
     if "psnr_lit" in metrics:
         quality += f" ({metrics['psnr_lit']:.2f} dB in the light)"
     quality += "" if ssim is None else f", SSIM {ssim:.3f}"
     strokes = f"{metrics['n_strokes']} strokes in {metrics['seconds']:.1f} s"
-    strokes += "" if total is None else f" ({total:.1f} s in all)"
+    strokes += "" if total is None else f" ({total:.1f} s in total)"
     return f"{folder / 'painting.png'}: {strokes}, {quality}"

@@ -1,4 +1,4 @@
-"""Goals that end a stage or a run early, and give the reason in the ``status`` of metrics.json."""
+"""Goals that end a stage or a run early and record why in the ``status`` of metrics.json."""
 
 import logging
 from collections import deque
@@ -44,7 +44,7 @@ class NoMoreGain(EarlyStopping):
             trainer.should_stop = False
 
     def on_train_epoch_end(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
-        """Do nothing, because evaluations count, not epochs."""
+        """Do nothing, because evaluations are counted instead of epochs."""
 
     def state_dict(self) -> dict[str, Any]:
         return {**super().state_dict(), "last": self.last, "stage": self.stage}
@@ -55,7 +55,7 @@ class NoMoreGain(EarlyStopping):
 
 
 class Quality(L.Callback):
-    """Ends the run when the 8-bit picture before the last step reaches ``psnr`` dB with the last stage's renderer."""
+    """Ends the run when the 8-bit picture before the last step, with the last renderer, reaches ``psnr`` dB."""
 
     def __init__(self, psnr: float) -> None:
         self.psnr = psnr
@@ -65,29 +65,29 @@ class Quality(L.Callback):
         in_full = schedule.stage_progress[0] > 0 and not painter.is_unready  # judged with the renderer of this stage
         if schedule.is_last_stage and in_full and psnr_of(painter.picture.error + ROUNDING) >= self.psnr:
             painter.stop = Status.PSNR_REACHED
-            log.info("psnr=%g is reached after %.1f s and %d steps", self.psnr, schedule.seconds, schedule.step)
+            log.info("psnr=%g was reached after %.1f s and %d steps", self.psnr, schedule.seconds, schedule.step)
 
     def on_train_end(self, trainer: L.Trainer, painter: Any) -> None:
         if painter.stop not in (Status.PSNR_REACHED, Status.INTERRUPTED):
-            log.warning("psnr=%g was not reached: the picture has %.2f dB", self.psnr, psnr_of(painter.picture.error))
+            log.warning("psnr=%g was not reached; the picture has %.2f dB", self.psnr, psnr_of(painter.picture.error))
 
 
 class TimeBudget(L.Callback):
-    """Adapts the number of steps to ``seconds`` of optimisation, so that schedules end in time.
+    """Adapts the number of steps to ``seconds`` of optimisation, so that schedules end on time.
 
-    After every step it plans as many more as fit into the remaining time at the speed of the stage's last fifth.
+    After every step it plans as many more steps as fit into the remaining time at the speed of the stage's last fifth.
     The last of several stages gets half of the time; the others share the rest in proportion to their steps.
     """
 
     def __init__(self, seconds: float) -> None:
         self.seconds = seconds
-        self.deadlines: list[float] = []  # seconds when each stage should end
+        self.deadlines: list[float] = []  # seconds at which each stage should end
         self._stage = 0
-        self._since = 0.0  # seconds when this stage began
+        self._since = 0.0  # seconds at which this stage began
         self._recent: deque[tuple[float, int]] = deque()  # (seconds, step) of the last steps of this stage
 
     def on_fit_start(self, trainer: L.Trainer, painter: Any) -> None:
-        """Divide the time among the stages and plan at least one step for each."""
+        """Divide the time among the stages, and plan at least one step for each."""
         schedule = painter.schedule
         if not self.deadlines:
             ends, rest = schedule.ends, (1 - LAST_STAGE_SHARE) * self.seconds
@@ -118,7 +118,7 @@ class TimeBudget(L.Callback):
     def on_train_end(self, trainer: L.Trainer, painter: Any) -> None:
         if painter.schedule.step >= painter.schedule.steps and not painter.stop:
             painter.stop = Status.SECONDS_SPENT
-            log.info("seconds=%g are over after %d steps", self.seconds, painter.schedule.step)
+            log.info("seconds=%g: time was up after %d steps", self.seconds, painter.schedule.step)
 
     def state_dict(self) -> dict[str, Any]:
         return {"deadlines": self.deadlines}
@@ -128,7 +128,7 @@ class TimeBudget(L.Callback):
 
 
 class SecondsLimit(L.Callback):
-    """Ends the run after ``seconds``, for painters without a plan of steps."""
+    """Ends the run after ``seconds``, for painters that do not plan their steps."""
 
     def __init__(self, seconds: float) -> None:
         self.seconds = seconds
@@ -136,7 +136,7 @@ class SecondsLimit(L.Callback):
     def on_train_batch_end(self, trainer: L.Trainer, painter: Any, *_: object) -> None:
         if painter.schedule.seconds >= self.seconds and not painter.is_done:
             painter.stop = painter.stop or Status.SECONDS_SPENT
-            log.info("seconds=%g are over after step %d", self.seconds, painter.schedule.step)
+            log.info("seconds=%g: time was up after step %d", self.seconds, painter.schedule.step)
 
 
 def goals_of(

@@ -1,4 +1,4 @@
-"""Report losses whose gradient reaches no stroke before the first step."""
+"""Before the first step, report losses whose gradient reaches no stroke."""
 
 import logging
 from collections.abc import Iterable, Mapping
@@ -17,20 +17,20 @@ log = logging.getLogger(__name__)
 def check_dependence(losses: Mapping[str, Loss], terms: Mapping[str, Tensor], *, shapes_move: bool) -> None:
     """Refuse (UserError) losses if none depends on a moving stroke, and warn of each loss that does not.
 
-    ``terms`` are their values for a painting in which some strokes move. A loss of the strokes alone may depend on
-    fields that the optimiser does not move, unless ``shapes_move``.
+    ``terms`` are their values for a painting in which some strokes move. Unless ``shapes_move``, a loss of the strokes
+    alone may depend on fields that the optimiser does not move.
     """
     without = [name for name, term in terms.items() if not term.requires_grad]
     told = {name: name_member("loss", losses[name], name) for name in without}
     if without and len(without) == len(terms):
-        raise UserError(f"{', '.join(told.values())}: no gradient reaches the strokes, so none would move; {CURE}")
+        raise UserError(f"{', '.join(told.values())}: no gradient reaches the strokes, so no stroke would move; {CURE}")
     for name, who in told.items():
         if shapes_move or losses[name].looks_at != "strokes":
             log.warning("%s has no effect, because its gradient reaches no stroke; %s", who, CURE)
 
 
 def check_slope(losses: Mapping[str, Loss], loss: Tensor, parameters: Iterable[nn.Parameter]) -> None:
-    """Warn after ``backward`` if an objective is not 0 but its gradient is, as after rounding."""
+    """Warn after ``backward`` if the objective is not 0 but its gradient is, for example because of rounding."""
     slopes = [parameter.grad for parameter in parameters if parameter.grad is not None and len(parameter)]
     if slopes and bool(loss.detach()) and not any(bool(slope.any()) for slope in slopes):
         names = ", ".join(name_member("loss", one, name) for name, one in losses.items())

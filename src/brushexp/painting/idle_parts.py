@@ -1,4 +1,4 @@
-"""Report chosen parts that have no effect on a painting, and steps that nobody typed."""
+"""Report chosen parts that have no effect on a painting, and numbers of steps that the user did not choose."""
 
 import logging
 
@@ -11,7 +11,7 @@ log = logging.getLogger(__name__)
 
 
 def tell_of_idle_parts(parts: Components, strokes: Strokes, size: tuple[int, int]) -> None:
-    """Log which parts have no effect for ``strokes`` on a canvas of ``size`` (H, W), and steps that nobody typed."""
+    """Log parts that have no effect for ``strokes`` on a canvas of ``size`` (H, W), and steps that were not typed."""
     steps = sum(stage.steps for stage in parts.stages)
     if steps and (reason := parts.density.idle_reason(steps)):
         log.warning("%s %s", name_member("density", parts.density), reason)
@@ -22,5 +22,5 @@ def tell_of_idle_parts(parts: Components, strokes: Strokes, size: tuple[int, int
     first, *others = parts.stages
     if others and others[-1].steps > first.steps:
         last = others[-1]
-        told = "%d steps with renderer=%s and then %d with renderer=%s, %d in all; fewer: finish_steps=%d"
+        told = "%d steps with renderer=%s and then %d with renderer=%s, %d in total; for fewer: finish_steps=%d"
         log.warning(told, first.steps, first.name, last.steps, last.name, steps, max(1, first.steps // 2))

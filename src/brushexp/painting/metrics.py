@@ -30,7 +30,7 @@ def standard_metrics() -> dict[str, Metric]:
 
 
 def kept_files(metrics: Mapping[str, Metric]) -> dict[str, bytes]:
-    """List the files that metrics measured and keep, by name."""
+    """List the files that metrics made and keep, by name."""
     return {name: data for metric in metrics.values() for name, data in metric.files.items()}
 
 
@@ -43,7 +43,7 @@ def measure(
 
     ``job`` draws the first picture, without light and paper.
 
-    It warns of a metric that is not a number.
+    Warns of metrics that are NaN.
     """
     image, goal = (torch.from_numpy(one).permute(2, 0, 1).to(torch.float32) / 255 for one in (picture, target))
     comparison = Comparison(image, goal, focus, strokes, job)

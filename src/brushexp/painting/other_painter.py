@@ -1,4 +1,4 @@
-"""Run painters that do not take gradient steps, state by state."""
+"""Run painters that take no gradient steps, state by state."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from brushexp.strokes.catalogue import Strokes, check_strokes
 
 
 class OtherPainter(PaintingModule):
-    """Shows the states of a painter, one per step, with the renderer of the last stage.
+    """Draws the states of a painter, one per step, with the renderer of the last stage.
 
     The clock stops while a state is drawn.
     """
@@ -69,13 +69,13 @@ class OtherPainter(PaintingModule):
         for state in self.painter(request):
             self._check(state)
             yield state
-        yield PaintState(state.strokes, state.step, state.step)  # the painter may finish before its planned steps
+        yield PaintState(state.strokes, state.step, state.step)  # the painter may finish earlier than planned
 
     def configure_optimizers(self) -> Any:
-        return torch.optim.SGD([torch.zeros(1)], lr=0.0)  # moves nothing
+        return torch.optim.SGD([torch.zeros(1)], lr=0.0)  # no parameters to move
 
     def training_step(self, batch: int, batch_idx: int) -> None:
-        """Show the next state of the painter."""
+        """Draw the next state of the painter."""
         state = next(self._states)
         self.schedule.pause()
         self._show(state)
@@ -86,7 +86,7 @@ class OtherPainter(PaintingModule):
 
     @torch.no_grad()
     def _show(self, state: PaintState) -> None:
-        """Draw and keep a state."""
+        """Draw and store a state."""
         strokes = self.renderer.convert(state.strokes.map(Tensor.detach))
         image = self.draw_strokes(strokes)
         if not image.isfinite().all():

@@ -22,16 +22,16 @@ from brushexp.strokes.catalogue import Strokes
 from brushexp.system.status import Status
 
 STEPS_PER_EPOCH = 100
-LOG_SECONDS = 0.25  # shortest time between two points of the curves, because writing one costs half a step
-# Unfounded warnings of Lightning: batches hold nothing to resume, and a checkpoint belongs after its step.
+LOG_SECONDS = 0.25  # shortest time between two points of the curves, because writing a point costs half a step
+# Spurious warnings of Lightning: batches have no state to resume, and checkpoints are meant to follow their step.
 UNFOUNDED = ".*your dataloader is not resumable|.*checkpoint will contain the model state AFTER optimization"
 
 
 class PaintingModule(L.LightningModule):
-    """Base module of all painters: counts steps, draws the picture, and logs losses, PSNR and the reason for its end.
+    """Base module of all painters: counts steps, draws the picture, and logs losses, PSNR and why the run ended.
 
-    A batch is a bare number, because a step decides for itself what it looks at, depending on the step before. The
-    painter's own state holds everything needed to resume.
+    A batch is a bare number, because each step chooses for itself what to compare, depending on the previous step. The
+    painter's own state contains everything needed to resume.
     """
 
     painted: tuple[int, int] | None = None  # height and width of the painting if the target is smaller
@@ -44,7 +44,7 @@ class PaintingModule(L.LightningModule):
         super().__init__()
         self.automatic_optimization = False  # a step consists of more than losses and an optimiser
         self.components, self.picture, self.schedule = components, picture, schedule
-        self.pictures = {"target": picture.target}  # pictures (3, H, W) that the painting is made from, by name
+        self.pictures = {"target": picture.target}  # pictures (3, H, W) from which the painting is made, by name
         self.renderers = nn.ModuleList(stage.renderer.requires_grad_(False) for stage in components.stages)
         self.losses = nn.ModuleDict(components.losses)
         self.depth = Depth(components.order)
@@ -73,7 +73,7 @@ class PaintingModule(L.LightningModule):
 
     @property
     def is_unready(self) -> bool:
-        """Tell whether the picture does not show the final quality yet, being smaller or having surplus strokes."""
+        """Return whether the picture lacks its final quality, because it is smaller or has surplus strokes."""
         return False
 
     @property
@@ -83,12 +83,12 @@ class PaintingModule(L.LightningModule):
 
     @property
     def is_done(self) -> bool:
-        """Tell whether all steps are taken."""
+        """Return whether all steps have been taken."""
         return self.schedule.step >= self.schedule.steps
 
     @property
     def progress(self) -> float:
-        """Fraction of the current stage that is done, 0 to 1."""
+        """Completed fraction of the current stage, 0 to 1."""
         done, steps = self.schedule.stage_progress
         return done / steps if steps else 1.0
 
@@ -99,7 +99,7 @@ class PaintingModule(L.LightningModule):
 
     @property
     def front_to_back(self) -> Tensor:
-        """Indices (N,) of the strokes, uppermost first."""
+        """Indices (N,) of the strokes, top stroke first."""
         return self.depth.front_to_back.to(self.device)
 
     def draw_whole(self) -> Tensor:
@@ -111,10 +111,10 @@ class PaintingModule(L.LightningModule):
         return self.draw_whole() if (last := self.picture.last) is None else last
 
     def hand_over(self) -> None:
-        """Turn the strokes into those that the run leaves."""
+        """Convert the strokes to those that the run saves."""
 
     def now(self, **about: bool) -> PaintingState:
-        """Describe the painting for changes; ``about`` are fields that say what the step looks at."""
+        """Describe the painting for changes; ``about`` are fields that describe what the step compares."""
         order = self.components.order
         return PaintingState(
             target=self.picture.target,
@@ -137,7 +137,7 @@ class PaintingModule(L.LightningModule):
     def finished_strokes(self) -> tuple[Strokes, Tensor]:
         """Return the final strokes after all changes, and their order, front to back.
 
-        The first N are those of `strokes`, within all limits; others may follow.
+        The first N strokes are those of `strokes`, within all limits; others may follow.
         """
         strokes, order = self.strokes(), self.front_to_back
         for change in self.changes.values():
@@ -147,7 +147,7 @@ class PaintingModule(L.LightningModule):
         return strokes, order
 
     def enlarge(self, strokes: Strokes) -> Strokes:
-        """Return the final strokes at the size of the painting, to which they were scaled from that of the target."""
+        """Return the final strokes, which were scaled from the target to the painting, as changes adapt them."""
         if len(strokes) == len(self.front_to_back):
             for change in self.changes.values():
                 strokes = change.enlarge(strokes)
@@ -188,7 +188,7 @@ class PaintingModule(L.LightningModule):
         self.trainer.should_stop |= self.is_done
 
     def on_train_batch_end(self, outputs: Any, batch: Any, batch_idx: int) -> None:
-        """Log the first step, the last one, and at most four per second between."""
+        """Log the first step, the last step, and at most four steps per second between them."""
         seconds = self.schedule.seconds
         every = self.trainer.log_every_n_steps if self._next_log_seconds else 1  # type: ignore[attr-defined]
         if self.is_done or (seconds >= self._next_log_seconds and self.trainer.global_step % every == 0):

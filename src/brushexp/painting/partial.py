@@ -13,18 +13,18 @@ from torch import Tensor, nn, optim
 from brushexp.strokes.catalogue import Catalogue
 
 log = logging.getLogger(__name__)
-STEP_COUNT = "step"  # name under which optimisers count their steps
+STEP_COUNT = "step"  # name under which optimisers store their step count
 
 
 @contextmanager
 def partial_update(
     catalogue: Catalogue, optimizer: optim.Optimizer, rows: Tensor | None, visits: Tensor
 ) -> Iterator[Catalogue]:
-    """Show an optimiser only the strokes ``rows`` (A,), as a separate catalogue; None for all of them.
+    """Let an optimiser see only the strokes ``rows`` (A,), as a separate catalogue; None for all strokes.
 
-    Otherwise its running averages would move strokes whose gradient is 0. The optimiser's state of a stroke is kept if
-    it has one number per parameter, and otherwise starts afresh (the history of L-BFGS). ``visits`` (N,) counts the
-    steps of each stroke; the optimiser sees their median as its own step count.
+    Otherwise its running averages would move strokes whose gradient is 0. The optimiser keeps its state for a stroke if
+    the state has one number per parameter; any other state (the history of L-BFGS) starts afresh. ``visits`` (N,)
+    counts the steps of each stroke; the optimiser sees their median as its own step count.
     """
     if rows is None:
         yield catalogue
@@ -52,13 +52,13 @@ def partial_update(
             group["params"] = olds
     catalogue.put(rows, part)
     if not _write_back(whole, [(old, state.get(new, {})) for old, new in pairs], rows) and not visits.any():
-        log.info("%s keeps no state per stroke, so each step starts afresh", type(optimizer).__name__)
+        log.info("%s keeps no state per stroke, so every step starts afresh", type(optimizer).__name__)
     visits[rows] += 1
 
 
 @torch.no_grad()
 def _write_back(whole: Any, states: list[tuple[nn.Parameter, dict[str, Any]]], rows: Tensor) -> bool:
-    """Write the state of some strokes into that of all, if it has one number per parameter."""
+    """Write the state of some strokes into the state of all strokes, if it has one number per parameter."""
     if not all(_has_shapes(state, (len(rows), *old.shape[1:])) for old, state in states):
         return False
     for old, state in states:

@@ -24,9 +24,9 @@ COARSE_ZOOM = 0.5  # size of the picture of coarse steps relative to the canvas
 
 
 class Picture(nn.Module):
-    """Paints what a step looks at, and keeps the whole picture as last painted, with its error.
+    """Paints what a step compares, and keeps the whole picture as last painted, with its error.
 
-    Steps may `aim` at another target or paint on another ground than the painting's own.
+    Steps may `aim` at a target, or paint on a ground, other than the painting's own.
     """
 
     own_target: Tensor  # (3, H, W) in [0, 1]
@@ -41,8 +41,8 @@ class Picture(nn.Module):
         self.blend = blend
         self._aim: tuple[Tensor, Tensor] | None = None  # target and ground of the steps; None for the painting's own
         self.renderer: Renderer  # renderer of the strokes, set before the first picture
-        self.memory: CanvasMemory | None = None  # the whole picture, while steps look at parts of it
-        self._last: Tensor | None = None  # the picture, possibly a smaller one, if the last step looked at all of it
+        self.memory: CanvasMemory | None = None  # the whole picture, while steps compare only parts of it
+        self._last: Tensor | None = None  # the last picture, perhaps a smaller one, if the last step compared all of it
         self._small: tuple[Tensor, Tensor | None] | None = None  # target and focus of the coarse steps
         self._error: float | None = math.inf  # error of the last picture; None until it is needed
 
@@ -72,7 +72,7 @@ class Picture(nn.Module):
 
     @property
     def error(self) -> float:
-        """Mean squared error of the whole picture as last painted; a smaller one is enlarged first."""
+        """Mean squared error of the whole picture as last painted; a smaller picture is enlarged first."""
         if self.memory is not None:
             return self.memory.error
         if self._error is None:
@@ -95,7 +95,7 @@ class Picture(nn.Module):
         return interpolate(picture[None], self.size, mode="bilinear", align_corners=False)[0]
 
     def _goal(self, *, coarse: bool) -> tuple[Tensor, Tensor | None]:
-        """Return target and focus, for coarse steps averaged to half the size."""
+        """Return target and focus; for coarse steps, both are averaged to half the size."""
         if not coarse:
             return self.target, self.focus
         if self._small is None:
@@ -120,7 +120,7 @@ class Picture(nn.Module):
     def see(
         self, moving: Strokes, strokes: Strokes, view: View, front_to_back: Tensor, *, accuracy: bool
     ) -> tuple[Canvas, PaintedView]:
-        """Paint what a view shows of N ``strokes``, differentiably in the active ones, ``moving``.
+        """Paint the part of N ``strokes`` in a view, differentiably in the active strokes, ``moving``.
 
         With ``accuracy``, also measure the accuracy of the active strokes.
         """
@@ -160,7 +160,7 @@ class Depth:
 
     def __init__(self, order: Order) -> None:
         self.order = order
-        self.front_to_back = torch.empty(0, dtype=torch.long)  # (N,) indices of the strokes, uppermost first
+        self.front_to_back = torch.empty(0, dtype=torch.long)  # (N,) indices of the strokes, top stroke first
         self.accuracy: Tensor | None = None  # (N,) accuracy as last measured, see `Order.depth`
 
     @torch.no_grad()
@@ -169,7 +169,7 @@ class Depth:
 
     @torch.no_grad()
     def revise(self, keep: Tensor, new: int) -> None:
-        """Remove strokes where ``keep`` (N,) is false, add ``new`` ones on top, and keep the order of the others."""
+        """Remove strokes where ``keep`` (N,) is false, add ``new`` strokes on top, and keep the order of the others."""
         before = self.front_to_back.to(keep.device)  # after a fit, Lightning leaves the strokes on the processor
         stay = before[keep[before]]
         added = torch.arange(len(stay), len(stay) + new, device=stay.device).flip(0)
@@ -178,7 +178,7 @@ class Depth:
             self.accuracy = torch.cat([self.accuracy[keep], self.accuracy.new_ones(new)])
 
     def needs_accuracy(self, schedule: Schedule, *, partial: bool) -> bool:
-        """Tell whether this step has to measure accuracy: before a new order, and always for partial updates."""
+        """Return whether this step has to measure accuracy: before a new order, and always for partial updates."""
         done, steps = schedule.stage_progress
         return self.order.needs_accuracy and (partial or self.order.due(done + 1, steps))
 

@@ -44,21 +44,21 @@ def renderer_of(saved: Saved) -> Renderer:
 
 
 def with_renderer(saved: Saved, chosen: DictConfig | None, path: str) -> tuple[Saved, Renderer]:
-    """Build the ``chosen`` renderer, or that of the catalogue at ``path``, and record it in the catalogue."""
+    """Build the ``chosen`` renderer, or the one of the catalogue at ``path``, and record it in the catalogue."""
     if chosen is None:
         try:
             name, renderer = saved.renderer, renderer_of(saved)
         except UserError as error:
             raise UserError(
                 f"{path} was painted with renderer={saved.renderer}, which cannot be built here: {error}; "
-                "or draw it with renderer=analytic"
+                "otherwise draw it with renderer=analytic"
             ) from error
     else:
         name, renderer = plugin_of(chosen).name, build(chosen)
     if name == saved.renderer and renderer.weights_hash != saved.renderer_hash:
         log.warning(
             "%s was painted with other weights of renderer=%s, so the picture will differ; "
-            "give those with renderer=%s renderer.checkpoint=...",
+            "to use its weights, type renderer=%s renderer.checkpoint=...",
             path, saved.renderer, saved.renderer,
         )  # fmt: skip
     if chosen is None:
@@ -69,12 +69,15 @@ def with_renderer(saved: Saved, chosen: DictConfig | None, path: str) -> tuple[S
 
 
 def space_of(saved: Saved) -> ColorSpace:
-    """Build the colour space that a catalogue was painted in."""
+    """Build the colour space in which a catalogue was painted."""
     return _member_of(saved, "color") or build_named("color", "rgb", {})
 
 
 def _member_of(saved: Saved, family: str) -> Any:
-    """Build the member of a family that a catalogue names; only registered ones, because a file must not name code."""
+    """Build the member of a family that a catalogue names.
+
+    The member must be registered, because a file must not name code to run.
+    """
     node = recorded_settings(saved).get(family)
     if not node:
         return None

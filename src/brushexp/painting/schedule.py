@@ -7,13 +7,13 @@ from collections.abc import Callable, Sequence
 from itertools import accumulate
 from typing import Any
 
-MAX_PAIRS = 200  # most pairs (seconds, PSNR) that a run keeps
+MAX_PAIRS = 200  # largest number of pairs (seconds, PSNR) that a run keeps
 
 Pair = tuple[float, float]  # seconds of optimisation, PSNR in dB
 
 
 class Schedule:
-    """Counts the steps of consecutive stages, whose ends goals may move.
+    """Counts the steps of consecutive stages; goals may move the ends of stages.
 
     >>> schedule = Schedule([4, 3])
     >>> schedule.step = 5
@@ -23,7 +23,7 @@ class Schedule:
 
     def __init__(self, steps: Sequence[int]) -> None:
         self.ends = list(accumulate(steps))  # step at which each stage ends
-        self.step = 0  # steps taken
+        self.step = 0  # number of steps taken
         self.clock: Callable[[], float] = time.monotonic  # seconds of wall time
         self.cpu_clock: Callable[[], float] = time.process_time  # seconds of all threads of this process
         self._seconds = self._cpu_seconds = 0.0  # seconds of earlier fits
@@ -35,7 +35,7 @@ class Schedule:
 
     @property
     def stage(self) -> int:
-        """Number of the current stage; after the last step, the last one."""
+        """Index of the current stage; after the last step, that of the last stage."""
         return min(bisect_right(self.ends, self.step), len(self.ends) - 1)
 
     @property
@@ -44,7 +44,7 @@ class Schedule:
 
     @property
     def stage_progress(self) -> tuple[int, int]:
-        """Steps of the current stage: those taken, and all of them."""
+        """Number of steps taken in the current stage, and its total."""
         stage = self.stage
         begin = self.ends[stage - 1] if stage else 0
         return self.step - begin, self.ends[stage] - begin
@@ -67,7 +67,7 @@ class Schedule:
         self._seconds, self._cpu_seconds, self._since = self.seconds, self.cpu_seconds, None
 
     def end_stage(self) -> bool:
-        """Skip the rest of the current stage; False if it is the last one."""
+        """Skip the rest of the current stage; return False if it is the last stage."""
         if self.is_last_stage:
             return False
         stage, (done, steps) = self.stage, self.stage_progress
@@ -75,7 +75,7 @@ class Schedule:
         return True
 
     def replan(self, steps: int) -> None:
-        """Change the end of the current stage so that there are ``steps`` in all; it ends now at the earliest.
+        """Move the end of the current stage, to now at the earliest, so that all stages have ``steps`` steps.
 
         >>> schedule = Schedule([100, 10])
         >>> schedule.step = 30
@@ -97,10 +97,10 @@ class Schedule:
 
 
 def add_pair(curve: list[Pair], seconds: float, psnr: float, *, most: int = MAX_PAIRS) -> None:
-    """Add a finite PSNR to a curve, replacing the last one if it has the same time.
+    """Add a finite PSNR to a curve, replacing the last pair if it has the same time.
 
-    Above ``most`` pairs, the one whose triangle with its two neighbours is smallest is removed (Visvalingam and Whyatt,
-    1993): bends stay, straight parts need few pairs. The first and the last pair always stay.
+    Above ``most`` pairs, the pair whose triangle with its two neighbours is smallest is removed (Visvalingam and
+    Whyatt, 1993): bends stay, straight parts need few pairs. The first and the last pair always stay.
     """
     if not math.isfinite(psnr):
         return

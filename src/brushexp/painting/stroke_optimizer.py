@@ -32,7 +32,7 @@ from brushexp.system.status import Status
 
 log = logging.getLogger(__name__)
 SHAPE = ("start", "control", "end", "width")  # fields that losses of strokes alone depend on
-CHANGE_PIXELS = 0.01  # largest change by a renderer that the log ignores
+CHANGE_PIXELS = 0.01  # largest change by a renderer that is not logged
 
 
 @dataclass(frozen=True)
@@ -44,11 +44,11 @@ class GradientClip:
 
 
 class StrokeOptimizer(PaintingModule):
-    """Moves strokes step by step (`take_step`) until the picture matches the target; renderers stay frozen.
+    """Optimises strokes step by step (`take_step`) until the picture matches the target; renderers stay frozen.
 
     When a stage begins, its renderer converts the strokes, and the optimiser and its learning rate start afresh. The
-    first steps, a fraction ``coarse`` of the first stage, see the whole picture at half its size; no strokes are added
-    or removed meanwhile.
+    first steps, a fraction ``coarse`` of the first stage, compare the whole picture at half its size, and no strokes
+    are added or removed during them.
 
     >>> import lightning as L
     >>> from brushexp.plugins.init.random import Random
@@ -63,7 +63,7 @@ class StrokeOptimizer(PaintingModule):
     >>> trainer.global_step, painter.draw_whole().shape
     (3, torch.Size([3, 24, 32]))
 
-    The losses alone, in a loop of your own with your own optimiser:
+    Use the losses alone, in your own loop with your own optimiser:
 
     >>> optimizer = torch.optim.Adam(painter.catalogue.parameters(), lr=0.02)
     >>> for _ in range(3):
@@ -74,7 +74,7 @@ class StrokeOptimizer(PaintingModule):
 
     resumable = True
     visits: Tensor  # (N,) steps taken by each stroke
-    stage: int  # number of the stage whose renderer draws the strokes
+    stage: int  # index of the stage whose renderer draws the strokes
 
     def __init__(
         self,
@@ -83,16 +83,16 @@ class StrokeOptimizer(PaintingModule):
         target: Tensor,  # (3, H, W) in [0, 1]
         background: Tensor,  # (3,) colour of the bare canvas
         *,
-        seed: int,  # source of all randomness in the steps
+        seed: int,  # seed of all randomness in the steps
         focus: Tensor | None = None,  # (H, W) weights of the pixels in the losses, of mean 1; None for equal weights
         budget: int | None = None,  # final number of strokes for the density policy; None for the current number
-        psnr: float | None = None,  # dB that a density policy which chooses their number aims at
+        psnr: float | None = None,  # PSNR in dB at which a density policy that chooses the number of strokes aims
         is_timed: bool = False,  # whether a time limit decides the number of steps
         coarse: float = 0.0,
         clip: GradientClip | None = None,
         changes: Mapping[str, Change] = MappingProxyType({}),
         painted: tuple[int, int] | None = None,  # height and width of the painting; None for the size of the target
-        is_untouched: bool = False,  # whether the strokes are those of a catalogue that no step moves
+        is_untouched: bool = False,  # whether the strokes come from a catalogue and no step moves them
     ) -> None:
         picture, schedule = (
             Picture(target, focus, background, components.blend),
@@ -103,7 +103,7 @@ class StrokeOptimizer(PaintingModule):
         self.catalogue, self.budget = catalogue, budget or len(catalogue)
         self.coarse, self.clip, self.painted, self.is_untouched = coarse, clip, painted, is_untouched
         self.wanted_psnr, self.is_timed = psnr, is_timed
-        self.is_handed_over = False  # whether no step follows
+        self.is_handed_over = False  # whether no further step follows
         self.register_buffer("visits", torch.zeros(len(catalogue), dtype=torch.long), persistent=False)
         self._use_stage(schedule.stage)
         self._begin_changes()
@@ -130,7 +130,7 @@ class StrokeOptimizer(PaintingModule):
 
     @torch.no_grad()
     def within_limits(self, strokes: Strokes, before: Strokes | None = None, rows: Tensor | None = None) -> Strokes:
-        """Bring strokes ``rows``, which were ``before`` a step, or all strokes within the limits of all changes."""
+        """Bring strokes, all or only ``rows``, within the limits of all changes; ``before`` precedes the step."""
         state = self.now(is_over=self.is_handed_over or self.stop is not None)
         for change in self.changes.values():
             strokes = change.limit(strokes, before, rows, state)
@@ -157,8 +157,8 @@ class StrokeOptimizer(PaintingModule):
         """Take one gradient step: sample a view, render, compare, backward, step, clamp, densify.
 
         ``optimizer``, from `configure_optimizers`, may evaluate the losses several times, as L-BFGS does. A step that
-        makes strokes or a loss non-finite is undone, and `stop` and `trouble` say so; a step that raises an error is
-        undone too.
+        makes strokes or a loss non-finite is undone and recorded in `stop` and `trouble`; a step that raises an error
+        is undone as well.
         """
         plain_optimizer = unwrap_optimizer(optimizer)
         if self.schedule.stage != self.stage:
@@ -198,7 +198,7 @@ class StrokeOptimizer(PaintingModule):
         self.schedule.step += 1
         if not view.coarse and self.components.density.due(self.schedule.step, self.schedule.steps):
             self._densify(plain_optimizer)
-        self.picture.aim(self.picture.target, self.picture.own_background)  # the ground on which the picture is shown
+        self.picture.aim(self.picture.target, self.picture.own_background)  # the ground of the displayed picture
 
     def _aim(self, view: View) -> None:
         """Ask the changes for the target and ground of the step."""
@@ -209,20 +209,20 @@ class StrokeOptimizer(PaintingModule):
         self.picture.aim(target, ground)
 
     def sample(self) -> View:
-        """Choose which strokes the next step moves and where it looks."""
+        """Choose which strokes the next step moves and what it compares."""
         return View(Region.whole(self.picture.target), coarse=True) if self.is_coarse else self._sample_at_full_size()
 
     def _sample_at_full_size(self) -> View:
         return self.components.sampler(self.strokes(), self.picture.size, self.schedule.step, self.generator)
 
     def loss(self, view: View, active: Strokes | None = None) -> Tensor:
-        """Paint what a view shows and compare it with the target: a scalar, differentiable in its active strokes.
+        """Paint a view and compare it with the target; return a scalar, differentiable in the view's active strokes.
 
         The active strokes are rows of the catalogue unless they are given.
         """
         loss, terms = self._evaluate(view, active)
         self.terms = {name: term.detach() for name, term in terms.items()}
-        return loss if loss.requires_grad else loss.requires_grad_()  # there are no strokes
+        return loss if loss.requires_grad else loss.requires_grad_()  # without strokes, it needs no gradient by itself
 
     def _evaluate(self, view: View, active: Strokes | None = None) -> tuple[Tensor, dict[str, Tensor]]:
         """Compute the objective and each loss unweighted."""
@@ -236,7 +236,7 @@ class StrokeOptimizer(PaintingModule):
         return weighted_sum(self.components.losses, painting)
 
     def _find_trouble(self, moving: Catalogue, before: Strokes) -> str:
-        """Say what is not finite after a step that moved the strokes ``before``; "" if everything is finite."""
+        """Explain what is not finite after a step that moved the strokes ``before``; "" if everything is finite."""
         finite = torch.stack([term.isfinite() for term in self.terms.values()]).tolist() if self.terms else []
         broken = next((name for name, fine in zip(self.terms, finite, strict=True) if not fine), None)
         return "" if broken is None and moving.is_finite() else first_broken(self, before, broken)
@@ -249,7 +249,7 @@ class StrokeOptimizer(PaintingModule):
                 self.schedule.replan(update.steps)
 
     def _seen(self, image: Tensor) -> DensificationState:
-        """Describe the painting, with its picture ``image`` (3, H, W), to the density policy."""
+        """Describe the painting and its picture ``image`` (3, H, W) to the density policy."""
         picture, schedule = self.picture, self.schedule
         return DensificationState(
             image=image,
@@ -273,7 +273,8 @@ class StrokeOptimizer(PaintingModule):
         self.catalogue.revise(keep, self.renderer.convert(new), optimizer)
         self.depth.revise(keep, len(new))
         self.picture.forget()
-        # New strokes count as moved as often as the oldest, because the optimiser counts their steps together.
+        # New strokes count as moved as often as the oldest stroke, because the optimiser counts the steps of all
+        # together.
         visits = self.visits.new_full((len(new),), int(self.visits.max()) if len(self.visits) else 0)
         self.visits = torch.cat([self.visits[keep], visits])
 
@@ -293,27 +294,27 @@ class StrokeOptimizer(PaintingModule):
             loss.backward()
             check_slope(losses, loss, moving)
         if self.components.density.uses_importance:
-            one = self.strokes()[:1]  # enough to compile it
+            one = self.strokes()[:1]  # enough to compile the code
             importance(one, torch.arange(len(one), device=self.device), self.picture, self.generator)
         self.zero_grad()
         self.load_state(state)
 
     def hand_over(self) -> None:
-        """Convert the strokes for the last renderer, dropping surplus ones."""
+        """Convert the strokes for the last renderer, and drop surplus strokes."""
         self.is_handed_over = True
         self.picture.aim(self.picture.own_target, self.picture.own_background)
         while self.schedule.end_stage():
             pass
         if self.stage != self.schedule.stage:
             self._begin_stage()
-        if (surplus := len(self.catalogue) - self.budget) > 0:  # the run ended before its density policy removed them
+        if (surplus := len(self.catalogue) - self.budget) > 0:  # the run ended before the density policy removed them
             ranks = self._judged().argsort(stable=True).argsort()
             self._revise(ranks >= surplus, Strokes.none(self.catalogue.scale))
         if self.components.density.chooses_number:
             self.components.density.conclude(self._seen(self.draw_whole()))
 
     def state(self) -> dict[str, Any]:
-        """Return everything that steps depend on, except strokes and optimiser, as plain data."""
+        """Return everything on which steps depend, except strokes and optimiser, as plain data."""
         return {
             "stage": self.stage,
             "schedule": self.schedule.state_dict(),
@@ -331,7 +332,7 @@ class StrokeOptimizer(PaintingModule):
         }
 
     def load_state(self, state: dict[str, Any]) -> None:
-        """Load the result of `state`, and resize the catalogue for the strokes that will be loaded next."""
+        """Load a result of `state`, and resize the catalogue for the strokes that will be loaded next."""
         device = self.picture.target.device
         self._use_stage(state["stage"])
         self.catalogue.resize(len(state["visits"]))
@@ -382,7 +383,7 @@ class StrokeOptimizer(PaintingModule):
         self.visits.zero_()
         for group in optimizer.param_groups:
             group["lr"] = group["initial_lr"] * self.components.optimizer.share(0.0)
-            if STEP_COUNT in group:  # where pytorch_optimizer counts steps
+            if STEP_COUNT in group:  # the step count of pytorch_optimizer
                 group[STEP_COUNT] = 0
 
     def _convert(self) -> None:

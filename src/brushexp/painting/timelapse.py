@@ -1,4 +1,4 @@
-"""Film a painting while it is made, as a short video or GIF."""
+"""Film a painting in progress as a short video or GIF."""
 
 import io
 import math
@@ -19,16 +19,16 @@ from brushexp.pictures.video import MOST_FPS, MOST_SECONDS, filming
 from brushexp.system.files import to_bytes
 
 JPEG_QUALITY = 92
-FPS = 15  # frames per second if no length is chosen
-MIN_FPS = 10  # minimum frames per second: longer frames are repeated, because players seek badly in slow videos
-HOLD_SECONDS = 1.5  # seconds for which the finished painting stays
+FPS = 15  # frames per second if no duration is chosen
+MIN_FPS = 10  # minimum frames per second: slower frames are repeated, because players seek badly in slow videos
+HOLD_SECONDS = 1.5  # seconds for which the finished painting is shown
 
 
 class Timelapse(L.Callback):
     """Collects compressed frames during the steps, keeps them in checkpoints, and turns them into a film.
 
-    About ``n_frames`` frames of at most ``side`` pixels take ``seconds`` in all (None for ``FPS`` frames per second);
-    then the last one stays for ``HOLD_SECONDS``.
+    About ``n_frames`` frames of at most ``side`` pixels take ``seconds`` in total (None for ``FPS`` frames per second);
+    then the last frame stays for ``HOLD_SECONDS``.
     """
 
     def __init__(self, n_frames: int, side: int, *, seconds: float | None = None, kind: str = "mp4") -> None:
@@ -38,7 +38,7 @@ class Timelapse(L.Callback):
             raise UserError(f"timelapse_seconds={seconds:g} does not fit; choose {choices}")
         self.n_frames, self.side, self.seconds, self.kind = n_frames, side, seconds, kind
         self.frames: dict[int, bytes] = {}  # step -> JPEG
-        self._step = -1  # the last step whose picture was considered
+        self._step = -1  # last step whose picture was considered
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if not callable(value)}  # Lightning adds methods
@@ -50,12 +50,12 @@ class Timelapse(L.Callback):
     def on_train_batch_end(self, trainer: L.Trainer, painter: Any, *_: object) -> None:
         schedule, before = painter.schedule, self._step
         self._step = schedule.step
-        steps = range(before + 1, schedule.step + 1)  # a state of a painter may come many steps after the last one
+        steps = range(before + 1, schedule.step + 1)  # some painters take many steps between two states
         if self.n_frames and not moments(self.n_frames, schedule.steps).isdisjoint(steps):
             self.add(painter.latest(), schedule.step)
 
     def add(self, image: Tensor, step: int) -> None:
-        """Keep a picture (3, H, W) in [0, 1]; a second one of the same step replaces the first."""
+        """Store a picture (3, H, W) in [0, 1]; a second picture of the same step replaces the first."""
         if self.n_frames:
             encoded = io.BytesIO()
             shrink(image, self.side).save(encoded, format="JPEG", quality=JPEG_QUALITY)
@@ -88,7 +88,7 @@ class Timelapse(L.Callback):
 
 @lru_cache
 def moments(n_frames: int, n_steps: int) -> frozenset[int]:
-    """Choose the steps to capture: frame k is step n_steps * (k / (n_frames - 1))², or the one after frame k - 1."""
+    """Choose the steps to capture: frame k is step n_steps * (k / (n_frames - 1))², or the step after frame k - 1."""
     last = max(n_frames - 1, 1)
     if n_steps <= last:
         return frozenset(range(n_steps + 1))

@@ -1,4 +1,4 @@
-"""Choose the size at which strokes are optimised: what their number needs, if the photograph has more pixels."""
+"""Choose the size at which strokes are optimised: as large as their number needs, if the photograph has more pixels."""
 
 import logging
 import math
@@ -15,19 +15,19 @@ from brushexp.plugins.painter.base import Painter
 from brushexp.registry import keep_built, plugin_of
 from brushexp.strokes.storage import load_catalogue
 
-AUTO = "auto"  # value of working_resolution: by the number of strokes
-PIXELS_PER_STROKE = 80  # minimum pixels of the working picture per stroke: `benchmarks/photographs.py --pixels`
+AUTO = "auto"  # value of working_resolution: choose by the number of strokes
+PIXELS_PER_STROKE = 80  # minimum pixels of the working picture per stroke, from `benchmarks/photographs.py --pixels`
 SMALLEST_SIDE = 1024  # pixels on the longer side below which pictures are optimised at full size
 SMALLEST_SHORT_SIDE = 256  # minimum pixels on the other side, so that a panorama keeps its rows
-WORTH_IT = 1.5  # ratio of sides from which shrinking saves enough time
-LARGEST_PAINTING = 50_000_000  # most pixels of a painting
+WORTH_IT = 1.5  # least ratio of sides for which shrinking saves enough time
+LARGEST_PAINTING = 50_000_000  # maximum number of pixels of a painting
 
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Sizes:
-    """Height and width in pixels of a painting and of the picture on which its strokes are optimised."""
+    """Height and width, in pixels, of a painting and of the picture on which its strokes are optimised."""
 
     painting: tuple[int, int]
     working: tuple[int, int]
@@ -41,8 +41,8 @@ class Sizes:
 def sizes_of(cfg: DictConfig) -> Sizes:
     """Choose both sizes for the settings of a painting, or refuse (UserError) sizes too small for the strokes.
 
-    Both have the ``resolution`` if it is set. Both have the picture's own size if ``working_resolution`` is null, and
-    for painters other than gradient descent, whose brushes are measured in pixels.
+    Both have the ``resolution`` if it is set. Both have the picture's own size if ``working_resolution`` is null or if
+    the painter is not gradient descent, because the brushes of other painters are measured in pixels.
     """
     typed, is_other = cfg.working_resolution, isinstance(keep_built(cfg.painter), Painter)
     if typed not in (None, AUTO) and is_other:
@@ -72,7 +72,7 @@ def tell_of_sizes(cfg: DictConfig) -> None:
         log.info("%s%s", at, "; to use every pixel: working_resolution=null" if math.prod(own) <= MAX_PIXELS else "")
     if max(own) > max(sizes.painting):
         more = f"brushexp export FOLDER resolution={max(own)}"
-        log.info("the painting has %d x %d pixels, the picture %d x %d; more: %s", width, height, *own[::-1], more)
+        log.info("the painting has %d x %d pixels, the picture %d x %d; larger: %s", width, height, *own[::-1], more)
 
 
 def resolution_of(cfg: DictConfig) -> int | None:

@@ -1,14 +1,14 @@
-"""Flatten the forms of a picture, as a painter does who leaves out detail."""
+"""Flatten the forms of a picture, like a painter who leaves out detail."""
 
 import torch
 from torch import Tensor
 
-FEWER = 40  # times as few strokes at abstraction 1
+FEWER = 40  # factor by which abstraction 1 reduces the number of strokes
 FLATNESS = 0.2  # weight of total variation at abstraction 1
 
 
 def flattened(picture: Tensor, weight: float) -> Tensor:
-    """Flatten the forms of a picture (3, H, W) but keep edges, by total variation (Rudin, Osher and Fatemi, 1992)."""
+    """Flatten the forms of a picture (3, H, W), but keep edges, by total variation (Rudin, Osher and Fatemi, 1992)."""
     from skimage.restoration import denoise_tv_chambolle  # noqa: PLC0415  (slow to import)
 
     if not weight:
@@ -18,7 +18,7 @@ def flattened(picture: Tensor, weight: float) -> Tensor:
 
 
 def simplified(picture: Tensor, abstraction: float, attended: Tensor | None) -> Tensor:
-    """Flatten a picture (3, H, W) by ``abstraction``, 0 to 1, except where it is ``attended``, (H, W) from 0 to 1."""
+    """Flatten a picture (3, H, W) by ``abstraction``, 0 to 1, except where ``attended`` (H, W), 0 to 1, is high."""
     if not abstraction:
         return picture
     flat = flattened(picture, FLATNESS * abstraction)

@@ -1,4 +1,4 @@
-"""Walk the boxes of a file (ISO/IEC 14496-12) and find what they declare about a picture (ISO/IEC 23008-12)."""
+"""Walk the boxes of a file (ISO/IEC 14496-12), and find what they declare about a picture (ISO/IEC 23008-12)."""
 
 import math
 import struct
@@ -6,20 +6,20 @@ from collections.abc import Iterator
 from fractions import Fraction
 from typing import IO
 
-SHORTEST_BOX = 8  # bytes: length and name
-MOST_BOXES = 1000  # of one level, which are looked at
-LARGEST_BOX = 2**24  # bytes of a box that is read into memory
-FULL_BOX = 4  # bytes of version and flags, which come before the contents of some boxes
-VISUAL_SAMPLE = 78  # bytes of a description of pictures that come before the boxes in it
-TO_SAMPLES = (b"mdia", b"minf", b"stbl")  # boxes inside each other, from a track to the table of its pictures
+SHORTEST_BOX = 8  # bytes of the length and name of a box
+MOST_BOXES = 1000  # maximum number of boxes read on one level
+LARGEST_BOX = 2**24  # bytes of the largest box that is read into memory
+FULL_BOX = 4  # bytes of version and flags, which precede the contents of some boxes
+VISUAL_SAMPLE = 78  # bytes of a description of pictures that precede its boxes
+TO_SAMPLES = (b"mdia", b"minf", b"stbl")  # nested boxes, from a track to the table of its pictures
 PICTURES, VIDEO = b"pict", b"vide"  # kinds of tracks
-APERTURE = struct.Struct(">IIIIiIiI")  # fractions: width, height, and how far the middle lies to the right and below
-Crop = tuple[slice, slice]  # rows and columns of a picture that are shown
+APERTURE = struct.Struct(">IIIIiIiI")  # fractions: width, height, and offset of the middle to the right and downwards
+Crop = tuple[slice, slice]  # visible rows and columns of a picture
 Property = tuple[bytes, bytes]  # name and contents of a box
 
 
 def boxes(file: IO[bytes], size: int) -> Iterator[tuple[bytes, int | None]]:
-    """Yield the name and end of each box of a file of ``size`` bytes; the end is None if the box does not state it."""
+    """Yield the name and end of each box in a file of ``size`` bytes; the end is None if the box does not state it."""
     for name, _, end in _places(file, size):
         yield name, end
 
@@ -43,9 +43,9 @@ def _places(file: IO[bytes], size: int) -> Iterator[tuple[bytes, int, int | None
 
 
 def properties_of_picture(file: IO[bytes], size: int) -> list[Property]:
-    """List the properties that a HEIF or AVIF file declares for its visible picture, in the order in which they apply.
+    """List the properties that a HEIF or AVIF file declares for its visible picture, in the order of their application.
 
-    The picture is the primary item or, in an animated file (brand ``avis``), the track of pictures.
+    The picture is the primary item or, in an animated file (brand ``avis``), the picture track.
     """
     found = _read_boxes(file, size, (b"ftyp", b"meta", b"moov"))
     of_track = _of_track(found.get(b"moov", b""), PICTURES) if found.get(b"ftyp", b"")[:4] == b"avis" else []
@@ -58,7 +58,7 @@ def properties_of_film(file: IO[bytes], size: int) -> list[Property]:
 
 
 def clean_aperture_in(properties: list[Property], width: int, height: int) -> Crop | None:
-    """Find the visible rows and columns of a picture of this size from its box ``clap`` (ISO/IEC 14496-12, 12.1.4).
+    """Find the visible rows and columns of a picture of this size in its box ``clap`` (ISO/IEC 14496-12, 12.1.4).
 
     A rectangle outside the picture is ignored.
     """
@@ -75,7 +75,7 @@ def clean_aperture_in(properties: list[Property], width: int, height: int) -> Cr
 
 
 def _span(side: int, length: Fraction, offset: Fraction) -> slice | None:
-    """Find the visible pixels of a side for a clean aperture whose middle is ``offset`` from that of the picture."""
+    """Find the visible pixels along a side for a clean aperture whose middle is ``offset`` from the picture's."""
     first, count = math.floor((side - length) / 2 + offset), round(length)
     return slice(first, first + count) if count > 0 and 0 <= first <= side - count else None
 
@@ -91,7 +91,7 @@ def _read_boxes(file: IO[bytes], size: int, names: tuple[bytes, ...]) -> dict[by
 
 
 def _parts(data: bytes) -> Iterator[Property]:
-    """Yield the name and contents of the boxes in memory."""
+    """Yield the name and contents of each box in memory."""
     at = 0
     for _ in range(MOST_BOXES):
         length = int.from_bytes(data[at : at + 4])
@@ -134,7 +134,7 @@ def _of_primary_item(meta: bytes) -> list[Property]:
 
 
 def _associations(links: bytes) -> dict[int, list[int]]:
-    """Read the numbers, from 1, of the properties of each item (ISO/IEC 23008-12, 9.3.1)."""
+    """Read the indices, from 1, of the properties of each item (ISO/IEC 23008-12, 9.3.1)."""
     of_item = 4 if links[:1] > b"\0" else 2  # bytes of an item's number
     wide = links[3:4] != b"" and bool(links[3] & 1)
     found: dict[int, list[int]] = {}
@@ -143,7 +143,7 @@ def _associations(links: bytes) -> dict[int, list[int]]:
         number, count = int.from_bytes(links[at : at + of_item]), int.from_bytes(links[at + of_item :][:1])
         at += of_item + 1
         step = 2 if wide else 1
-        bits = 0x7FFF if wide else 0x7F  # without the bit that makes a property essential
+        bits = 0x7FFF if wide else 0x7F  # excludes the bit that marks a property as essential
         found[number] = [int.from_bytes(links[at + step * k :][:step]) & bits for k in range(count)]
         at += step * count
     return found

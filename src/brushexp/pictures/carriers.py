@@ -1,4 +1,4 @@
-"""Find what a picture file says about its colours: an ICC profile, numbers of a standard, or a camera setting."""
+"""Find what a picture file declares about its colours: an ICC profile, numbers of a standard, or a camera setting."""
 
 import os
 import struct
@@ -22,45 +22,45 @@ from brushexp.pictures.colorimetry import (
     unless_srgb,
 )
 
-Colors = bytes | Encoding | None  # an ICC profile, an encoding, or None: sRGB, or nothing is said
+Colors = bytes | Encoding | None  # an ICC profile, an encoding, or None for sRGB or no declaration
 
-IN_BOXES = ("AVIF", "HEIF")  # formats made of boxes
-HEAD = 2**20  # bytes from the start of a file, where formats name their colours
-WHITE_POINT, PRIMARY_CHROMATICITIES, SHOT, INTEROPERABILITY = 318, 319, 0x8769, 0xA005  # tags and parts of EXIF data
+IN_BOXES = ("AVIF", "HEIF")  # file formats that consist of boxes
+HEAD = 2**20  # number of first bytes that may declare the colours of a file
+WHITE_POINT, PRIMARY_CHROMATICITIES, SHOT, INTEROPERABILITY = 318, 319, 0x8769, 0xA005  # EXIF tags and sections
 INTEROPERABILITY_INDEX, COLOR_SPACE, EXIF_GAMMA = 1, 0xA001, 0xA500
 UNCALIBRATED, ADOBE = 65535, 2  # values of COLOR_SPACE
-UNSAID = (0, 2)  # numbers of H.273 that say nothing
-SRGB_GAMMA = 0.45455  # of PNG files that mean sRGB
-PROFILE_IN_FILE, PROFILE_OFFSET, QOI_SPACE = b"DEBM", 126, 13  # of BMP: "MBED" backwards; bytes from the start of files
-ICC_METHODS = (b"\2", b"\3")  # of a JPEG 2000 "colr" box: its rest is a profile
+UNSAID = (0, 2)  # numbers of H.273 for unspecified colours
+SRGB_GAMMA = 0.45455  # gamma of PNG files that mean sRGB
+PROFILE_IN_FILE, PROFILE_OFFSET, QOI_SPACE = b"DEBM", 126, 13  # BMP: "MBED" backwards; byte offsets
+ICC_METHODS = (b"\2", b"\3")  # values in a JPEG 2000 "colr" box that a profile follows
 
 
 def colors_of(picture: Image.Image) -> Colors:
-    """Find the colour encoding of a picture before it is decoded, from the most authoritative statement of its file."""
+    """Find the colour encoding of a picture before it is decoded, in the most authoritative declaration of its file."""
     head, profile = head_of(picture), picture.info.get("icc_profile")
     said: Colors = _of_png(head, picture) if picture.format == "PNG" else profile or _of_others(head, picture)
     if said is None:
         exif = exif_of(picture)
-        with suppress(Exception):  # damaged EXIF data raise nearly anything
+        with suppress(Exception):  # damaged EXIF data may raise nearly any error
             said = _of_exif(exif)
     return unless_srgb(said) if isinstance(said, Encoding) else said
 
 
 def exif_of(picture: Image.Image) -> Image.Exif:
-    """Read the EXIF data of a picture, empty if they are damaged; errors of its decoder are raised.
+    """Read the EXIF data of a picture, empty if they are damaged; raises errors of the picture's decoder.
 
-    Pillow decodes a PNG to find EXIF data after its pixels; if it loads the picture again after an error, it is black.
+    Pillow decodes a PNG to find EXIF data after its pixels. If the picture is loaded again after an error, it is black.
     """
     if picture.format == "PNG" and "exif" not in picture.info:
         picture.load()
-    with suppress(Exception):  # damaged data raise nearly anything
+    with suppress(Exception):  # damaged data may raise nearly any error
         return picture.getexif()
     return Image.Exif()
 
 
 @contextmanager
 def place_kept(file: IO[bytes]) -> Iterator[None]:
-    """Restore the position of a file after reading elsewhere."""
+    """Restore the position of a file after reading elsewhere in it."""
     place = file.tell()
     try:
         yield
@@ -69,7 +69,7 @@ def place_kept(file: IO[bytes]) -> Iterator[None]:
 
 
 def head_of(picture: Image.Image) -> bytes:
-    """Read the first bytes of a picture's file; empty if it is closed."""
+    """Read the first bytes of a picture's file; empty if the file is closed."""
     with suppress(AttributeError, OSError, ValueError):
         file: Any = picture.fp  # type: ignore[attr-defined]
         with place_kept(file):
@@ -80,7 +80,7 @@ def head_of(picture: Image.Image) -> bytes:
 
 
 def declared_in_boxes(picture: Image.Image) -> list[Property]:
-    """Read the properties that HEIF or AVIF boxes declare for the visible picture; empty if its file is closed."""
+    """Read the properties that HEIF or AVIF boxes declare for the visible picture; empty if the file is closed."""
     with suppress(AttributeError, OSError, ValueError):
         file: Any = picture.fp  # type: ignore[attr-defined]
         with place_kept(file):
@@ -104,7 +104,7 @@ def _of_png(head: bytes, picture: Image.Image) -> Colors:
 
 
 def chunks_of(png: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """List the chunks of a PNG before its pixels."""
+    """Yield the chunks of a PNG before its pixels."""
     at = 8
     while at + 8 <= len(png) and png[at + 4 : at + 8] != b"IDAT":
         length = int.from_bytes(png[at : at + 4])
@@ -148,6 +148,6 @@ def _of_exif(exif: Image.Exif) -> Encoding | None:
 
 
 def _pairs(numbers: tuple[float, ...]) -> tuple[tuple[float, float], ...]:
-    """Group x and y of red, green, blue and white."""
+    """Group numbers into x and y of red, green, blue and white."""
     red, green, blue, white = ((float(x), float(y)) for x, y in zip(numbers[::2], numbers[1::2], strict=True))
     return red, green, blue, white

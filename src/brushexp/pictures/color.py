@@ -6,20 +6,20 @@ import numpy as np
 import torch
 from torch import Tensor
 
-LEAST_VARIANCE = 1 / 255**2  # of a colour direction: a level of 8 bits; below it a picture has one colour
-MOST_GAIN = 8.0  # times: a nearly even picture is not spread further than this, its noise would become its content
-ROUNDS = 100  # of k-means; it settles in a dozen
+LEAST_VARIANCE = 1 / 255**2  # a level of 8 bits, squared; below this variance a picture has one colour
+MOST_GAIN = 8.0  # largest gain; more would spread the noise of a nearly even picture into its content
+ROUNDS = 100  # rounds of k-means, which settles in a dozen
 
 Array = np.ndarray
 
 
 def recolor(picture: Tensor, like: Tensor) -> Tensor:
-    """Map the colours of a picture (3, H, W) linearly to the mean and covariance of those of another.
+    """Map the colours of a picture (3, H, W) linearly to the mean and covariance of another picture's colours.
 
     Source: Gatys et al. (2016), "Preserving color in neural artistic style transfer", arXiv:1606.05897, "image
     analogies" variant: x -> A (x - mean) + mean_like with A = S_like^(1/2) S^(-1/2), S the covariances, so that A S A =
-    S_like. Differs: in the roots a variance counts as at least one grey level, and no direction is spread more than 8
-    times, so that uniform pictures stay finite and their noise small.
+    S_like. Differs from the source: in the roots, a variance is at least one grey level, and no direction is stretched
+    more than 8 times, so that uniform pictures stay finite and their noise small.
     """
     mean, covariance = _moments(picture)
     like_mean, like_covariance = _moments(like)
@@ -42,10 +42,10 @@ def _moments(picture: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def palette(lab: Array, weight: Array, count: int) -> Array:
-    """Find the best inks (K <= count, 3) to draw a picture with, by k-means in CIELAB (Lloyd, 1982).
+    """Find the best inks (K <= count, 3) for drawing a picture, with k-means in CIELAB (Lloyd, 1982).
 
-    ``weight`` (N,) >= 0 is the share of the picture with each of the colours ``lab`` (N, 3). Inks are added one by one
-    where the error is largest, so the result is deterministic and no ink increases the error.
+    ``weight`` (N,) >= 0 is the share of the picture that has each of the colours ``lab`` (N, 3). Inks are added one by
+    one where the error is largest, so the result is deterministic and no ink increases the error.
     """
     lab, weight = lab[weight > 0], weight[weight > 0]
     if len(lab) == 0:
@@ -60,12 +60,12 @@ def palette(lab: Array, weight: Array, count: int) -> Array:
 
 
 def nearest_ink(lab: Array, inks: Array) -> Array:
-    """Find the number (N,) of the nearest of K inks (K, 3) for each colour (N, 3)."""
-    return (np.square(inks).sum(1) - 2 * lab @ inks.T).argmin(1)  # squared distances, but for |lab|^2
+    """Find the index (N,) of the nearest of K inks (K, 3) for each colour (N, 3)."""
+    return (np.square(inks).sum(1) - 2 * lab @ inks.T).argmin(1)  # squared distances without |lab|^2
 
 
 def _settled(lab: Array, weight: Array, inks: Array) -> Array:
-    """Iterate moving inks to the mean of the colours drawn with them."""
+    """Repeatedly move inks to the mean of the colours drawn with them."""
     chosen = nearest_ink(lab, inks)
     for _ in range(ROUNDS):
         share = np.bincount(chosen, weight, len(inks))[:, None]
@@ -83,17 +83,17 @@ def hex_of(color: Array) -> str:
 
 
 def to_lab(rgb: Array) -> Array:
-    """Convert colours (N, 3) of sRGB in [0, 1] to CIELAB."""
+    """Convert sRGB colours (N, 3) in [0, 1] to CIELAB."""
     from skimage.color import rgb2lab  # noqa: PLC0415  (slow to import)
 
     return rgb2lab(rgb.reshape(-1, 1, 3)).reshape(-1, 3)
 
 
 def to_rgb(lab: Array) -> Array:
-    """Convert colours (N, 3) of CIELAB to sRGB, clipped to [0, 1]."""
+    """Convert CIELAB colours (N, 3) to sRGB, clipped to [0, 1]."""
     from skimage.color import lab2rgb  # noqa: PLC0415  (slow to import)
 
-    with warnings.catch_warnings():  # of colours that nothing shows
+    with warnings.catch_warnings():  # warnings about colours outside sRGB
         warnings.simplefilter("ignore", UserWarning)
         rgb: Array = lab2rgb(lab.reshape(-1, 1, 3)).reshape(-1, 3)
     return rgb.clip(0, 1)

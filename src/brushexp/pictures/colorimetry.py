@@ -1,4 +1,4 @@
-"""Convert the numbers of a file to sRGB by the primaries and transfer curve it names (ITU-T H.273)."""
+"""Convert the numbers of a file to sRGB with the primaries and transfer curve that it names (ITU-T H.273)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -6,14 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 Array = np.ndarray
-Curve = Callable[[Array], Array]  # numbers in [0, 1] -> light, of which 1 is white
+Curve = Callable[[Array], Array]  # numbers in [0, 1] -> light, where 1 is white
 
 D65, THEATRE, EQUAL = (0.3127, 0.3290), (0.314, 0.351), (1 / 3, 1 / 3)
-BT709 = ((0.640, 0.330), (0.300, 0.600), (0.150, 0.060), D65)  # red, green, blue and white: those of sRGB, too
+BT709 = ((0.640, 0.330), (0.300, 0.600), (0.150, 0.060), D65)  # red, green, blue and white, the same as those of sRGB
 BT2020 = ((0.708, 0.292), (0.170, 0.797), (0.131, 0.046), D65)
 P3 = ((0.680, 0.320), (0.265, 0.690), (0.150, 0.060))
 SMPTE_C = ((0.630, 0.340), (0.310, 0.595), (0.155, 0.070), D65)
-PRIMARIES = {  # by the numbers of H.273, table 2
+PRIMARIES = {  # keys are numbers of H.273, table 2
     1: BT709,
     4: ((0.67, 0.33), (0.21, 0.71), (0.14, 0.08), (0.310, 0.316)),
     5: ((0.64, 0.33), (0.29, 0.60), (0.15, 0.06), D65),
@@ -26,11 +26,11 @@ PRIMARIES = {  # by the numbers of H.273, table 2
     22: ((0.630, 0.340), (0.295, 0.605), (0.155, 0.077), D65),
 }
 BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
-WHITE_NITS = 203.0  # of a picture of high dynamic range, candela per square metre (ITU-R BT.2408)
-HIGH_RANGE = (16, 18)  # transfers of high dynamic range by their numbers of H.273: PQ and HLG
-HLG_NITS, HLG_GAMMA = 1000.0, 1.2  # of the screen that HLG is shown on, BT.2100
-ROWS = 256  # that are converted at once
-SAME_WITHIN = 0.002  # coordinates and exponents that are nearer than this were meant to be the same
+WHITE_NITS = 203.0  # reference white in a picture of high dynamic range, candela per square metre (ITU-R BT.2408)
+HIGH_RANGE = (16, 18)  # H.273 numbers of transfer curves of high dynamic range: PQ and HLG
+HLG_NITS, HLG_GAMMA = 1000.0, 1.2  # display for HLG according to BT.2100
+ROWS = 256  # rows converted at once
+SAME_WITHIN = 0.002  # coordinates and exponents closer than this are considered equal
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Encoding:
 
 
 def encode_srgb(light: Array) -> Array:
-    """Encode light in [0, 1] (IEC 61966-2-1)."""
+    """Encode light in [0, 1] as sRGB (IEC 61966-2-1)."""
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 0.0031308) ** (1 / 2.4) - 0.055)
 
 
@@ -85,7 +85,7 @@ def decode_hlg(value: Array) -> Array:
     return HLG_NITS / WHITE_NITS * scene * np.maximum(luminance, 1e-9)[..., None] ** (HLG_GAMMA - 1)
 
 
-CURVES: dict[int, Curve] = {  # by the numbers of H.273, table 3; video in the curve of BT.709 is shown as if in sRGB's
+CURVES: dict[int, Curve] = {  # keys are numbers of H.273, table 3; video with BT.709's curve is shown with sRGB's
     4: gamma(2.2),
     5: gamma(2.8),
     8: lambda value: value,
@@ -98,15 +98,15 @@ ADOBE_RGB = Encoding(((0.64, 0.33), (0.21, 0.71), (0.15, 0.06), D65), gamma(563 
 
 
 def encoding_of(primaries: int, transfer: int) -> Encoding:
-    """Choose the encoding for these numbers of H.273; unspecified parts are sRGB, or BT.2020 with HLG and PQ."""
+    """Choose the encoding for these numbers of H.273; the default is sRGB, or BT.2020 with HLG and PQ."""
     unsaid = BT2020 if transfer in HIGH_RANGE else BT709
     return Encoding(PRIMARIES.get(primaries, unsaid), CURVES.get(transfer, decode_srgb))
 
 
 def unless_srgb(encoding: Encoding) -> Encoding | None:
-    """Return an encoding, or None if it is sRGB, so that no bit of such pictures changes.
+    """Return an encoding, or None for sRGB, so that no bit of an sRGB picture changes.
 
-    Chromaticities of standard video before BT.709 count as sRGB, because players show them so.
+    Chromaticities of standard video before BT.709 count as sRGB, because players show them as sRGB.
     """
     near = any(np.allclose(encoding.primaries, known, atol=SAME_WITHIN) for known in (BT709, PRIMARIES[5], SMPTE_C))
     return None if near and encoding.curve is decode_srgb else encoding

@@ -1,4 +1,4 @@
-"""Carry title, author, rights and date of a picture file over to its painting, but never where it was taken."""
+"""Copy the title, author, rights and date of a picture file to its painting, but never the place where it was taken."""
 
 import io
 import os
@@ -17,10 +17,10 @@ from brushexp.pictures.limits import open_of_any_size
 from brushexp.system.files import PNG, write_bytes
 from brushexp.system.published import catalogue_suffixes
 
-KEYWORDS = ("Title", "Author", "Copyright", "Creation Time", "Description")  # of PNG
-LONGEST_ENTRY, LARGEST_XMP = 2000, 2**20  # letters of an entry, bytes of a packet
-EXIF = {"Author": 315, "Copyright": 33432, "Description": 270, "Title": 40091, "Creation Time": 306}  # tags of TIFF
-WIDE_TITLE, TAKEN = 40091, 36867  # tags: Windows' title, in UTF-16, and when a photograph was taken
+KEYWORDS = ("Title", "Author", "Copyright", "Creation Time", "Description")  # PNG keywords
+LONGEST_ENTRY, LARGEST_XMP = 2000, 2**20  # characters of an entry, bytes of a packet
+EXIF = {"Author": 315, "Copyright": 33432, "Description": 270, "Title": 40091, "Creation Time": 306}  # TIFF tags
+WIDE_TITLE, TAKEN = 40091, 36867  # tags: the title of Windows, in UTF-16, and the time when a photograph was taken
 IPTC = {"Title": (2, 5), "Author": (2, 80), "Copyright": (2, 116), "Creation Time": (2, 55), "Description": (2, 120)}
 XMP = {
     "Title": "{http://purl.org/dc/elements/1.1/}title",
@@ -29,11 +29,11 @@ XMP = {
     "Description": "{http://purl.org/dc/elements/1.1/}description",
     "Creation Time": "{http://ns.adobe.com/photoshop/1.0/}DateCreated",
 }
-SRGB = (b"sRGB", b"\0")  # a chunk
+SRGB = (b"sRGB", b"\0")  # PNG chunk
 
 
 def credits_of(image: str) -> dict[str, str]:
-    """Read the credits of a picture file under the keywords of PNG; empty if there are none that can be read.
+    """Read the credits of a picture file under the keywords of PNG; empty if the file has no readable credits.
 
     Text chunks of a PNG take precedence over XMP, EXIF and IPTC. A catalogue has the credits of its ``painting.png``.
     """
@@ -42,7 +42,7 @@ def credits_of(image: str) -> dict[str, str]:
     path = path.with_name("painting.png") if path.suffix in catalogue_suffixes() else path
     if not os.path.isfile(path):
         return found
-    with suppress(Exception), open_of_any_size(path) as picture:  # what is damaged in it says nothing
+    with suppress(Exception), open_of_any_size(path) as picture:  # damaged parts are skipped
         for read in (_of_png, _of_xmp, _of_exif, _of_iptc):
             with suppress(Exception):
                 found = {name: _plain(text) for name, text in read(picture).items() if _plain(text)} | found
@@ -50,7 +50,7 @@ def credits_of(image: str) -> dict[str, str]:
 
 
 def chunks_about(entries: Mapping[str, str]) -> Iterator[tuple[bytes, bytes]]:
-    """Yield the names and data of PNG chunks for sRGB and for the entries of `credits_of`, as text and as EXIF."""
+    """Yield the names and data of PNG chunks that declare sRGB and the entries of `credits_of`, as text and as EXIF."""
     yield SRGB
     for name, text in entries.items():
         yield b"iTXt", name.encode() + b"\0\0\0\0\0" + text.encode("utf-8", "replace")
@@ -63,7 +63,7 @@ def chunks_about(entries: Mapping[str, str]) -> Iterator[tuple[bytes, bytes]]:
 
 
 def write_credited(path: Path, pixels: np.ndarray, entries: Mapping[str, str]) -> None:
-    """Write a PNG from bytes (H, W, 3 or 4), sRGB, with the entries of `credits_of`."""
+    """Write an sRGB PNG from bytes (H, W, 3 or 4), with the entries of `credits_of`."""
     about, encoded = PngImagePlugin.PngInfo(), io.BytesIO()
     options: dict[str, Any] = {"pnginfo": about, **PNG}
     for name, data in chunks_about(entries):
@@ -109,7 +109,7 @@ def _of_xmp(picture: Image.Image) -> dict[str, Any]:
 
 
 def _plain(text: Any) -> str:
-    """Convert a text, a list or bytes to one line of printable text; other values become empty."""
+    """Convert text, a list or bytes to one line of printable text; other values become empty."""
     if isinstance(text, list | tuple):
         return ", ".join(filter(None, map(_plain, text)))[:LONGEST_ENTRY]
     if isinstance(text, bytes):

@@ -1,4 +1,4 @@
-"""Decode truncated picture files as far as they go, or refuse them if much is missing."""
+"""Decode truncated picture files as far as possible, or refuse them if much is missing."""
 
 import io
 from collections.abc import Iterator
@@ -15,23 +15,23 @@ from brushexp.pictures.tiff_directories import MAGIC, first_directory
 
 SOME_MISSING = "is truncated: the file ends before the picture does; get the whole file"
 END_OF_JPEG = b"\xff\xd9"
-LAST_MARKS = {  # first bytes of a file -> what comes last in it, and what comes before that for the last time
-    b"\xff\xd8": (END_OF_JPEG, b"\xff\xda"),  # a thumbnail has an end of its own, before the picture begins
+LAST_MARKS = {  # first bytes of a file -> the mark at its end, and the mark that must last occur before it
+    b"\xff\xd8": (END_OF_JPEG, b"\xff\xda"),  # a thumbnail has its own end, before the picture begins
     b"\xff\x4f\xff\x51": (END_OF_JPEG, b"\xff\x93"),
     b"\0\0\0\x0cjP  ": (END_OF_JPEG, b"\xff\x93"),
     b"\x89PNG": (b"IEND", b"IDAT"),
 }
 LAST_BYTES = {b"GIF8": b";", b"qoif": b"\0\0\0\0\0\0\0\1"}
-BOXES = (b"ftyp", b"jP  ", b"JXL ")  # fifth to eighth byte of files that are made of boxes (ISO/IEC 14496-12)
-TAIL = 2**16  # bytes at the end of a file, among which its end is sought: some append more than a picture
+BOXES = (b"ftyp", b"jP  ", b"JXL ")  # fifth to eighth byte of files that consist of boxes (ISO/IEC 14496-12)
+TAIL = 2**16  # number of last bytes to search for the end marker; some programs append other data
 JPEGS = ("JPEG", "MPO")
-ROW_BY_ROW = (*JPEGS, "PNG", "TIFF", "BMP", "DIB", "TGA", "PPM")  # formats that decode what there is
-MOST_MISSING = 0.05  # share of the pixels without which a picture is still painted
-JPEG_FILL = 128  # grey level of what a JPEG lacks; in other formats 0
+ROW_BY_ROW = (*JPEGS, "PNG", "TIFF", "BMP", "DIB", "TGA", "PPM")  # formats whose decoders return the existing part
+MOST_MISSING = 0.05  # largest share of missing pixels in a picture that is still painted
+JPEG_FILL = 128  # grey level of the missing part of a JPEG; 0 in other formats
 
 
 def has_end(path: Path) -> bool | None:
-    """Test whether the file of a picture is complete; None if its format or the file does not tell."""
+    """Check whether the file of a picture is complete; None if neither its format nor the file makes that clear."""
     size = path.stat().st_size
     with path.open("rb") as file:
         head = file.read(16)
@@ -50,21 +50,21 @@ def has_end(path: Path) -> bool | None:
 
 
 def _tiff_fits(path: Path, size: int) -> bool | None:
-    """Test whether the strips or tiles of a TIFF lie within the file; None if their lengths are not stated."""
+    """Check whether the strips or tiles of a TIFF lie within the file; None if their lengths are not stated."""
     first = first_directory(path)
     end = None if first is None else first.end_of_data()
     return False if first is None else None if end is None else end <= size
 
 
 def _boxes_fit(file: IO[bytes], size: int) -> bool | None:
-    """Test whether the boxes of a file end within it; None if the last box states no length."""
+    """Check whether the boxes of a file end within it; None if the last box states no length."""
     ends = [end for _, end in boxes(file, size)]
     end = ends[-1] if len(ends) < MOST_BOXES else None
     return None if end is None or end < size else end == size
 
 
 def rescued(path: Path, kind: str) -> ImageFile.ImageFile | None:
-    """Reopen a truncated picture so that its beginning can be decoded; None if it is whole or cannot be decoded."""
+    """Reopen a truncated picture so that its beginning can be decoded; None if it is complete or cannot be decoded."""
     if kind not in ROW_BY_ROW or has_end(path):
         return None
     return Image.open(io.BytesIO(path.read_bytes() + (END_OF_JPEG if kind in JPEGS else b"")))
@@ -72,7 +72,7 @@ def rescued(path: Path, kind: str) -> ImageFile.ImageFile | None:
 
 @contextmanager
 def lenient() -> Iterator[None]:
-    """Let Pillow decode truncated files as far as they go."""
+    """Let Pillow decode truncated files as far as possible."""
     ImageFile.LOAD_TRUNCATED_IMAGES = True
     try:
         yield
@@ -81,7 +81,7 @@ def lenient() -> Iterator[None]:
 
 
 def check_missing(picture: Image.Image) -> str:
-    """Report how much of a rescued picture is missing; raise a UserError if it is much, an OSError if it is all."""
+    """Report how much of a rescued picture is missing; raise a UserError if much is missing, an OSError if all is."""
     pixels = np.atleast_3d(np.asarray(picture))
     fill = JPEG_FILL if picture.format in JPEGS else 0
     empty = (pixels == fill).all(2)
@@ -95,6 +95,6 @@ def check_missing(picture: Image.Image) -> str:
 
 
 def _run(empty: np.ndarray) -> int:
-    """Count the empty pixels at the ends of the last rows of a map (H, W), up to the first row without any."""
+    """Count the empty pixels at the ends of the last rows of a map (H, W), up to the last row without empty pixels."""
     runs = np.where(empty.all(1), empty.shape[1], (~empty[:, ::-1]).argmax(1))[::-1]
     return int(runs[: np.argmax(np.append(runs, 0) == 0)].sum())

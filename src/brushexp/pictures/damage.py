@@ -11,11 +11,11 @@ from brushexp.pictures.tiff_directories import COMPRESSION, FILL_ORDER, LAST_BIT
 
 PNG = b"\x89PNG\r\n\x1a\n"
 HEADER, PIXELS = b"IHDR", b"IDAT"  # chunks of a PNG
-METHODS = slice(10, 13)  # of compression, filters and interlacing, in the header
+METHODS = slice(10, 13)  # compression, filter and interlace methods in the header
 KNOWN_METHODS = (b"\0\0\0", b"\0\0\1")
-OTHER_CASE = 0x20  # bit of the first letter of a chunk that a picture can do without
-DEFLATE = (8, 32946)  # values of COMPRESSION in a TIFF
-PIECE = 2**20  # bytes that are read at once
+OTHER_CASE = 0x20  # bit in the first letter of the name of an optional chunk
+DEFLATE = (8, 32946)  # COMPRESSION values of deflate in a TIFF
+PIECE = 2**20  # bytes read at once
 SUMS_DIFFER = "is damaged: its contents do not match its checksums; get it again"
 ONE_COLOR = "has one colour throughout; if it should have more, the file is damaged; get it again"
 
@@ -36,7 +36,7 @@ def check_sums(path: Path) -> None:
 
 
 def _check_deflated(path: Path, pieces: Iterable[tuple[int, int]]) -> None:
-    """Refuse pieces, each an offset and a length, whose zlib checksum does not match (RFC 1950)."""
+    """Refuse pieces, each an offset and a length, with a wrong zlib checksum (RFC 1950)."""
     with path.open("rb") as file:
         for place, length in pieces:
             file.seek(place)
@@ -50,7 +50,7 @@ def _check_deflated(path: Path, pieces: Iterable[tuple[int, int]]) -> None:
 
 
 def _check_png(path: Path) -> None:
-    """Refuse a PNG with a critical chunk that does not match its checksum or is of an unknown kind."""
+    """Refuse a PNG with a critical chunk that does not match its checksum or has an unknown kind."""
     with path.open("rb") as file:
         file.seek(len(PNG))
         while len(head := file.read(8)) == 8:
@@ -68,6 +68,6 @@ def _check_png(path: Path) -> None:
 
 
 def remark_on(pixels: np.ndarray) -> str:
-    """Warn if all pixels of a picture (H, W, C) are alike."""
+    """Warn if all pixels of a picture (H, W, C) have the same colour."""
     is_flat = pixels[:, :, 0].size > 1 and bool((pixels == pixels[0, 0]).all())
     return ONE_COLOR if is_flat else ""

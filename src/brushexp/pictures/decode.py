@@ -55,11 +55,11 @@ from brushexp.pictures.tiff_directories import BITS, LENGTH, MAGIC, WIDTH
 from brushexp.system.reading import check_file, explaining
 
 log = logging.getLogger(__name__)
-WRITTEN = ("JPEG", "PNG", "WEBP")  # by runs
-MOVING = ("AVIF", "GIF", "PNG", "WEBP")  # formats whose pictures may follow one another in time
+WRITTEN = ("JPEG", "PNG", "WEBP")  # formats that runs write
+MOVING = ("AVIF", "GIF", "PNG", "WEBP")  # formats that may be animated
 MOVES = "is animated, and only its first frame is used; to paint it as a film, type: brushexp {}"
 PAGES = "has {} pages, and only the first is used; save the others as separate files"
-JPEG_HALVINGS = 3  # at most
+JPEG_HALVINGS = 3  # maximum
 
 
 def read_picture(path: Path, *, key: str = "image", backdrop: float = 1.0, side: int | None = None) -> np.ndarray:
@@ -67,10 +67,10 @@ def read_picture(path: Path, *, key: str = "image", backdrop: float = 1.0, side:
 
     The result is (H, W, 3) uint8, or float32 in [0, 1] if more than 8 bits are kept; 16-bit PNG other than plain grey,
     CMYK, and TIFF that only Pillow can unpack keep 8. All colour information is applied: an ICC profile (in 8 bits,
-    unless it is broken), numbers of ITU-T H.273, gamma and primaries, a camera's Adobe RGB. Pixels become square.
-    Pictures above 100 megapixels are read smaller, with at least ``side`` pixels on the longer side. Truncated files,
-    animations and further pages are logged once. A UserError, naming the ``key`` typed before the path, refuses
-    pictures that cannot be read, are too large, or have floats outside [0, 1].
+    unless it is broken), numbers of ITU-T H.273, gamma and primaries, or a camera's Adobe RGB. Pixels become square.
+    Pictures above 100 megapixels are read at a smaller size, with at least ``side`` pixels on the longer side.
+    Truncated files, animations and further pages are logged once. A UserError, naming the ``key`` typed before the
+    path, refuses pictures that cannot be read, are too large, or have floats outside [0, 1].
     """
     with _explained(path, key):
         pixels, remark = _read(path, backdrop, side)
@@ -94,7 +94,7 @@ def picture_size(path: Path, *, key: str = "image") -> tuple[int, int]:
             width, height = (picture.tag_v2[tag] for tag in (WIDTH, LENGTH))
         check_decoder(picture)
         is_whole = has_end(path)
-        if not is_whole or isinstance(picture, TiffImageFile):  # of which much is not read here
+        if not is_whole or isinstance(picture, TiffImageFile):  # much of a TIFF is not read here
             _read(path, 1.0, 1)
         with nullcontext() if is_whole else lenient():
             declared = declared_by(picture)
@@ -111,7 +111,7 @@ class Declared(NamedTuple):
 
     colors: Colors
     aspect: float  # width over height of a pixel in the upright picture
-    crop: Crop | None  # what is shown of the picture before it is turned; None: all
+    crop: Crop | None  # visible part of the picture before it is turned; None for all of it
 
 
 def declared_by(picture: Image.Image) -> Declared:
@@ -130,7 +130,7 @@ def _explained(path: Path, key: str) -> Iterator[None]:
             reason = str(error)
         except UnidentifiedImageError:
             reason = _unknown(path)
-        except Exception as error:  # decoders have a dozen kinds
+        except Exception as error:  # decoders raise a dozen kinds of errors
             if isinstance(error, OSError) and error.strerror:
                 reason = f"cannot be read ({error.strerror.lower()}); give a file that you have permission to read"
             else:
@@ -147,12 +147,12 @@ def _undecoded(path: Path) -> str:
         return kind
     if (end := has_end(path)) is False:
         return SOME_MISSING
-    state = "damaged" if end else "truncated, damaged"  # not all formats say where their files end
+    state = "damaged" if end else "truncated, damaged"  # some formats do not mark the end of a file
     return f"is {state} or cannot be decoded here; get it again, or {CURE}"
 
 
 def _unknown(path: Path) -> str:
-    """Explain what a file is that no decoder knows, and what to do."""
+    """Explain what a file unknown to all decoders is, and what to do."""
     if is_raw(str(path)):
         return RAW
     with path.open("rb") as file:
@@ -178,7 +178,7 @@ def _silence() -> Iterator[None]:
     with alone, open(os.devnull, "w") as nowhere, warnings.catch_warnings(action="ignore"):
         stderr, level, most = os.dup(2), logging.root.manager.disable, Image.MAX_IMAGE_PIXELS
         logging.disable(logging.CRITICAL)
-        os.dup2(nowhere.fileno(), 2)  # libtiff, a C library, writes there
+        os.dup2(nowhere.fileno(), 2)  # libtiff, a C library, writes to it
         Image.MAX_IMAGE_PIXELS = None
         try:
             yield
@@ -191,7 +191,7 @@ def _silence() -> Iterator[None]:
 
 @contextmanager
 def _opened(path: Path, side: int | None) -> Iterator[tuple[Path | IO[bytes], ImageFile | None]]:
-    """Open a picture and read its first bytes; None for a TIFF that Pillow does not know."""
+    """Open a picture and read its first bytes; None for a TIFF that Pillow does not recognise."""
     with path.open("rb") as file:
         head = file.read(HEAD)
     if not head:
@@ -223,7 +223,7 @@ def _load_codec(head: bytes) -> None:
     if extra and not has_codec(extra):
         name = {extra: kind for kind, extra in WITH_CODECS.items()}[extra]
         raise UserError(f"has the format {name}, which needs a decoder; pip install 'brushexp[{extra}]'")
-    if extra == "jxl":  # it decodes as it opens
+    if extra == "jxl":  # this codec decodes when it opens a file
         check_pixels(*size_of_jxl(head), "JXL", None)
 
 
@@ -255,7 +255,7 @@ def _read(path: Path, backdrop: float, side: int | None) -> tuple[np.ndarray, st
 
 
 def _of_several(path: Path, picture: ImageFile) -> str:
-    """Remark that a file has further frames or pages; nothing if it has one picture."""
+    """Remark that a file has more frames or pages; "" if it has a single picture."""
     if isinstance(picture, TiffImageFile):
         count = pages_in(path)
         return PAGES.format(count) if count > 1 else ""
@@ -270,7 +270,7 @@ def _squared(pixels: np.ndarray, aspect: float) -> np.ndarray:
 def _decoded(
     file: Path | IO[bytes], picture: ImageFile, declared: Declared, backdrop: float, side: int | None
 ) -> np.ndarray:
-    """Decode an opened picture with the library that decodes its kind correctly."""
+    """Decode an opened picture with the library that decodes its format correctly."""
     colors = declared.colors
     if needs_tifffile(picture):
         return read_tiff(file, backdrop, colors, side)
@@ -285,7 +285,7 @@ def draft(picture: ImageFile, side: int | None) -> None:
     """Prepare a picture above 100 megapixels for decoding at a smaller size, at least ``side`` on its longer side."""
     width, height = picture.size
     if isinstance(picture, JpegImageFile):
-        if "progressive" in picture.info:  # all of its numbers would be in memory
+        if "progressive" in picture.info:  # all of its coefficients would be in memory
             check_whole(width, height)
         times = 2 ** halvings(width, height, side or 1, JPEG_HALVINGS)
         if times > 1:
@@ -295,7 +295,7 @@ def draft(picture: ImageFile, side: int | None) -> None:
 
 
 def decode_image(picture: Image.Image, backdrop: float = 1.0, declared: Declared | None = None) -> np.ndarray:
-    """Decode a Pillow image as `read_picture` does; its decoder may raise any error.
+    """Decode a Pillow image like `read_picture`; Pillow's decoder may raise any error.
 
     ``declared`` is the result of `declared_by` from before the first picture of the file was decoded.
     """
@@ -314,5 +314,5 @@ def _to_srgb(picture: Image.Image, declared: Declared, backdrop: float) -> np.nd
     else:
         rgb = bytes_to_srgb(picture, declared.colors, backdrop)
     shown = rgb if declared.crop is None else rgb[declared.crop]
-    # Pillow turns a TIFF itself as it loads, and nothing else.
+    # Pillow turns only TIFFs when it loads them.
     return shown if isinstance(picture, TiffImageFile) else upright(shown, orientation_of(picture))

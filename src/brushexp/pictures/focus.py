@@ -1,4 +1,4 @@
-"""Weight pixels by how much accuracy matters there, from a mask or from where people look first."""
+"""Weight pixels by how much accuracy matters there, with a mask or an estimate of where people look first."""
 
 from collections.abc import Sequence
 
@@ -12,18 +12,18 @@ from brushexp.pictures.face import Face
 from brushexp.pictures.load import downsample, load_mask
 
 AUTO = "auto"  # value of focus and faces: detect them in the picture
-OFF = "off"  # value of faces: do not detect any
-GLANCE_SIDE = 64  # pixels of the longer side at which a picture is looked at as a whole
-BLUR = 0.045  # longer sides, of the maps: as Hou et al. smooth theirs
-CENTRE = 0.3  # sides, standard deviation: people look, and put what they show, near the middle
-ROUNDING = 1e-3  # of a Lab unit: differences below it are rounding
-FACE_REACH = 0.7  # sides of a face: how far from its middle attention falls to 1/e
-SHARP_SIDE = 512  # pixels of the longer side at which sharp edges are found
-SHARP_SLOPE = 1.5, 8.0  # L* per pixel: slopes of an edge that is blurred, and of one that is fully sharp
-SHARP_BLUR = 0.025  # longer sides, of the blur of sharp edges
-SHARP_SHARE = 0.35  # share of sharp edges in an area that is fully sharp
-OF_SHARP = 0.5  # attention to an area that is sharp and not salient
-BESIDE_FACES = 0.5  # of the attention that everything else keeps where there is a face
+OFF = "off"  # value of faces: detect none
+GLANCE_SIDE = 64  # pixels on the longer side at which the composition of a picture is judged
+BLUR = 0.045  # blur of the maps, in longer sides, as in Hou et al.
+CENTRE = 0.3  # standard deviation in sides: people look near the middle, and place their subjects there
+ROUNDING = 1e-3  # Lab units below which differences are due to rounding
+FACE_REACH = 0.7  # distance from the middle of a face, in its sides, at which attention falls to 1/e
+SHARP_SIDE = 512  # pixels on the longer side at which sharp edges are detected
+SHARP_SLOPE = 1.5, 8.0  # L* per pixel: slope of a blurred edge, and of a fully sharp one
+SHARP_BLUR = 0.025  # blur of the map of sharp edges, in longer sides
+SHARP_SHARE = 0.35  # share of sharp edges in a fully sharp area
+OF_SHARP = 0.5  # attention to an area that is sharp but not salient
+BESIDE_FACES = 0.5  # factor on the attention outside the faces of a picture
 
 
 def focus_map(focus: str, target: Tensor, faces: Sequence[Face] = ()) -> Tensor:
@@ -53,9 +53,9 @@ def attention(picture: Tensor, faces: Sequence[Face]) -> Tensor:
     Saliency is the image signature (Hou, Harel and Koch, 2012, "Image signature: highlighting sparse salient regions"):
     the cosine transform of each Lab channel is reduced to its signs, and its squared inverse is bright where something
     stands out. Detail is the gradient of the Lab channels. Both are smoothed, and the root of their product is weighted
-    by a Gaussian around the centre (Judd et al., 2009). What has sharp edges, because the photographer had it in focus,
-    gets a share of the attention wherever it is. ``faces`` are added as in Cerf et al. (2007). Differs from the sources
-    in this combination, which was chosen by eye on ten photographs.
+    by a Gaussian around the centre (Judd et al., 2009). Areas with sharp edges, on which the photographer focused, get
+    a share of the attention wherever they lie. ``faces`` are added as in Cerf et al. (2007). The combination differs
+    from the sources and was chosen by eye on ten photographs.
     """
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (rarely needed)
 
@@ -80,11 +80,11 @@ def attention(picture: Tensor, faces: Sequence[Face]) -> Tensor:
 
 
 def sharpness(picture: Tensor) -> Tensor:
-    """Measure where a picture (3, H, W) has sharp edges, (H, W) float64, 0 (blurred or even) to 1."""
+    """Measure the local sharpness of the edges in a picture (3, H, W): (H, W) float64, 0 (blurred or even) to 1."""
     from scipy.ndimage import gaussian_filter, gaussian_gradient_magnitude  # noqa: PLC0415  (rarely needed)
 
     small = downsample(picture, SHARP_SIDE).double()
-    zoom = SHARP_SIDE / max(small.shape)  # enlarged if it is smaller, so that edges are as sharp as at any other size
+    zoom = SHARP_SIDE / max(small.shape)  # enlarged if smaller, so that its edges are equally sharp
     size = [max(1, round(zoom * side)) for side in small.shape[1:]]
     planes = functional.interpolate(small[None], size, mode="bilinear", align_corners=False)[0].clamp(0, 1)
     lightness = to_lab(planes.flatten(1).T.cpu().numpy())[:, 0].reshape(size)

@@ -1,4 +1,4 @@
-"""Find the pictures of a folder or of a pattern such as ``photos/*.jpg``, and say what is left out."""
+"""Find the pictures in a folder or matching a pattern such as ``photos/*.jpg``, and list the files left out."""
 
 import glob
 import os
@@ -14,7 +14,7 @@ from brushexp.system.spellings import both_forms
 CODEC_SUFFIXES = {".heic": "heic", ".heics": "heic", ".heif": "heic", ".heifs": "heic", ".hif": "heic", ".jxl": "jxl"}
 VECTORS = (".svg", ".svgz", ".pdf", ".eps", ".ps", ".ai")
 OF_PROGRAMS = (".xcf", ".kra", ".clip", ".ora", ".procreate", ".afphoto", ".exr", ".hdr")
-NAMED = 3  # files of a kind that a line names
+NAMED = 3  # largest number of files of a kind that a line names
 
 
 @cache
@@ -28,7 +28,7 @@ def picture_suffixes() -> frozenset[str]:
 
 
 def is_several(image: str) -> bool:
-    """Test whether a value names a folder, or is a pattern and not a file."""
+    """Check whether a value names a folder, or is a pattern and not a file."""
     path = os.path.expanduser(image)
     return os.path.isdir(path) or (not os.path.exists(path) and glob.has_magic(image) and "(" not in image)
 
@@ -67,20 +67,20 @@ def _suffix(name: str) -> str:
 
 
 def _cure_of(name: str, image: str) -> str:
-    """Say what to do about a file or folder that is left out."""
+    """Explain what to do about a file or folder that is left out."""
     suffix = _suffix(name)
     if os.path.isdir(name):
         inner = ("*", "*.jpg") if os.path.isdir(os.path.expanduser(image)) else ("*.jpg",)
         return f"to paint pictures in such folders, image='{os.path.join(image, *inner)}'"
     if not os.path.exists(name):
-        return "these links lead nowhere"
+        return "these links are broken"
     if suffix in FILM_SUFFIXES:
-        return "paint a film by itself, image=clip.mp4"
+        return "paint a film separately, image=clip.mp4"
     if suffix in CODEC_SUFFIXES:
         return f"they need a decoder, pip install 'brushexp[{CODEC_SUFFIXES[suffix]}]'"
     if suffix in RAW_SUFFIXES:
         return "develop raw photographs first"
-    return "save them as PNG first" if suffix in (*VECTORS, *OF_PROGRAMS) else "their names are not those of pictures"
+    return "save them as PNG first" if suffix in (*VECTORS, *OF_PROGRAMS) else "they lack the extension of a picture"
 
 
 def _in_words(names: list[str]) -> str:

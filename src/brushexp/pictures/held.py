@@ -1,4 +1,4 @@
-"""Give in-memory pictures names that work in place of a path."""
+"""Give pictures in memory names that work in place of a path."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ CHANNELS = (1, 3, 4)  # grey, RGB, RGB and straight alpha
 class HeldPicture:
     """A picture (H, W, 3), uint8 or float32 in [0, 1], that can be looked up by name while this object exists."""
 
-    over: dict[float, np.ndarray]  # the picture over white (1) and over black (0): one array where it is opaque
+    over: dict[float, np.ndarray]  # the picture over white (1) and over black (0); a single array if it is opaque
     name: str
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -55,14 +55,14 @@ _pictures: WeakValueDictionary[str, HeldPicture] = WeakValueDictionary()
 
 
 def hold(picture: Any, key: str = "image") -> HeldPicture:
-    """Name a picture, equal pixels by equal names; refuse (UserError, with its ``key``) what is not a picture."""
+    """Name a picture, with equal names for equal pixels; refuse (UserError, with its ``key``) other values."""
     white = _pixels(picture, key, 1.0)
     black = _pixels(picture, key, 0.0) if may_be_transparent(picture) else white
     return _named({1.0: white, 0.0: white if np.array_equal(white, black) else black})
 
 
 def may_be_transparent(picture: Any) -> bool:
-    """Tell whether a picture may have transparent pixels; unknown for files until they are read."""
+    """Check whether a picture may have transparent pixels; unknown for files until they are read."""
     if isinstance(picture, Image.Image):
         return picture.has_transparency_data
     return not isinstance(picture, np.ndarray | torch.Tensor) or 4 in picture.shape
@@ -77,7 +77,7 @@ def _named(over: dict[float, np.ndarray]) -> HeldPicture:
 
 
 def pixels_of(name: str, backdrop: float = 1.0) -> np.ndarray | None:
-    """Look up a named picture (H, W, 3) over white (1) or black (0); None if there is none."""
+    """Look up a named picture (H, W, 3) over white (1) or black (0); None if the name is unknown."""
     held = _pictures.get(name)
     return None if held is None else held.over[backdrop]
 
@@ -92,9 +92,9 @@ def _with_alpha(white: np.ndarray, black: np.ndarray) -> np.ndarray:
 
 
 def is_picture(value: Any) -> bool:
-    """Test whether a value is of a kind that can be a picture."""
+    """Check whether a value has a type that can be a picture."""
     kinds = Image.Image | torch.Tensor | bytes | bytearray | memoryview
-    is_array = hasattr(value, "__array__") and not isinstance(value, np.generic)  # also of JAX, h5py, xarray, ...
+    is_array = hasattr(value, "__array__") and not isinstance(value, np.generic)  # also those of JAX, h5py, xarray, ...
     return isinstance(value, kinds) or hasattr(value, "read") or is_array
 
 
@@ -117,7 +117,7 @@ def _pixels(picture: Any, key: str, backdrop: float) -> np.ndarray:
         return np.ascontiguousarray(decode_image(picture, backdrop))
     except UserError as error:
         raise UserError(f"{key} {error}") from error
-    except (ValueError, OSError, AssertionError) as error:  # of Pillow, also where a file is closed
+    except (ValueError, OSError, AssertionError) as error:  # errors of Pillow, for example for a closed file
         raise UserError(f"{key} is closed or damaged; give {KINDS}") from error
 
 
@@ -154,7 +154,7 @@ def _channels_last(picture: torch.Tensor, key: str) -> np.ndarray:
 
 
 def _checked(picture: np.ndarray, key: str) -> np.ndarray:
-    """Return samples (H, W, 3 or 4), uint8 or floats in [0, 1], of an array (H, W), (H, W, C) or (1, H, W, C)."""
+    """Convert an array (H, W), (H, W, C) or (1, H, W, C) to samples (H, W, 3 or 4), uint8 or floats in [0, 1]."""
     shape, samples = picture.shape, picture
     samples = samples[0] if samples.ndim == 4 and len(samples) == 1 else samples
     samples = samples[..., None] if samples.ndim == 2 else samples
@@ -170,7 +170,7 @@ def _checked(picture: np.ndarray, key: str) -> np.ndarray:
         return np.ascontiguousarray(samples)
     if samples.dtype.kind not in "iuf":
         raise UserError(f"{key} is an array of {samples.dtype}; give {KINDS}")
-    if samples.dtype.kind != "f" or not (samples.min() >= 0 and samples.max() <= 1):  # false of NaN
+    if samples.dtype.kind != "f" or not (samples.min() >= 0 and samples.max() <= 1):  # false for NaN
         least, most = samples.min(), samples.max()
         raise UserError(
             f"{key} is an array of {samples.dtype} from {least:g} to {most:g}; give {_scaled(least, most, key)}"
@@ -179,7 +179,7 @@ def _checked(picture: np.ndarray, key: str) -> np.ndarray:
 
 
 def _scaled(least: float, most: float, key: str) -> str:
-    """Suggest the expression that scales an array to an accepted range, judging by its values."""
+    """Suggest, from the values of an array, the expression that scales it to an accepted range."""
     if not np.isfinite([least, most]).all():
         return f"np.nan_to_num({key}), whose numbers are finite, uint8, or floats from 0 to 1"
     if least < 0:

@@ -1,4 +1,4 @@
-"""Decode JPEG 2000 of more than 8 bits or 100 megapixels with FFmpeg, since Pillow wraps white and reads all pixels."""
+"""Decode JPEG 2000 above 8 bits or 100 megapixels with FFmpeg, because Pillow wraps white and reads all pixels."""
 
 import importlib
 from pathlib import Path
@@ -14,19 +14,19 @@ from brushexp.pictures.carriers import head_of
 from brushexp.pictures.kinds import CURE
 from brushexp.pictures.limits import MAX_PIXELS, halvings
 
-CODESTREAM, BITS_AT = b"\xff\x4f\xff\x51", 42  # start of the codestream; bytes from there to the depth of a colour
-CODING, LEVELS_AT, LEVELS = b"\xff\x52", 9, 5  # a marker, bytes from there to the number of levels, and the usual one
+CODESTREAM, BITS_AT = b"\xff\x4f\xff\x51", 42  # start of the codestream; offset from there of the bit depth
+CODING, LEVELS_AT, LEVELS = b"\xff\x52", 9, 5  # a marker, the offset of the number of levels, its usual value
 
 
 def levels_of(picture: ImageFile) -> int:
-    """Read how often the size of a JPEG 2000 can be halved while decoding."""
+    """Read how many times the size of a JPEG 2000 can be halved while decoding."""
     _, _, stream = head_of(picture).partition(CODESTREAM)
     at = stream.find(CODING) + LEVELS_AT
     return stream[at] if LEVELS_AT <= at < len(stream) else LEVELS
 
 
 def bits_of(picture: ImageFile) -> int | None:
-    """Read the bits per colour of a JPEG 2000 that Pillow decodes wrongly; None for all others."""
+    """Read the bits per colour of a JPEG 2000 that Pillow decodes wrongly; None for all other pictures."""
     if not isinstance(picture, Jpeg2KImageFile):
         return None
     head = head_of(picture)
@@ -37,7 +37,7 @@ def bits_of(picture: ImageFile) -> int | None:
 
 
 def read_jp2(path: Path, picture: ImageFile, bits: int, side: int | None) -> tuple[np.ndarray, np.ndarray | None]:
-    """Decode colours (H, W, 3) and alpha (H, W, 1), float32 in [0, 1]; above 100 megapixels at ``side`` or more."""
+    """Decode colours (H, W, 3) and alpha (H, W, 1), float32 in [0, 1]; above 100 megapixels, at ``side`` or more."""
     av = _ffmpeg(picture, bits)
     coder: Any = av.CodecContext.create("jpeg2000", "r")
     coder.options = {"lowres": str(halvings(picture.width, picture.height, side or 1, levels_of(picture)))}

@@ -1,7 +1,8 @@
-"""Decode the Huffman codes of a baseline JPEG (ITU-T T.81), because the format has no checksum.
+"""Decode the Huffman codes of a baseline JPEG (ITU-T T.81) to detect damage, because the format has no checksum.
 
-After a flipped bit the codes often make too many or too few blocks. Each block also stores the difference of its mean
-from that of the block before, so a wrong difference shifts all that follows, often out of the range of 8-bit pixels.
+After a flipped bit, the codes often make too many or too few blocks. Each block also stores the difference between its
+mean and that of the previous block, so a wrong difference shifts all later blocks, often out of the range of 8-bit
+pixels.
 """
 
 import re
@@ -17,22 +18,22 @@ TABLES_OF_STEPS, TABLES_OF_CODES, RESTART, SCAN = 0xDB, 0xC4, 0xDD, 0xDA  # mark
 BASELINE, OTHER_FRAMES = (0xC0, 0xC1), (0xC2, 0xC3, *range(0xC5, 0xC8), *range(0xC9, 0xCC), *range(0xCD, 0xD0))
 END_OF_CODES = re.compile(rb"\xff[^\0\xd0-\xd7]", re.DOTALL)
 BETWEEN_INTERVALS = re.compile(rb"\xff[\xd0-\xd7]")
-BLOCK = 0x10  # class of codes for all numbers of a block but the first
+BLOCK = 0x10  # class of codes for all numbers of a block except the first
 LONGEST_CODE = 16  # bits
 LONGEST_NUMBER = 11  # bits
-PADDING = 4  # bytes that are looked at after the last code
+PADDING = 4  # bytes read after the last code
 DARKEST = -1024  # mean of a block of black pixels, -128, in the units of the format
-LARGEST = 1280  # amplitude: a quarter more than 8-bit pixels have, because encoders may go beyond white at edges
-NUMBERS = 64  # of a block
+LARGEST = 1280  # largest amplitude: a quarter more than 8-bit pixels have, because encoders may exceed white at edges
+NUMBERS = 64  # numbers per block
 
 
 @function
 def fits(data, units, kinds, codes, steps):  # type: ignore[no-untyped-def]
-    """Test whether bytes, with `PADDING`, hold the codes of exactly ``units`` units, in the range of 8-bit pixels.
+    """Check whether bytes, with `PADDING`, hold the codes of exactly ``units`` units, in the range of 8-bit pixels.
 
-    ``kinds`` (B,) are the components of the blocks of a unit. ``codes`` (C, 2, 65536) has for the next 16 bits, in the
-    first and the other numbers of a block, 256 times the length of the code plus its symbol. ``steps`` (C, 64) are the
-    units of the numbers.
+    ``kinds`` (B,) are the components of the blocks of a unit. ``codes`` (C, 2, 65536) maps the next 16 bits, for the
+    first and for the other numbers of a block, to 256 times the length of the code plus its symbol. ``steps`` (C, 64)
+    are the quantisation steps of the numbers.
     """
     means = np.zeros(len(steps), dtype=np.int64)
     at, end = 0, 8 * (len(data) - PADDING)  # bits
@@ -72,7 +73,7 @@ def fits(data, units, kinds, codes, steps):  # type: ignore[no-untyped-def]
 
 @inline
 def bits_at(data, at):  # type: ignore[no-untyped-def]
-    """Return the 16 bits that begin at a bit."""
+    """Return the 16 bits that start at a bit."""
     byte = at >> 3
     three = np.int64(data[byte]) << 16 | np.int64(data[byte + 1]) << 8 | np.int64(data[byte + 2])
     return three >> (8 - (at & 7)) & 0xFFFF
@@ -80,19 +81,19 @@ def bits_at(data, at):  # type: ignore[no-untyped-def]
 
 @dataclass
 class Header:
-    """What precedes the codes of a JPEG."""
+    """The data that precede the codes of a JPEG."""
 
-    steps: dict[int, np.ndarray] = field(default_factory=dict)  # (64,) by number
-    codes: dict[int, np.ndarray] = field(default_factory=dict)  # (65536,) by class and number
-    restart: int = 0  # units of an interval; 0: all
+    steps: dict[int, np.ndarray] = field(default_factory=dict)  # (64,) quantisation steps by table number
+    codes: dict[int, np.ndarray] = field(default_factory=dict)  # (65536,) codes by class plus table number
+    restart: int = 0  # units per interval; 0 for all units
     size: tuple[int, int] = (0, 0)  # height and width in pixels
-    components: list[tuple[int, int, int, int]] = field(default_factory=list)  # name, blocks across and down, steps
-    chosen: dict[int, int] = field(default_factory=dict)  # numbers of codes by the name of a component
+    components: list[tuple[int, int, int, int]] = field(default_factory=list)  # name, blocks across and down, table
+    chosen: dict[int, int] = field(default_factory=dict)  # numbers of the tables of codes by component name
     end: int = 0  # byte at which the codes begin
 
 
 def jpeg_fits(data: bytes) -> bool:
-    """Test whether the codes of a JPEG fit its size; True if it is of another kind than baseline in one scan."""
+    """Check whether the codes of a JPEG fit its size; True for any JPEG other than baseline in one scan."""
     try:
         if (header := _header(data)) is None:
             return True
@@ -104,7 +105,7 @@ def jpeg_fits(data: bytes) -> bool:
         steps = np.stack([header.steps[number] for *_, number in header.components])
         tables = [header.chosen[name] for name in names]
         codes = np.stack([[header.codes[both >> 4], header.codes[BLOCK | both & 15]] for both in tables])
-    except (ArithmeticError, LookupError, ValueError):  # its decoder says what is wrong
+    except (ArithmeticError, LookupError, ValueError):  # Pillow's decoder reports what is wrong
         return True
     end = END_OF_CODES.search(data, header.end)
     for interval in BETWEEN_INTERVALS.split(data[header.end : end.start() if end else None]):
@@ -117,7 +118,7 @@ def jpeg_fits(data: bytes) -> bool:
 
 
 def _header(data: bytes) -> Header | None:
-    """Read everything before the codes; None for other kinds than baseline in one scan."""
+    """Read everything before the codes; None for any JPEG other than baseline in one scan."""
     header, at = Header(), len(START)
     while True:
         while data[at + 1] == 0xFF:  # fill
@@ -155,7 +156,7 @@ def _steps(part: bytes) -> Iterator[tuple[int, np.ndarray]]:
 
 
 def _codes(part: bytes) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield tables of codes by class (`BLOCK` or 0) plus number; 0 stands for what is no code."""
+    """Yield tables of codes by class (`BLOCK` or 0) plus number; 0 marks bits that are not a code."""
     while part:
         counts, codes, at, first = part[1:17], np.zeros(2**LONGEST_CODE, np.int16), 17, 0
         for length, count in enumerate(counts, 1):

@@ -10,11 +10,11 @@ from typing import Any
 from brushexp.errors import UserError
 from brushexp.pictures.tiff_directories import MAGIC, PHOTOMETRIC
 
-# Raster formats only: for EPS, Pillow would start another program.
+# Raster formats only, because Pillow would start another program for EPS.
 FORMATS = ("AVIF", "BMP", "DIB", "GIF", "JPEG", "JPEG2000", "MPO", "PNG", "PPM", "PSD", "QOI", "TGA", "TIFF", "WEBP")
 WITH_CODECS = {"HEIF": "heic", "JXL": "jxl"}  # formats that need an extra
 CURE = "convert it to a PNG or a JPEG"
-HEAD = 4096  # bytes that tell a kind
+HEAD = 4096  # bytes that identify a format
 RAW_SUFFIXES = (
     *(".3fr", ".arw", ".cr2", ".cr3", ".crw", ".dcr", ".dng", ".erf", ".fff", ".gpr", ".iiq", ".k25", ".kdc", ".mef"),
     *(".mos", ".mrw", ".nef", ".nrw", ".orf", ".pef", ".raf", ".raw", ".rw2", ".rwl", ".sr2", ".srf", ".srw", ".x3f"),
@@ -31,7 +31,7 @@ VECTOR = "is a vector drawing, not a picture of a known format; convert it to pi
 DAMAGED = "is damaged or cannot be decoded here; get the whole file, or convert it to a PNG or a JPEG"
 UNKNOWN = f"is not a picture of a known format; {CURE}"
 LAYERS = "is a file of a painting program; export it there as a PNG"
-STARTS = {  # first bytes -> what such a file is, and what to do
+STARTS = {  # first bytes -> what the file is, and what to do
     b"\x76\x2f\x31\x01": LIGHT,
     b"#?RADIANCE": LIGHT,
     b"#?RGBE": LIGHT,
@@ -59,34 +59,34 @@ STARTS = {  # first bytes -> what such a file is, and what to do
     b"PK\3\4": "is an archive, or a file of a painting program; unpack it, or export a PNG",
 }
 PSD, PSB_VERSION = b"8BPS", 2
-PSD_HEADER = struct.Struct(">4xH16xH")  # of which version and bits of a channel count here
-JPEG, JPEG_LS = b"\xff\xd8\xff", 0xF7  # first bytes, and a marker
-FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # markers of a JPEG before its sides
+PSD_HEADER = struct.Struct(">4xH16xH")  # version and bits per channel
+JPEG, JPEG_LS = b"\xff\xd8\xff", 0xF7  # first bytes; a marker
+FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}  # JPEG markers that precede the size
 LOSSLESS = (0xC3, 0xC7, 0xCB, 0xCF)
-KNOWN = (  # first bytes of files that are read, unless they are damaged
+KNOWN = (  # first bytes of readable files, unless they are damaged
     *(b"\x89PNG", b"GIF8", b"qoif", b"\0\0\0\x0cjP  ", b"\xff\x4f\xff\x51", b"\0\0\0\x0cJXL ", *MAGIC),
 )
-HEIF_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")  # of ISO base media files
+HEIF_BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")  # brands of ISO base media files
 AVIF_BRANDS = (b"avif", b"avis")
-CANON = b"CR"  # behind the first eight bytes of a raw TIFF
+CANON = b"CR"  # follows the first eight bytes of a raw TIFF
 JXL_STARTS = (b"\xff\x0a", b"\0\0\0\x0cJXL \r\n\x87\n")
 CODECS = {
     "heic": ("pillow_heif", "register_heif_opener"),
     "jxl": ("pillow_jxl", None),
-}  # by extra: module and its start
-SENSOR = (32803, 34892)  # values of PHOTOMETRIC: what a sensor saw, as it is or in colours
-DNG_VERSION = 50706  # a tag of TIFF
+}  # extra -> module, and the function that registers it
+SENSOR = (32803, 34892)  # values of PHOTOMETRIC for sensor data
+DNG_VERSION = 50706  # TIFF tag
 
 
 def what_it_is(head: bytes) -> str:
-    """Say what a file unknown to all decoders is by its first bytes, and what to do."""
+    """Explain from its first bytes what a file unknown to all decoders is, and what to do."""
     tellers = (_by_start, _kind_of_psd, _kind_of_jpeg, _kind_of_container, _kind_of_text)
     words = (tell(head) for tell in tellers)
     return next(filter(None, words), UNKNOWN)
 
 
 def is_special(words: str) -> bool:
-    """Test whether `what_it_is` found an unsupported kind of file rather than damage."""
+    """Check whether `what_it_is` found an unsupported kind of file instead of damage."""
     return words not in (DAMAGED, FILM, UNKNOWN)
 
 
@@ -114,7 +114,7 @@ def _kind_of_text(head: bytes) -> str:
 
 
 def _kind_of_psd(head: bytes) -> str:
-    """Explain from its header why a Photoshop file is not read: signature, version, channels, sides, depth, mode."""
+    """Explain from its header (signature, version, channels, sides, depth, mode) why a Photoshop file is not read."""
     if not head.startswith(PSD):
         return ""
     if len(head) < PSD_HEADER.size:
@@ -145,7 +145,7 @@ def _kind_of_jpeg(head: bytes) -> str:
 
 
 def codec_for(head: bytes) -> str | None:
-    """Name the extra needed to read a file with these first bytes; None if none is needed or known."""
+    """Name the extra needed to read a file with these first bytes; None if no extra is needed or known."""
     if head.startswith(JXL_STARTS):
         return "jxl"
     return "heic" if head[4:8] == b"ftyp" and head[8:12] in HEIF_BRANDS else None
@@ -153,7 +153,7 @@ def codec_for(head: bytes) -> str | None:
 
 @cache
 def has_codec(extra: str) -> bool:
-    """Register the format of an extra with Pillow; False if the extra is not installed."""
+    """Register the format of an extra with Pillow; return False if the extra is not installed."""
     module, start = CODECS[extra]
     with suppress(ImportError):
         codec = importlib.import_module(module)
@@ -174,5 +174,5 @@ def check_not_raw(picture: Any, head: bytes = b"") -> None:
 
 
 def is_raw(path: str) -> bool:
-    """Test whether a path has the suffix of a raw photograph."""
+    """Check whether a path has the suffix of a raw photograph."""
     return Path(path).suffix.lower() in RAW_SUFFIXES

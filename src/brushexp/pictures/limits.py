@@ -9,13 +9,13 @@ from PIL.ImageFile import ImageFile
 
 from brushexp.errors import UserError
 
-MAX_PIXELS = 100_000_000  # in float32 RGB that many take 1.2 GB
-MOST_PIXELS = 10 * MAX_PIXELS  # of a file that is read at a part of its size
-MOST_WHOLE = 2 * MAX_PIXELS  # of 8 bits that are decoded at once, to be shrunk
-IN_PARTS = ("JPEG", "MPO", "JPEG2000", "TIFF")  # formats that decode a part of their pixels
-AT_ONCE = ("PNG", "WEBP", "BMP", "PPM", "TGA", "AVIF", "HEIF")  # formats that decode all of them, 8 bits each
-EXAMPLE = 4096  # pixels of a side that is proposed
-alone = RLock()  # a process has one stderr, one list of warnings and one limit of Pillow's
+MAX_PIXELS = 100_000_000  # 1.2 GB in float32 RGB
+MOST_PIXELS = 10 * MAX_PIXELS  # limit for files that can be read at a fraction of their size
+MOST_WHOLE = 2 * MAX_PIXELS  # limit for 8-bit pictures that are decoded at once and then shrunk
+IN_PARTS = ("JPEG", "MPO", "JPEG2000", "TIFF")  # formats that can decode a fraction of their pixels
+AT_ONCE = ("PNG", "WEBP", "BMP", "PPM", "TGA", "AVIF", "HEIF")  # formats that decode all pixels at once, 8 bits each
+EXAMPLE = 4096  # pixels on a side that messages suggest
+alone = RLock()  # a process has a single stderr, list of warnings, and pixel limit of Pillow
 
 
 def open_of_any_size(path: str | Path, formats: tuple[str, ...] | None = None) -> ImageFile:
@@ -41,7 +41,7 @@ def check_pixels(width: int, height: int, kind: str, side: int | None) -> None:
 
 
 def too_large(width: int, height: int) -> str:
-    """Say that a picture is too large to be read whole."""
+    """Explain that a picture is too large to be read whole."""
     most = f"at most {MAX_PIXELS // 10**6} megapixels are read in full"
     return f"has {width} x {height} pixels; {most}: add resolution={EXAMPLE} to read it smaller"
 
@@ -55,7 +55,7 @@ def check_whole(width: int, height: int, is_deep: bool = False) -> None:
 
 
 def halvings(width: int, height: int, side: int, most: int) -> int:
-    """Count how often, at most ``most``, to halve a picture above 100 megapixels to fit ``side`` and memory."""
+    """Count how often, up to ``most`` times, to halve a picture above 100 megapixels to fit ``side`` and memory."""
     if width * height <= MAX_PIXELS:
         return 0
     wanted = int(math.log2(max(1, max(width, height) / side)))

@@ -1,4 +1,4 @@
-"""Load pictures from files, samples and named pictures in memory."""
+"""Load pictures from files, samples and memory."""
 
 import math
 import os
@@ -25,24 +25,24 @@ from brushexp.pictures.limits import MAX_PIXELS, too_large
 from brushexp.pictures.shape import resample
 from brushexp.system.spellings import find_spelling
 
-LEAST_ALPHA = 0.5 / 255  # of a pixel that can be seen
-TRANSPARENT = "transparent"  # background of a painting that has the alpha of its picture
-BRIGHTNESS = (0.299, 0.587, 0.114)  # of red, green and blue, Rec. 601
-SAMPLE_SUFFIXES = (".png", ".jpg")  # the GIF and TIFF files beside the samples are test data
+LEAST_ALPHA = 0.5 / 255  # alpha of the faintest visible pixel
+TRANSPARENT = "transparent"  # background of a painting that keeps the alpha of its picture
+BRIGHTNESS = (0.299, 0.587, 0.114)  # weights of red, green and blue, Rec. 601
+SAMPLE_SUFFIXES = (".png", ".jpg")  # the GIF and TIFF files next to the samples are test data
 
 
 def load_picture(image: str, resolution: int | None, key: str = "image") -> Tensor:
     """Read a picture, upright and over white, and resample it to (3, H, W) float32, contiguous, sRGB in [0, 1].
 
     ``image`` is a file, one of ``samples()``, or the name of a picture in memory; ``resolution`` is the longer side in
-    pixels, None for that of the file; ``key`` is typed before the path and appears in messages. A UserError refuses a
-    picture that does not exist, cannot be read, or has more than 100 megapixels before or after resampling.
+    pixels, None for the file's own; ``key`` is the key of the path, for messages. A UserError refuses a picture that
+    does not exist, cannot be read, or has more than 100 megapixels before or after resampling.
     """
     return planes_of(_pixels_of(image, key, side=resolution), resolution)
 
 
 def load_cutout(image: str, resolution: int | None, key: str = "image") -> tuple[Tensor, Tensor]:
-    """Read a picture as `load_picture` does, but with separate colours (3, H, W) and alpha (H, W) in [0, 1].
+    """Read a picture like `load_picture`, but return colours (3, H, W) and alpha (H, W) in [0, 1] separately.
 
     Alpha is straight; fully transparent pixels have the mean of the visible colours.
     """
@@ -57,7 +57,7 @@ def load_cutout(image: str, resolution: int | None, key: str = "image") -> tuple
 
 
 def planes_of(picture: np.ndarray, resolution: int | None) -> Tensor:
-    """Convert a picture (H, W, 3), uint8 or in [0, 1], as `load_picture` does."""
+    """Convert a picture (H, W, 3), uint8 or in [0, 1], like `load_picture`."""
     if resolution is not None:
         picture = resample(picture, size_at(resolution, *picture.shape[:2]))
     planes = np.ascontiguousarray(np.moveaxis(picture, 2, 0), dtype=np.float32)
@@ -67,7 +67,7 @@ def planes_of(picture: np.ndarray, resolution: int | None) -> Tensor:
 
 
 def downsample(picture: Tensor, side: int) -> Tensor:
-    """Average a picture (3, H, W) over areas to at most ``side`` pixels a side (3, h, w)."""
+    """Average a picture (3, H, W) over areas so that its longer side has at most ``side`` pixels: (3, h, w)."""
     height, width = picture.shape[1:]
     zoom = min(side / max(height, width), 1)
     return functional.adaptive_avg_pool2d(picture, (max(round(zoom * height), 1), max(round(zoom * width), 1)))
@@ -97,14 +97,14 @@ def _pixels_of(image: str, key: str, also: str = "", backdrop: float = 1.0, side
 
 @cache
 def _size_of_file(path: Path, key: str, changed: int) -> tuple[int, int]:
-    return picture_size(path, key=key)  # of a PNG it may take as long as decoding
+    return picture_size(path, key=key)  # for a PNG this may take as long as decoding
 
 
-PICTURE = Rule(partial(size_of_picture, resolution=1))  # whatever the resolution will be
+PICTURE = Rule(partial(size_of_picture, resolution=1))  # the resolution does not matter here
 
 
 def load_mask(image: str, size: tuple[int, int], key: str, also: str = "") -> Tensor:
-    """Read a picture as grey values (H, W), float32 in [0, 1], resampled to the ``size`` of another one.
+    """Read a picture as grey values (H, W), float32 in [0, 1], resampled to the ``size`` of another picture.
 
     Grey is brightness (Rec. 601); transparent pixels are black. ``image`` and ``key`` are as in `load_picture`, and
     ``also`` lists other values of the key for messages, such as "auto, ". A UserError refuses another aspect ratio.
@@ -134,9 +134,9 @@ def background_color(spec: str, target: Tensor) -> Tensor:
 
 
 def named_color(spec: str, key: str) -> bytes | None:
-    """Convert a colour of CSS, ``ivory`` or ``#rrggbb``, to bytes (else UserError).
+    """Convert a CSS colour, such as ``ivory`` or ``#rrggbb``, to bytes; raise a UserError for anything else.
 
-    ``mean`` (of the target) and ``transparent`` (over the same mean) are None.
+    ``mean`` (of the target) and ``transparent`` (over the same mean) become None.
     """
     if spec in ("mean", TRANSPARENT):
         return None
@@ -144,7 +144,7 @@ def named_color(spec: str, key: str) -> bytes | None:
         color = bytes(ImageColor.getrgb(spec))
     except ValueError:
         color = b""
-    if len(color) != len("RGB"):  # no colour, or one with alpha
+    if len(color) != len("RGB"):  # not a colour, or a colour with alpha
         cure = f"use {key}=mean, transparent, '#rrggbb' or a name of CSS: white, black, grey, ivory, ..."
         raise UserError(f"{key}={spec} is not a colour; {cure}")
     return color
@@ -162,8 +162,8 @@ def samples() -> dict[str, Path]:
 
 
 def _path_of(image: str, key: str, also: str = "") -> Path:
-    """Find the file that ``image`` names, expanding ~, which shells leave alone in ``image=~/photo.jpg``."""
-    path = find_spelling(os.path.expanduser(image))  # functions of os, unlike those of pathlib, never raise
+    """Find the file that ``image`` names, and expand ~, which shells do not expand in ``image=~/photo.jpg``."""
+    path = find_spelling(os.path.expanduser(image))  # unlike pathlib's functions, those of os never raise
     if os.path.isfile(path):
         return Path(path)
     shipped = samples()
@@ -179,7 +179,7 @@ def _path_of(image: str, key: str, also: str = "") -> Path:
 
 
 def nearest_files(image: str, others: Iterable[str] = ()) -> list[str]:
-    """List up to three pictures, from a path's folder and ``others``, with names similar to it."""
+    """List up to three pictures, from a path's folder and ``others``, with names similar to the path's."""
     folder, name = os.path.split(image)
     with suppress(OSError):
         beside = [
@@ -193,7 +193,7 @@ def nearest_files(image: str, others: Iterable[str] = ()) -> list[str]:
 
 
 def shrunk_to(most: int, size: tuple[int, int]) -> tuple[int, int]:
-    """Scale height and width in proportion to at most ``most`` pixels in all.
+    """Scale height and width in proportion, to at most ``most`` pixels in total.
 
     >>> shrunk_to(100, (10, 40)), shrunk_to(100, (5, 20))
     ((5, 20), (5, 20))
@@ -204,7 +204,7 @@ def shrunk_to(most: int, size: tuple[int, int]) -> tuple[int, int]:
 
 
 def size_at(resolution: int | None, height: int, width: int) -> tuple[int, int]:
-    """Scale height and width in proportion, with the longer side at ``resolution``; None changes nothing."""
+    """Scale height and width in proportion so that the longer side is ``resolution``; None changes nothing."""
     if resolution is None:
         return height, width
     longer = max(height, width)

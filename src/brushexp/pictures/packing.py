@@ -1,6 +1,6 @@
-"""Count the pixels in compressed data, because LZW, run lengths and JPEG have no checksum but a known length.
+"""Count the pixels in compressed data to detect damage: LZW, run lengths and JPEG have no checksum, but a known length.
 
-A flipped bit usually changes the length of the data after it; decoders stop at the last pixel and ignore the rest.
+A flipped bit usually changes the length of the following data; decoders stop at the last pixel and ignore the rest.
 """
 
 from collections.abc import Iterator
@@ -28,24 +28,24 @@ from brushexp.pictures.tiff_directories import (
 
 MISCOUNTED = "may be damaged: its compressed pixels do not fit its size; compare it with another copy"
 LZW, JPEG, PACKBITS = 5, 7, 32773  # values of COMPRESSION in a TIFF
-YCBCR = 6  # value of PHOTOMETRIC: some colours have fewer pixels
+YCBCR = 6  # value of PHOTOMETRIC with which some channels have fewer pixels
 SAMPLES, ROWS_PER_STRIP, PLANES, TILE_LENGTH = 277, 278, 284, 323  # tags of a TIFF
 SEPARATE = 2  # value of PLANES
 EARLY = 1  # TIFF widens its codes one code before the table is full, GIF does not
 MOST_CODES = 4096
-INVALID = -1  # length of what no encoder writes
-QOI, QOI_HEAD, QOI_END = b"qoif", 14, 8  # first bytes of a QOI, and bytes of its head and its end
-TGA_HEAD, TGA_RUNS, TGA_FOOTER = 18, (9, 10, 11), b"TRUEVISION-XFILE.\0"  # bytes; kinds in runs; the last bytes
+INVALID = -1  # length of data that no encoder writes
+QOI, QOI_HEAD, QOI_END = b"qoif", 14, 8  # first bytes of a QOI, and bytes of its head and its end marker
+TGA_HEAD, TGA_RUNS, TGA_FOOTER = 18, (9, 10, 11), b"TRUEVISION-XFILE.\0"  # bytes; run-length types; last bytes
 GIF, GIF_HEAD, IMAGE, EXTENSION = b"GIF8", 13, 0x2C, 0x21
 
 
 @function
 def lzw_length(data: np.ndarray, bits: int, last_bit_first: bool, early: int) -> int:
-    """Count the samples in LZW codes (bytes) with ``bits`` per sample; `INVALID` if a code has no meaning."""
+    """Count the samples in LZW codes (bytes) with ``bits`` per sample; return `INVALID` if a code has no meaning."""
     lengths = np.ones(MOST_CODES, dtype=np.int64)
     clear = 1 << bits
     width, following, before, total = bits + 1, clear + 2, -1, 0
-    held, count = 0, 0  # bits that are read and not used
+    held, count = 0, 0  # bits that have been read but not used
     for k in range(len(data)):
         byte = int(data[k])
         held = held | (byte << count) if last_bit_first else (held << 8) | byte
@@ -73,7 +73,7 @@ def lzw_length(data: np.ndarray, bits: int, last_bit_first: bool, early: int) ->
 
 
 def remark_on_packing(path: Path) -> str:
-    """Report that a file does not have as many pixels as its size states; nothing if they cannot be counted."""
+    """Report that a file contains more or fewer pixels than its size states; "" if they cannot be counted."""
     with path.open("rb") as file:
         head = file.read(18)
     if head[:4] in MAGIC:
@@ -93,7 +93,7 @@ def remark_on_packing(path: Path) -> str:
 
 
 def _jpegs_fit(path: Path, page: Directory) -> bool:
-    """Test whether the JPEGs in the strips or tiles of a TIFF fit their sizes."""
+    """Check whether the JPEGs in the strips or tiles of a TIFF fit their sizes."""
     pieces = page.pieces() if page.number(COMPRESSION) == JPEG else []
     tables = bytes(page.numbers.get(JPEG_TABLES, ()))[: -len(END_OF_JPEG)] or START
     with path.open("rb") as file:
@@ -105,7 +105,7 @@ def _jpegs_fit(path: Path, page: Directory) -> bool:
 
 
 def _tiff_is_whole(path: Path, page: Directory) -> bool:
-    """Test whether the LZW or PackBits strips or tiles of a TIFF are complete."""
+    """Check whether the LZW or PackBits strips or tiles of a TIFF are complete."""
     packing, pieces = page.number(COMPRESSION), page.pieces()
     is_odd = page.number(FILL_ORDER) == LAST_BIT_FIRST or page.number(PHOTOMETRIC) == YCBCR
     if packing not in (LZW, PACKBITS) or is_odd or not pieces:
@@ -115,13 +115,13 @@ def _tiff_is_whole(path: Path, page: Directory) -> bool:
     row = -(-(page.number(TILE_WIDTH) or page.number(WIDTH)) * bits // 8)
     height, rows = page.number(LENGTH), page.number(TILE_LENGTH) or page.number(ROWS_PER_STRIP)
     rows = min(rows or height, height) if TILE_WIDTH not in page.numbers else rows
-    last = height - (height - 1) // rows * rows  # rows of the last strip, which may be filled up
+    last = height - (height - 1) // rows * rows  # rows of the last strip, which may be padded
     with path.open("rb") as file:
         for place, length in pieces:
             file.seek(place)
             packed = file.read(length)
             if packing == LZW and packed[:1] == b"\0" and packed[1:2] and packed[1] & 1:
-                return True  # as it was packed before TIFF 6.0
+                return True  # packing from before TIFF 6.0
             found = lzw_length(np.frombuffer(packed, np.uint8), 8, False, EARLY) if packing == LZW else _runs(packed)
             if found not in (row * rows, row * last):
                 return False
@@ -129,7 +129,7 @@ def _tiff_is_whole(path: Path, page: Directory) -> bool:
 
 
 def _runs(packed: bytes) -> int:
-    """Count the unpacked bytes of PackBits data; `INVALID` if the last run is incomplete."""
+    """Count the unpacked bytes of PackBits data; return `INVALID` if the last run is incomplete."""
     total = at = 0
     while at < len(packed):
         count = packed[at]
@@ -144,7 +144,7 @@ def _runs(packed: bytes) -> int:
 
 
 def _qoi_is_whole(data: bytes) -> bool:
-    """Test whether the operations of a QOI file give all its pixels and end with the file."""
+    """Check whether the operations of a QOI file produce all its pixels and end with the file."""
     pixels, at = int.from_bytes(data[4:8]) * int.from_bytes(data[8:12]), QOI_HEAD
     end = len(data) - QOI_END
     while pixels > 0 and at < end:
@@ -155,7 +155,7 @@ def _qoi_is_whole(data: bytes) -> bool:
 
 
 def _gif_is_whole(data: bytes) -> bool:
-    """Test whether the first picture of a GIF unpacks to all its pixels."""
+    """Check whether the first picture of a GIF unpacks to all its pixels."""
     at = GIF_HEAD + _colors(data[10])
     while at < len(data) and data[at] == EXTENSION:
         at += 2 + sum(len(block) + 1 for block in _blocks(data, at + 2)) + 1
@@ -179,7 +179,7 @@ def _blocks(data: bytes, at: int) -> Iterator[bytes]:
 
 
 def _tga_is_whole(data: bytes) -> bool:
-    """Test whether the runs of a TGA give all its pixels and only a footer follows."""
+    """Check whether the runs of a TGA produce all its pixels and only a footer follows."""
     entries, bits = int.from_bytes(data[5:7], "little"), data[7]
     pixels = int.from_bytes(data[12:14], "little") * int.from_bytes(data[14:16], "little")
     at, size = TGA_HEAD + data[0] + data[1] * entries * -(-bits // 8), -(-data[16] // 8)

@@ -27,7 +27,7 @@ class Region:
         return picture[..., self.top : self.top + self.height, self.left : self.left + self.width]
 
     def widened(self, margin: int, size: tuple[int, int], grid: int = 1) -> Region:
-        """Add ``margin`` pixels on every side, as far as a canvas of ``size`` (H, W) reaches.
+        """Add ``margin`` pixels on every side, clipped to a canvas of ``size`` (H, W).
 
         The result starts at multiples of ``grid``, and its sides leave the same remainder as those of the canvas, so
         that a network with this stride pads both alike.

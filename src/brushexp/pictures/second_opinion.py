@@ -1,4 +1,4 @@
-"""Ask other installed decoders for damage that the decoder of a picture does not report."""
+"""Check a picture with other installed decoders, which may report damage that its own decoder does not."""
 
 import importlib
 from contextlib import suppress
@@ -8,9 +8,9 @@ from typing import Any
 from brushexp.pictures.limits import MAX_PIXELS
 
 REPORTED = "may be damaged: a decoder found errors in it; compare it with another copy"
-BY_LIBVIPS = {"AVIF": "heifload", "JPEG": "jpegload", "MPO": "jpegload"}  # by format: reader of the extra "canvas"
-BY_FFMPEG = {"JPEG": "mjpeg", "MPO": "mjpeg", "JPEG2000": "jpeg2000"}  # by format: decoder of the extra "video"
-UNREAD = ("nsupported", "not implemented")  # words of a decoder about a form that it does not know
+BY_LIBVIPS = {"AVIF": "heifload", "JPEG": "jpegload", "MPO": "jpegload"}  # format -> reader in the extra "canvas"
+BY_FFMPEG = {"JPEG": "mjpeg", "MPO": "mjpeg", "JPEG2000": "jpeg2000"}  # format -> decoder in the extra "video"
+UNREAD = ("nsupported", "not implemented")  # words with which a decoder reports an unsupported variant
 
 
 def remark_of_others(path: Path, kind: str, pixels: int) -> str:
@@ -27,12 +27,12 @@ def remark_of_others(path: Path, kind: str, pixels: int) -> str:
 
 
 def _fails_in_libvips(path: Path, kind: str) -> bool:
-    """Test whether libvips opens a picture but warns or fails when it unpacks the pixels."""
-    with suppress(ImportError, OSError):  # OSError: the library itself is missing
+    """Check whether libvips opens a picture but warns or fails when it unpacks the pixels."""
+    with suppress(ImportError, OSError):  # OSError means that the library itself is missing
         vips: Any = importlib.import_module("pyvips")
         try:
             picture = getattr(vips.Image, BY_LIBVIPS[kind])(str(path), access="sequential", fail_on="warning")
-        except vips.Error:  # it may not know the form, and warns of tags and profiles
+        except vips.Error:  # an unsupported variant, or a warning about tags and profiles
             return False
         try:
             picture.avg()
@@ -42,7 +42,7 @@ def _fails_in_libvips(path: Path, kind: str) -> bool:
 
 
 def _fails_in_ffmpeg(path: Path, kind: str) -> bool:
-    """Test whether FFmpeg finds errors in the compressed pixels of a picture."""
+    """Check whether FFmpeg finds errors in the compressed pixels of a picture."""
     with suppress(ImportError):
         av: Any = importlib.import_module("av")
         coder: Any = av.CodecContext.create(BY_FFMPEG[kind], "r")
@@ -55,9 +55,9 @@ def _fails_in_ffmpeg(path: Path, kind: str) -> bool:
                     coder.decode(packet)
         except av.error.InvalidDataError:
             return True
-        except av.error.FFmpegError:  # a form that it does not know
+        except av.error.FFmpegError:  # an unsupported variant
             return False
         finally:
             av.logging.set_level(level)
-        return any("End mismatch" in line for _, _, line in lines)  # of JPEG 2000: a block ends too soon or too late
+        return any("End mismatch" in line for _, _, line in lines)  # JPEG 2000: a block ends too early or too late
     return False

@@ -13,19 +13,19 @@ from brushexp.pictures.boxes import Crop, clean_aperture_in
 from brushexp.pictures.carriers import IN_BOXES, declared_in_boxes, head_of, place_kept
 from brushexp.pictures.srgb import SWAPPED, orientation_of
 
-X_RESOLUTION, Y_RESOLUTION = 282, 283  # tags of TIFF
-GIF_ASPECT = 12  # byte of a GIF: 64 times the aspect, less 15; 0: square
-TGA_FOOTER, TGA_NAME = struct.Struct("<II18s"), b"TRUEVISION-XFILE.\0"  # places of the extension and of another part
-TGA_ASPECT = 474  # bytes from there to the width and the height of a pixel
-PSD_ASPECT = 1064  # resource of Photoshop: a version, and the aspect as a double
-SQUARE = 0.01  # a ratio within that of 1 is one of rounded numbers
-MOST_ASPECT = 4  # a ratio beyond that is taken for a mistake
+X_RESOLUTION, Y_RESOLUTION = 282, 283  # TIFF tags
+GIF_ASPECT = 12  # byte of a GIF: 64 times the aspect minus 15; 0 for square
+TGA_FOOTER, TGA_NAME = struct.Struct("<II18s"), b"TRUEVISION-XFILE.\0"  # offsets of the extension and of another part
+TGA_ASPECT = 474  # offset in the extension of the width and the height of a pixel
+PSD_ASPECT = 1064  # Photoshop resource: a version, and the aspect as a double
+SQUARE = 0.01  # ratios this close to 1 result from rounding
+MOST_ASPECT = 4  # larger ratios are considered mistakes
 
 
 def pixel_aspect(picture: Image.Image) -> float:
     """Read the pixel aspect (width over height) of the upright picture before decoding; 1 if it is not declared."""
     aspect = 1.0
-    with suppress(Exception):  # damaged numbers raise nearly anything; they do not make the picture worse
+    with suppress(Exception):  # damaged numbers may raise nearly any error, but the picture is intact
         across, down = _densities(picture)
         aspect = float(down) / float(across)
     if abs(aspect - 1) < SQUARE or not 1 / MOST_ASPECT <= aspect <= MOST_ASPECT:
@@ -34,18 +34,18 @@ def pixel_aspect(picture: Image.Image) -> float:
 
 
 def _is_turned_already(picture: Any) -> bool:
-    """Test whether the decoder itself swaps rows and columns, as that of HEIF does for the box ``irot``."""
+    """Check whether the decoder itself swaps rows and columns, as HEIF's does for the box ``irot``."""
     turns = [data for name, data in declared_in_boxes(picture) if name == b"irot"] if picture.format == "HEIF" else []
     return sum(data[0] for data in turns if data) % 2 == 1
 
 
 def clean_aperture(picture: Any) -> Crop | None:
-    """Find the visible rows and columns of an AVIF before rotation; the decoder of HEIF crops by itself."""
+    """Find the visible rows and columns of an AVIF before rotation; HEIF's decoder crops by itself."""
     return clean_aperture_in(declared_in_boxes(picture), *picture.size) if picture.format == "AVIF" else None
 
 
 def _densities(picture: Any) -> tuple[Any, Any]:
-    """Read the pixel density, across and down, in any unit."""
+    """Read the pixel density across and down, in any unit."""
     read = DENSITIES.get(picture.format, _of_info)
     return read(picture)
 
@@ -80,7 +80,7 @@ def _of_psd(picture: Any) -> tuple[Any, Any]:
 
 
 def _of_tga(picture: Any) -> tuple[Any, Any]:
-    """Read the aspect from the extension area of a TGA, which its last bytes point to (Truevision, 1991)."""
+    """Read the aspect from the extension area of a TGA, to which its last bytes point (Truevision, 1991)."""
     with place_kept(picture.fp):
         picture.fp.seek(-TGA_FOOTER.size, os.SEEK_END)
         extension, _, name = TGA_FOOTER.unpack(picture.fp.read())
@@ -108,9 +108,9 @@ def squared(height: int, width: int, aspect: float) -> tuple[int, int]:
 
 
 def resample(picture: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Resample a picture (H, W, 3) to a height and width by Lanczos with 3 lobes, widened for shrinking.
+    """Resample a picture (H, W, 3) to a height and width with a Lanczos filter of 3 lobes, widened for shrinking.
 
-    The dtype is kept.
+    The result keeps the dtype.
     """
     height, width = size
     if picture.shape[:2] == size:

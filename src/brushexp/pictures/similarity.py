@@ -1,4 +1,4 @@
-"""Measure the similarity of two pictures by PSNR and by SSIM around each pixel."""
+"""Measure the similarity of two pictures: PSNR, and SSIM around each pixel."""
 
 import math
 
@@ -9,8 +9,8 @@ from torch.nn import functional
 
 from brushexp.system.precision import at_least_single
 
-RADIUS, SIGMA = 5, 1.5  # pixels: the window of SSIM has 11 x 11
-C1, C2 = 0.01**2, 0.03**2  # of Wang et al., for pictures in [0, 1]
+RADIUS, SIGMA = 5, 1.5  # pixels; the window of SSIM is 11 x 11
+C1, C2 = 0.01**2, 0.03**2  # constants of Wang et al., for pictures in [0, 1]
 
 
 def psnr_of(mean_squared_error: float) -> float:
@@ -19,12 +19,12 @@ def psnr_of(mean_squared_error: float) -> float:
 
 
 def picture_psnr(picture: np.ndarray, target: np.ndarray) -> float:
-    """Compute the PSNR in dB of two 8-bit pictures of one shape."""
+    """Compute the PSNR in dB of two 8-bit pictures of the same shape."""
     return psnr_of(float(np.square((picture.astype(np.float64) - target) / 255).mean()))
 
 
 def statistics(picture: Tensor) -> tuple[Tensor, Tensor]:
-    """Compute mean and variance (3, H, W) of the window around each pixel of a picture (3, H, W)."""
+    """Compute the mean and variance (3, H, W) of the window around each pixel of a picture (3, H, W)."""
     picture = at_least_single(picture)
     mean, square = gaussian_mean(torch.cat([picture, picture.square()])).split(3)
     return mean, square - mean.square()
@@ -33,7 +33,7 @@ def statistics(picture: Tensor) -> tuple[Tensor, Tensor]:
 def dissimilarity(image: Tensor, target: Tensor, mean: Tensor, variance: Tensor) -> Tensor:
     """Compute 1 - SSIM (3, H, W) of two pictures (3, H, W); ``mean`` and ``variance`` are the target's.
 
-    With d the difference of the pictures, 2 m n = m^2 + n^2 - E[d]^2 for means m and n, and the same for covariances:
+    If d is the difference of the pictures, 2 m n = m^2 + n^2 - E[d]^2 for means m and n, and likewise for covariances:
     SSIM = (1 - E[d]^2 / (m^2 + n^2 + C1)) (1 - V[d] / (V[x] + V[y] + C2)).
     """
     image, target = at_least_single(image), at_least_single(target)
@@ -41,7 +41,7 @@ def dissimilarity(image: Tensor, target: Tensor, mean: Tensor, variance: Tensor)
     mean_d, square_d, square = gaussian_mean(torch.cat([difference, difference.square(), image.square()])).split(3)
     ours = mean + mean_d
     of_means = mean_d.square() / (ours.square() + mean.square() + C1)
-    variance_d = (square_d - mean_d.square()).clamp_min(0)  # rounding may leave less
+    variance_d = (square_d - mean_d.square()).clamp_min(0)  # rounding may produce less
     of_structure = variance_d / (square - ours.square() + variance + C2)
     return of_means + of_structure - of_means * of_structure
 
@@ -52,6 +52,6 @@ def gaussian_mean(pictures: Tensor) -> Tensor:
     steps = (torch.arange(-r, r + 1).to(pictures) for r in (down, across))
     column, row = ((-((step / SIGMA) ** 2) / 2).softmax(0) for step in steps)
     mirrored = functional.pad(pictures[None], (across, across, down, down), mode="reflect")
-    mirrored = mirrored.contiguous(memory_format=torch.channels_last)  # half the time or less
+    mirrored = mirrored.contiguous(memory_format=torch.channels_last)  # takes half the time or less
     narrower = functional.conv2d(mirrored, row.expand(count, 1, 1, -1), groups=count)
     return functional.conv2d(narrower, column[:, None].expand(count, 1, -1, -1), groups=count)[0]

@@ -11,15 +11,15 @@ from brushexp.pictures.carriers import Colors, exif_of
 from brushexp.pictures.colorimetry import Encoding
 from brushexp.pictures.kinds import CURE
 
-ORIENTATION = 274  # tag of TIFF and EXIF
+ORIENTATION = 274  # TIFF and EXIF tag
 UPRIGHT, ORIENTATIONS = 1, range(1, 9)
-SWAPPED = 5  # the first of the EXIF orientations, up to 8, that exchange rows and columns
+SWAPPED = 5  # first EXIF orientation that swaps rows and columns; the last is 8
 
 
 def bytes_to_srgb(picture: Image.Image, colors: Colors, backdrop: float) -> np.ndarray:
     """Convert a Pillow image to (H, W, 3) uint8."""
     picture.load()
-    picture = picture.convert("LA") if picture.mode == "La" else picture  # the only mode that Pillow converts it to
+    picture = picture.convert("LA") if picture.mode == "La" else picture  # the only conversion that Pillow offers
     alpha = picture.convert("RGBA").getchannel("A") if picture.has_transparency_data else None
     if picture.mode not in ("L", "RGB", "CMYK"):
         picture = picture.convert("L" if picture.mode in ("1", "LA") else "RGB")
@@ -30,12 +30,12 @@ def bytes_to_srgb(picture: Image.Image, colors: Colors, backdrop: float) -> np.n
 
 
 def _converted(picture: Image.Image, colors: Colors) -> Image.Image:
-    """Convert a picture of mode L, RGB or CMYK to sRGB, or keep its values if its profile does not work."""
+    """Convert a picture of mode L, RGB or CMYK to sRGB; keep its values if its profile is unusable."""
     if isinstance(colors, Encoding):
         return Image.fromarray(colors.to_srgb(np.asarray(picture.convert("RGB"))))
     converted = None
     if colors:
-        with suppress(ImageCms.PyCMSError, OSError, ImportError):  # the last: a Pillow that was built without it
+        with suppress(ImageCms.PyCMSError, OSError, ImportError):  # ImportError: Pillow was built without ImageCms
             source, target = ImageCms.ImageCmsProfile(io.BytesIO(colors)), ImageCms.createProfile("sRGB")
             converted = ImageCms.profileToProfile(picture, source, target, outputMode="RGB")
     return picture.convert("RGB") if converted is None else converted
@@ -46,8 +46,7 @@ def floats_to_srgb(color: np.ndarray, alpha: np.ndarray | None, colors: Colors, 
     if isinstance(colors, Encoding):
         color = colors.to_srgb(np.broadcast_to(color, (*color.shape[:2], 3)))
     elif colors:
-        # The change that the conversion makes in 8 bits is added to the exact values, so an sRGB profile changes
-        # nothing.
+        # The change due to an 8-bit conversion is added to the exact values, so an sRGB profile changes nothing.
         eight_bit = np.rint(color * 255).astype(np.uint8)
         coarse = Image.fromarray(eight_bit[..., 0] if eight_bit.shape[2] == 1 else eight_bit)
         change = np.asarray(_converted(coarse, colors), np.float32) - eight_bit
@@ -58,7 +57,7 @@ def floats_to_srgb(color: np.ndarray, alpha: np.ndarray | None, colors: Colors, 
 
 
 def unit_range(samples: np.ndarray, bits: int) -> np.ndarray:
-    """Convert samples to float32 in [0, 1]; floats are kept, and refused outside that range."""
+    """Convert samples to float32 in [0, 1]; floats keep their values, and are refused outside that range."""
     unit = samples.astype(np.float32)
     if samples.dtype.kind != "f":
         unit /= 2**bits - 1
@@ -70,11 +69,11 @@ def unit_range(samples: np.ndarray, bits: int) -> np.ndarray:
 
 
 def orientation_of(picture: Image.Image) -> int:
-    """Read the EXIF orientation of a picture, 1 to 8; 1 if none can be read."""
+    """Read the EXIF orientation of a picture, 1 to 8; 1 if it cannot be read."""
     exif = exif_of(picture)
     try:
         return valid_orientation(exif.get(ORIENTATION))
-    except Exception:  # damaged EXIF data raise nearly anything; they do not make the picture worse
+    except Exception:  # damaged EXIF data may raise nearly any error, but the picture is intact
         return UPRIGHT
 
 

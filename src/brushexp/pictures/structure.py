@@ -1,4 +1,4 @@
-"""Compute structure tensors, which show the direction in which a picture changes least."""
+"""Compute structure tensors, which give the direction of least change in a picture."""
 
 from collections.abc import Iterable
 
@@ -21,7 +21,7 @@ def structure_tensor(picture: Array, sigma: float) -> Array:
 class FarStructure:
     """Structure tensors of one picture (C, H, W), smoothed over any distance at the same cost.
 
-    The cosine transform of a picture continues it by mirror images, as `structure_tensor` does.
+    Like `structure_tensor`, the cosine transform extends a picture with mirror images.
 
     >>> picture = np.random.default_rng(0).random((3, 20, 30))
     >>> near, far = (structure_tensor(picture, sigma) for sigma in (2.0, 5.0))
@@ -35,7 +35,7 @@ class FarStructure:
         self.spectrum = dctn(_products(picture), axes=(1, 2), workers=torch.get_num_threads())
 
     def __call__(self, parts: Iterable[tuple[float, float]]) -> Array:
-        """Sum tensors (3, H, W) smoothed by Gaussians, for pairs of a width in pixels and a weight."""
+        """Sum tensors (3, H, W) smoothed with Gaussians, given pairs of a width in pixels and a weight."""
         from scipy.fft import idctn  # noqa: PLC0415
 
         squares = np.add.outer(*((np.pi * np.arange(n) / n) ** 2 for n in self.spectrum.shape[1:]))
@@ -52,7 +52,7 @@ def _products(picture: Array) -> Array:
 
 
 def along_edges(tensor: Array) -> Array:
-    """Compute the direction (...) of least change, in radians from the x axis, from structure tensors (3, ...)."""
+    """Compute the direction (...) of least change, in radians from the x axis, of structure tensors (3, ...)."""
     return 0.5 * np.arctan2(-2 * tensor[1], tensor[2] - tensor[0])
 
 
@@ -64,7 +64,7 @@ def sampled_at(picture: Array, x: Array, y: Array) -> Array:
 
 
 def worst_of_cells(difference: Array, side: int) -> tuple[Array, Array, Array]:
-    """Divide a map (H, W) into n cells (n, side^2), padded with NaN, and find their worst pixels, x and y (n,)."""
+    """Divide a map (H, W) into n cells (n, side^2), padded with NaN, and find the worst pixel of each, x and y (n,)."""
     height, width = difference.shape
     rows, columns = -(-height // side), -(-width // side)
     padded = np.pad(difference, ((0, rows * side - height), (0, columns * side - width)), constant_values=np.nan)

@@ -1,4 +1,4 @@
-"""Read TIFF files with tifffile if Pillow misreads them, cannot read them, or reads them too coarsely."""
+"""Read TIFF files with tifffile if Pillow misreads them, cannot read them, or loses precision."""
 
 import io
 import math
@@ -40,24 +40,24 @@ from brushexp.pictures.tiff_directories import (
 )
 
 PLANES, COLOR_MAP, PREDICTOR, SAMPLE_FORMAT, PROFILE = 284, 320, 317, 339, 34675  # TIFF tags
-UNPACKED = (1, 8, 32773, 32946)  # values of COMPRESSION that tifffile reads by itself: none, deflate, PackBits
-PACKINGS = {  # other values, in words
+UNPACKED = (1, 8, 32773, 32946)  # COMPRESSION that tifffile reads by itself: none, deflate, PackBits
+PACKINGS = {  # other values, and their names
     **dict.fromkeys((2, 3, 4), "CCITT fax"),
     **dict.fromkeys((6, 7, 99), "JPEG"),
     **dict.fromkeys((33003, 33004, 33005, 34712), "JPEG 2000"),
     **dict.fromkeys((50002, 52546), "JPEG XL"),
     **{5: "LZW", 34887: "LERC", 34925: "LZMA", 34926: "Zstandard", 50000: "Zstandard", 34927: "WebP", 50001: "WebP"},
 }
-RARE = (34887, 34925, 34926, 34927, 50000, 50001, 50002, 52546)  # of them, those that not every libtiff knows
-WHOLE_BITS = (1, 8, 16, 32, 64)  # bits of a sample that tifffile reads by itself
+RARE = (34887, 34925, 34926, 34927, 50000, 50001, 50002, 52546)  # values that some builds of libtiff do not support
+WHOLE_BITS = (1, 8, 16, 32, 64)  # bits per sample that tifffile reads without other packages
 FLOATING = 3  # value of PREDICTOR
 WHITE_IS_ZERO, BLACK_IS_ZERO, RGB, PALETTE, CMYK = 0, 1, 2, 3, 5  # values of PHOTOMETRIC
-CHANNELS = {WHITE_IS_ZERO: 1, BLACK_IS_ZERO: 1, RGB: 3, PALETTE: 1, CMYK: 4}  # that are colours
+CHANNELS = {WHITE_IS_ZERO: 1, BLACK_IS_ZERO: 1, RGB: 3, PALETTE: 1, CMYK: 4}  # number of colour channels
 SIGNED = 2  # value of SAMPLE_FORMAT
-ASSOCIATED, UNASSOCIATED = 1, 2  # what an extra TIFF channel is: alpha that colours are, or are not, multiplied with
-ROWS = 256  # of a picture that is averaged, at once
-LARGEST_PIECE = 2**28  # samples of a strip or a tile that is unpacked at once
-EIGHT_BIT = 256  # a colour map without a larger number has 8 bits, though the standard wants 16 (as libtiff has it)
+ASSOCIATED, UNASSOCIATED = 1, 2  # kinds of extra TIFF channels: alpha with premultiplied colours, and straight alpha
+ROWS = 256  # rows averaged at once
+LARGEST_PIECE = 2**28  # largest number of samples in a strip or tile that is unpacked at once
+EIGHT_BIT = 256  # a colour map whose numbers are all smaller has 8 bits, as in libtiff, though the standard demands 16
 
 
 def needs_tifffile(picture: ImageFile) -> bool:
@@ -71,12 +71,12 @@ def needs_tifffile(picture: ImageFile) -> bool:
     if bits <= 8 and SIGNED not in tags.get(SAMPLE_FORMAT, ()):
         return unpacked and math.prod(picture.size) > MAX_PIXELS
     if picture.mode == "F" and not unpacked:
-        return False  # Pillow reads grey floats by libtiff
+        return False  # Pillow reads grey floats with libtiff
     return unpacked or tags.get(PLANES) == 2 or tags.get(PHOTOMETRIC) == WHITE_IS_ZERO or picture.mode == "I"
 
 
 def codec_needs(compression: int, bits: int, predictor: int) -> list[str]:
-    """Explain why tifffile needs the package imagecodecs for a page; "" if it does not."""
+    """Explain why tifffile needs the package imagecodecs for a page; empty if it does not."""
     needs = []
     if compression not in UNPACKED:
         needs.append(f"packed as {PACKINGS.get(compression, f'compression {compression}')}")
@@ -88,12 +88,12 @@ def codec_needs(compression: int, bits: int, predictor: int) -> list[str]:
 
 
 def has_codecs() -> bool:
-    """Test whether imagecodecs is installed, with which tifffile unpacks more kinds."""
+    """Check whether imagecodecs is installed, which lets tifffile unpack more formats."""
     return find_spec("imagecodecs") is not None
 
 
 def is_rarely_packed(picture: ImageFile) -> bool:
-    """Test whether Pillow may be unable to unpack a TIFF; refuse it (UserError) if nothing else can either."""
+    """Check whether Pillow may be unable to unpack a TIFF; refuse (UserError) it if no other package can."""
     compression = picture.tag_v2.get(COMPRESSION, 1) if isinstance(picture, TiffImageFile) else 1
     if compression in RARE and not has_codecs():
         needs = f"packed as {PACKINGS[compression]}, which needs a decoder; pip install 'brushexp[tiff]'"
@@ -102,7 +102,7 @@ def is_rarely_packed(picture: ImageFile) -> bool:
 
 
 def as_stored(samples: np.ndarray, picture: Image.Image) -> np.ndarray:
-    """Restore the byte order of a TIFF's floats, which Pillow swaps again after libtiff has done so."""
+    """Restore the byte order of a TIFF's floats, which Pillow swaps again after libtiff has swapped it."""
     is_exchanged = isinstance(picture, TiffImageFile) and picture.use_load_libtiff and picture.tag_v2.prefix == b"MM"
     return samples.byteswap() if is_exchanged and samples.dtype.kind == "f" else samples
 
@@ -118,13 +118,13 @@ def by_libtiff() -> Iterator[None]:
 
 
 def is_misread(path: Path) -> bool:
-    """Test whether Pillow would mistake tiles for strips, strips for tiles, or the last bit for the first."""
+    """Check whether Pillow would mistake tiles for strips, strips for tiles, or the last bit for the first."""
     first = first_directory(path)
     return first is not None and (first.mixes_tiles_with_strips or first.number(FILL_ORDER) == LAST_BIT_FIRST)
 
 
 def mend_palette(picture: Image.Image) -> None:
-    """Fix the colours of a TIFF with an 8-bit colour map, which Pillow takes for 16 bits and so for black."""
+    """Fix the colours of a TIFF with an 8-bit colour map, which Pillow reads as 16 bits and so as black."""
     if not isinstance(picture, TiffImageFile) or picture.mode not in ("P", "PA"):
         return
     numbers = picture.tag_v2.get(COLOR_MAP, ())
@@ -134,7 +134,7 @@ def mend_palette(picture: Image.Image) -> None:
 
 
 def main_page(path: Path, picture: ImageFile) -> IO[bytes] | None:
-    """Open a TIFF at its main picture if a smaller copy comes first; None otherwise.
+    """Open a TIFF at its main picture if a smaller copy comes first; otherwise return None.
 
     A UserError refuses raw sensor data.
     """
@@ -147,7 +147,7 @@ def main_page(path: Path, picture: ImageFile) -> IO[bytes] | None:
     chosen = main_directory(path)
     if chosen is None or chosen.place == first.place:
         return None
-    file = bytearray(path.read_bytes())  # in which that page comes first
+    file = bytearray(path.read_bytes())  # a copy in which the chosen page comes first
     at, order = _place_of_first_page(file)
     file[at] = chosen.place.to_bytes(at.stop - at.start, order)
     return io.BytesIO(file)
@@ -158,12 +158,12 @@ def _place_of_first_page(head: bytes | bytearray) -> tuple[slice, Literal["littl
 
 
 def pages_in(path: Path) -> int:
-    """Count the pages of a TIFF up to the first damaged one, without smaller copies of other pages."""
+    """Count the pages of a TIFF up to the first damaged one, excluding smaller copies of other pages."""
     return sum(not page.is_reduced for page in directories(path))
 
 
 def read_tiff(file: Path | IO[bytes], backdrop: float, colors: Colors, side: int | None) -> np.ndarray:
-    """Decode the first page as `read_picture` does; ``colors`` take precedence over a profile of the page.
+    """Decode the first page like `read_picture`; ``colors`` take precedence over a profile of the page.
 
     Pages above 100 megapixels are averaged to at least ``side`` pixels on the longer side.
     """
@@ -171,7 +171,7 @@ def read_tiff(file: Path | IO[bytes], backdrop: float, colors: Colors, side: int
 
     if not isinstance(file, Path):
         file.seek(0)
-    with TiffFile(file, is_lsm=False) as tiff:  # it would look at all pages of those, also in circles
+    with TiffFile(file, is_lsm=False) as tiff:  # otherwise it follows all pages, even in circles
         page = tiff.pages[0]
         assert isinstance(page, TiffPage)
         check_pixels(page.imagewidth, page.imagelength, "TIFF", side)
@@ -181,7 +181,7 @@ def read_tiff(file: Path | IO[bytes], backdrop: float, colors: Colors, side: int
         needs = codec_needs(page.compression, page.bitspersample, page.predictor)
         if needs and not has_codecs():
             raise UserError(f"is a TIFF {' and '.join(needs)}, which needs a decoder; pip install 'brushexp[tiff]'")
-        if math.prod(page.chunked) > len(page.dataoffsets):  # each would be made up, one by one
+        if math.prod(page.chunked) > len(page.dataoffsets):  # tifffile would fill in each missing piece
             raise UserError("is damaged: some rows are missing; get the whole file")
         samples = _samples(page, side)
         orientation, profile = (page.tags.valueof(code) for code in (ORIENTATION, PROFILE))
@@ -203,7 +203,7 @@ def read_tiff(file: Path | IO[bytes], backdrop: float, colors: Colors, side: int
 
 
 def _palette_of(page: Any) -> np.ndarray:
-    """Read the palette (N, 3) of a page, in [0, 1], to which its samples refer."""
+    """Read the palette (N, 3), in [0, 1], that the samples of a page index."""
     numbers = np.asarray(page.colormap)
     levels = numbers if numbers.max() < EIGHT_BIT else numbers >> 8
     return levels.T.astype(np.float32) / 255
@@ -215,14 +215,14 @@ def _colors_in(page: Any) -> int:
         raise UserError(f"is a CMYK TIFF with {page.bitspersample} bits per colour; save it with 8 bits, or as RGB")
     count = CHANNELS.get(page.photometric, 0)
     is_counted = count <= page.samplesperpixel <= max(count + 1, 4) and page.axes in ("YX", "YXS", "SYX")
-    is_averaged = page.imagewidth * page.imagelength > MAX_PIXELS  # which numbers of colours cannot be
+    is_averaged = page.imagewidth * page.imagelength > MAX_PIXELS  # indices into a palette cannot be averaged
     if not count or not is_counted or (is_averaged and page.photometric == PALETTE):
         raise UserError(f"is a TIFF that is neither grey nor RGB; {CURE}")
     return count
 
 
 def _samples(page: Any, side: int | None) -> np.ndarray:
-    """Read the samples (H, W, C) of a page, averaged over squares if it is too large."""
+    """Read the samples (H, W, C) of a page, averaged over squares if the page is too large."""
     if page.imagewidth * page.imagelength > MAX_PIXELS:
         return _means(page, side or 1)
     samples = np.atleast_3d(page.asarray())

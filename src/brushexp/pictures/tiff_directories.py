@@ -1,4 +1,4 @@
-"""Walk the directories of a TIFF file (TIFF 6.0; BigTIFF), each once, because links may form circles."""
+"""Walk the directories of a TIFF file (TIFF 6.0; BigTIFF); each is visited once, because links may form circles."""
 
 from __future__ import annotations
 
@@ -8,40 +8,40 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-MOST_DIRECTORIES = 10_000  # of a file, which are looked at
-MOST_TAGS = 4096  # of a directory
-MOST_VALUES = 2**22  # of a tag: places of strips, for instance
-WHOLE_NUMBERS = {1: "B", 3: "H", 4: "I", 13: "I", 16: "Q", 18: "Q"}  # types of values, and those of `struct`
+MOST_DIRECTORIES = 10_000  # maximum number of directories read in a file
+MOST_TAGS = 4096  # maximum number of tags in a directory
+MOST_VALUES = 2**22  # maximum number of values of a tag, such as the offsets of strips
+WHOLE_NUMBERS = {1: "B", 3: "H", 4: "I", 13: "I", 16: "Q", 18: "Q"}  # types of values -> format characters of `struct`
 SUBFILE, SUB_IFDS = 254, 330  # tags
-JPEG_TABLES, BYTES = 347, "B"  # a tag of undefined type, and the type that it has
+JPEG_TABLES, BYTES = 347, "B"  # a tag of undefined type, and its actual type
 STRIPS, STRIP_BYTES, TILE_WIDTH, TILES, TILE_BYTES = 273, 279, 322, 324, 325
 REDUCED = 1  # bit of SUBFILE: a smaller copy of another picture of the file
-OLD_SUBFILE, OLD_REDUCED = 255, 2  # the same, as it was said before TIFF 6.0
+OLD_SUBFILE, OLD_REDUCED = 255, 2  # the same before TIFF 6.0
 WIDTH, LENGTH, BITS, COMPRESSION, PHOTOMETRIC = 256, 257, 258, 259, 262
-FILL_ORDER, LAST_BIT_FIRST = 266, 2  # a tag, and its value where bytes begin with their last bit
+FILL_ORDER, LAST_BIT_FIRST = 266, 2  # a tag, and its value if bytes begin with their last bit
 MAGIC = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 BIG = b"+"  # third or fourth byte of a BigTIFF
 
 
 @dataclass(frozen=True)
 class Directory:
-    """The description of one picture of a file."""
+    """The description of a single picture in a file."""
 
-    place: int  # byte of the file at which it begins
-    numbers: dict[int, tuple[int, ...]]  # by tag: its whole numbers
+    place: int  # offset in the file
+    numbers: dict[int, tuple[int, ...]]  # tag -> its integers
 
     def number(self, tag: int) -> int:
-        """Return the first whole number of a tag; 0 if there is none."""
+        """Return the first integer of a tag, or 0."""
         return self.numbers.get(tag, (0,))[0]
 
     @property
     def is_reduced(self) -> bool:
-        """Tell whether the picture is a smaller copy of another one."""
+        """Return whether the picture is a smaller copy of another one."""
         return bool(self.number(SUBFILE) & REDUCED) or self.number(OLD_SUBFILE) == OLD_REDUCED
 
     @property
     def mixes_tiles_with_strips(self) -> bool:
-        """Tell whether tile offsets are stored under the tag for strips, or the other way round."""
+        """Return whether tile offsets are stored under the tag for strips, or vice versa."""
         is_tiled = TILE_WIDTH in self.numbers
         return (TILES if is_tiled else STRIPS) not in self.numbers and (STRIPS if is_tiled else TILES) in self.numbers
 
@@ -57,7 +57,7 @@ class Directory:
 
 
 def directories(path: Path) -> Iterator[Directory]:
-    """Yield the directories of a file in order, up to a damaged one or one already seen."""
+    """Yield the directories of a file in order, up to the first that is damaged or already seen."""
     with path.open("rb") as file:
         head = file.read(16)
         order = "<" if head[:1] == b"I" else ">"
@@ -89,7 +89,7 @@ def directories_below(path: Path, directory: Directory) -> Iterator[Directory]:
 
 
 def main_directory(path: Path) -> Directory | None:
-    """Find the directory of the main picture: the first that is not a smaller copy, otherwise the largest."""
+    """Find the directory of the main picture: the first that is not a smaller copy, or else the largest."""
     first = first_directory(path)
     if first is None or not first.is_reduced:
         return first
@@ -104,7 +104,7 @@ def first_directory(path: Path) -> Directory | None:
         is_tiff = file.read(4) in MAGIC
     try:
         return next(directories(path), None) if is_tiff else None
-    except struct.error:  # a file of a few bytes
+    except struct.error:  # the file has only a few bytes
         return None
 
 
@@ -132,7 +132,7 @@ def _directory(file: IO[bytes], place: int, order: str, is_big: bool) -> tuple[D
 
 
 def _numbers(file: IO[bytes], order: str, form: str | None, length: int, value: bytes) -> tuple[int, ...]:
-    """Read the integers of a tag, from its entry or from where it points; empty for other types."""
+    """Read the integers of a tag from its entry or from the place to which it points; empty for other types."""
     if form is None or not 0 < length <= MOST_VALUES:
         return ()
     whole = struct.Struct(f"{order}{length}{form}")

@@ -15,20 +15,20 @@ from PIL import Image
 from brushexp.system.files import replacing
 
 log = logging.getLogger(__name__)
-MOST_FPS = 50  # players show GIFs that are faster than this slowly
-MOST_SECONDS = 300  # of a film; its last picture may stay as long again
-LARGEST_SIDE = 4096  # pixels: what players of H.264 take
-# On canvases of this size slower presets save little; with mbtree small films differ from one encoding to the next.
+MOST_FPS = 50  # players show faster GIFs slowly
+MOST_SECONDS = 300  # maximum duration of a film; its last picture may stay as long again
+LARGEST_SIDE = 4096  # pixels; limit of H.264 players
+# On canvases of this size, slower presets save little; with mbtree, small films differ between encodings.
 X264 = {"crf": "19", "preset": "veryfast", "x264-params": "mbtree=0"}
 FAST_START = {"movflags": "faststart"}
-IN_ORDER = {"bf": "0"}  # readers add up wrong lengths of pictures that stay for different times and come out of order
-BT709 = 1  # FFmpeg's number for the usual colour space of video, and for its usual range of values
-GIF_SIDE = 480  # pixels: larger GIFs take many megabytes
-GIF_TOLERANCE = 6  # levels of 255: a pixel of a GIF that changes by no more than this stays as it is shown
-KEEP = 1  # GIF's number for "leave this frame where it is; the next one is laid over it"
+IN_ORDER = {"bf": "0"}  # readers sum durations incorrectly if pictures have different durations and are out of order
+BT709 = 1  # FFmpeg's number for the usual colour space of video and its usual range of values
+GIF_SIDE = 480  # pixels; larger GIFs take many megabytes
+GIF_TOLERANCE = 6  # levels of 255; a pixel that changes by no more keeps its displayed value
+KEEP = 1  # GIF's number for "keep this frame; the next one is drawn over it"
 
 Array = np.ndarray
-Show = Callable[[Array, int], None]  # a picture (H, W, 3) of bytes, and for how many ticks it stays
+Show = Callable[[Array, int], None]  # arguments: a picture (H, W, 3) of bytes, and its duration in ticks
 
 
 class Film(NamedTuple):
@@ -46,8 +46,8 @@ def filming(
 
     A video with an odd height or width (``size``) repeats its last row or column, and a GIF is shrunk to at most
     ``GIF_SIDE`` pixels. ``rate`` is ticks per second, at most ``MOST_FPS``, and a video repeats a frame that stays for
-    several ticks. With a ``usual`` frame rate it stores each frame once, at its own time, and ticks may be much finer.
-    The first frame is shown at tick ``begin``. A UserError is raised if the file cannot be written.
+    several ticks. With a ``usual`` frame rate, the video stores each frame once, at its own time, and ticks may be much
+    finer. The first frame is shown at tick ``begin``. Raises a UserError if the file cannot be written.
     """
     av = _encoder(kind)
     if av is None and kind != "gif":
@@ -59,12 +59,12 @@ def filming(
 
 
 def largest_side(kind: str) -> int:
-    """Return the largest longer side of a film in pixels."""
+    """Return the limit of the longer side of a film, in pixels."""
     return GIF_SIDE if _encoder(kind) is None else LARGEST_SIDE
 
 
 def _encoder(kind: str) -> ModuleType | None:
-    """Import PyAV if this kind of film is a video and PyAV is installed with an encoder for H.264; otherwise None."""
+    """Import PyAV if this kind of film is a video and PyAV has an encoder for H.264; otherwise return None."""
     if kind == "gif":
         return None
     try:
@@ -78,16 +78,16 @@ def _encoder(kind: str) -> ModuleType | None:
 def _mp4(
     path: Path, size: tuple[int, int], rate: Fraction, usual: Fraction | None, begin: int, av: ModuleType
 ) -> Iterator[Show]:
-    odd = [(0, side % 2) for side in size]  # the colours of H.264 come in squares of two pixels
+    odd = [(0, side % 2) for side in size]  # H.264 stores colours in squares of 2 x 2 pixels
     with replacing(path) as temporary, av.open(str(temporary), "w", options=FAST_START) as container:
         stream = container.add_stream("libx264", rate=usual or rate, options=X264 | (IN_ORDER if usual else {}))
         stream.height, stream.width = (side + side % 2 for side in size)
         stream.pix_fmt = "yuv420p"
-        coding = stream.codec_context  # said in the file, because players guess differently where it is not
+        coding = stream.codec_context  # declared in the file, because players make different guesses otherwise
         coding.colorspace = coding.color_primaries = coding.color_trc = coding.color_range = BT709
         coding.time_base = 1 / rate
         tick = begin
-        stays: dict[int, int] = {}  # how long the picture of a tick does: the encoder forgets it, and so the last one's
+        stays: dict[int, int] = {}  # tick of a picture -> its duration, which the encoder forgets
 
         def mux(packets: Iterable[Any]) -> None:
             for packet in packets:
@@ -109,11 +109,11 @@ def _mp4(
 
 @contextmanager
 def _gif(path: Path, rate: Fraction) -> Iterator[Show]:
-    """Write frames with changed pixels only, which keeps files small and free of flicker."""
+    """Write frames that contain only changed pixels, which keeps files small and free of flicker."""
     frames: list[Image.Image] = []
-    begins: list[int] = []  # of the frames, in ticks
+    begins: list[int] = []  # starts of the frames, in ticks
     now = 0
-    screen: Array = np.array(-1000)  # each pixel as it was when it last changed; at first unlike any
+    screen: Array = np.array(-1000)  # each pixel at its last change; initially unlike any colour
 
     def show(picture: Array, ticks: int) -> None:
         nonlocal now, screen
@@ -138,7 +138,7 @@ def _gif(path: Path, rate: Fraction) -> Iterator[Show]:
 
 
 def _cut_out(picture: Array, changed: Array) -> Image.Image:
-    """Encode the changed pixels of a picture in their own 255 colours and make all others transparent."""
+    """Encode the changed pixels of a picture with 255 colours of their own, and make all others transparent."""
     small = Image.fromarray(picture[changed][None]).quantize(255)
     palette = small.getpalette() or []
     index = np.full(changed.shape, len(palette) // 3, np.uint8)

@@ -1,1 +1,1 @@
-"""Shipped plugins: one folder per family, in which ``base.py`` is the contract and every other file a plugin."""
+"""Shipped plugins, with one folder per family: ``base.py`` is the contract, and every other file a plugin."""

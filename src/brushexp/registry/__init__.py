@@ -1,4 +1,4 @@
-"""Turn classes into typed choices on the command line; find, build and check plugins."""
+"""Turn classes into typed choices on the command line, and find, build and check plugins."""
 
 from brushexp.registry.building import (
     build,

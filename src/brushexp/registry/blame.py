@@ -1,4 +1,4 @@
-"""Report errors in users' plugins in one line with family, name and file; the run's log has the traceback."""
+"""Report errors in users' plugins in one line with family, name and file; the run's log contains the traceback."""
 
 import inspect
 import logging
@@ -38,7 +38,7 @@ def naming_plugins() -> Iterator[None]:
 
 
 def mistake_of(error: BaseException) -> str | None:
-    """Describe the innermost line of a user's plugin in a traceback; None if there is none.
+    """Describe the innermost line of a user's plugin in a traceback; None if no line belongs to such a plugin.
 
     Without such a line, a method of ours that runs on an object of a user's class counts as the class's own.
     """
@@ -79,7 +79,7 @@ def name_member(family: str, member: object, name: str = "") -> str:
 
 
 def _owner_of(frames: Sequence[FrameType], owners: Sequence[Plugin]) -> Plugin | None:
-    """Find which of several plugins in one file a call belongs to, searching its frames from the innermost outwards.
+    """Find which of several plugins in one file a call belongs to, from its innermost frame outwards.
 
     A function belongs to the class of its ``self`` or to the class around its definition. A function of another class,
     such as a hook passed to Lightning, or of no class belongs to the only plugin whose methods mention it.

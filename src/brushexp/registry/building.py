@@ -12,7 +12,7 @@ from brushexp.registry.families import CORE, FAMILIES, FOLDERS, SEARCH_PATH
 from brushexp.registry.plugin import Plugin, member, plugins
 from brushexp.system.reading import check_plain, in_short
 
-LOSSES_OF_STYLE = "style"  # key above losses that are not in a list
+LOSSES_OF_STYLE = "style"  # key of losses that are not in the list ``loss``
 
 _kept: dict[str, Any] = {}  # config node as YAML -> plugin that a check built from it
 
@@ -20,8 +20,8 @@ _kept: dict[str, Any] = {}  # config node as YAML -> plugin that a check built f
 def plugin_of(node: DictConfig, family: str = "") -> Plugin:
     """Find the plugin named by the ``_target_`` of a config node, or raise a UserError if it is not registered.
 
-    A target is ``family/name``. Files of brushexp 0.1 have the path of the class instead, which tells the family if
-    ``family`` and the node's place do not; the class may have moved to another module since.
+    A target is ``family/name``. Files of brushexp 0.1 have the path of the class instead, which determines the family
+    if ``family`` and the node's place do not; the class may have moved to another module since.
     """
     target = str(node._target_)
     if "/" in target:
@@ -53,12 +53,12 @@ def _member_of_class(path: str, family: str) -> Plugin | None:
         folder = match[1]
         family = next((one for one in FAMILIES if FOLDERS[one] == folder), family)
     candidates = plugins(family) if family else plugins()
-    candidates.sort(key=lambda plugin: plugin.name != module.rpartition(".")[2])  # most have the name of their file
+    candidates.sort(key=lambda plugin: plugin.name != module.rpartition(".")[2])  # most are named after their file
     return next((plugin for plugin in candidates if plugin.cls.__qualname__ == name), None)
 
 
 def family_of_key(key: str) -> str:
-    """Return the family of the plugin at a key of a config; "" if there is none.
+    """Return the family of the plugin at a key of a config, or "".
 
     >>> family_of_key("loss.mse.weight"), family_of_key("style.loss"), family_of_key("steps")
     ('loss', 'loss', '')
@@ -68,7 +68,7 @@ def family_of_key(key: str) -> str:
 
 
 def build(node: DictConfig, *runtime: object, family: str = "") -> Any:
-    """Build the plugin of a config node; raise a UserError that names an option that does not fit its class."""
+    """Build the plugin of a config node; raise a UserError that names an option that its class does not accept."""
     plugin = plugin_of(node, family)
     options = options_in(node, plugin.path, family)
     attributes = {name: options.pop(name) for name in getattr(plugin.cls, "tunable", ())}
@@ -79,7 +79,7 @@ def build(node: DictConfig, *runtime: object, family: str = "") -> Any:
 
 
 def keep_built(node: DictConfig) -> Any:
-    """Build the plugin of a config node for the check of a run, and keep it for the run (`take_built`)."""
+    """Build the plugin of a config node to check a run, and keep it for the run (`take_built`)."""
     text = OmegaConf.to_yaml(node, resolve=True)
     if text not in _kept:
         _kept[text] = build(node)
@@ -87,22 +87,22 @@ def keep_built(node: DictConfig) -> Any:
 
 
 def take_built(node: DictConfig) -> Any:
-    """Take the plugin that a check kept for a config node, or build one; no two runs share an object."""
+    """Return the plugin that a check kept for a config node, or build one; no two runs share an object."""
     text = OmegaConf.to_yaml(node, resolve=True)
     return _kept.pop(text) if text in _kept else build(node)
 
 
 def drop_built() -> None:
-    """Drop plugins that checks built and no run has taken."""
+    """Drop plugins that checks built but no run has used."""
     _kept.clear()
 
 
 def options_in(node: DictConfig, path: str, family: str = "") -> dict[str, Any]:
-    """Read the options of a plugin from its config node; refuse (UserError) values that do not fit."""
+    """Read the options of a plugin from its config node; refuse (UserError) values that it does not accept."""
     plugin = plugin_of(node, family)
     typed: DictConfig = OmegaConf.structured(plugin.config)
     try:
-        typed.merge_with(literal(OmegaConf.to_container(node, resolve=True)))  # types in a worker are copies of ours
+        typed.merge_with(literal(OmegaConf.to_container(node, resolve=True)))  # a worker has copies of our types
         options: Any = OmegaConf.to_container(typed, resolve=True, throw_on_missing=True)
     except MissingMandatoryValue as error:
         missing = f"{path}.{error.full_key}"
@@ -120,7 +120,7 @@ def options_in(node: DictConfig, path: str, family: str = "") -> dict[str, Any]:
 
 
 def literal(data: Any) -> Any:
-    """Escape the texts of nested data so that OmegaConf finds no interpolations when it resolves them."""
+    """Escape the strings in nested data so that OmegaConf finds no interpolations when it resolves them."""
     if isinstance(data, str):
         return re.sub(r"(\\*)\$\{", r"\1\1\\${", data)
     if isinstance(data, dict):
@@ -129,7 +129,7 @@ def literal(data: Any) -> Any:
 
 
 def _hidden_key(data: Any) -> str:
-    """Find the first key that begins with ``_``, like those by which Hydra finds code; "" if there is none."""
+    """Find the first key that begins with ``_``, like the keys with which Hydra locates code; "" if none does."""
     if isinstance(data, dict):
         own = (key for key in data if str(key).startswith("_"))
         return str(next(own, "")) or _hidden_key(list(data.values()))

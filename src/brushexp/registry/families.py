@@ -11,16 +11,16 @@ FAMILIES = {
     "order": "strokes -> depth",
     "loss": "painting -> number to minimise",
     "metric": "finished painting -> measure of quality",
-    "density": "when strokes are added and removed",
-    "sampler": "which part of the canvas a step looks at",
+    "density": "when to add and remove strokes",
+    "sampler": "which part of the canvas a step compares",
     "optimizer": "how strokes move",
     "change": "changes to one painting",
     "engine": "brush simulators: stroke parameters -> picture of one stroke",
     "callbacks": "extra actions during a fit",
     "logger": "destinations of the curves of a run",
-    "to": "finished painting -> files of other programs",
+    "to": "finished painting -> files for other programs",
 }
-FOLDERS = {family: family for family in FAMILIES} | {"to": "export"}  # folder of each below `brushexp.plugins`
+FOLDERS = {family: family for family in FAMILIES} | {"to": "export"}  # folder of each family below `brushexp.plugins`
 MULTI_SELECT = (
     "loss",
     "metric",
@@ -28,7 +28,7 @@ MULTI_SELECT = (
     "callbacks",
     "logger",
     "to",
-)  # families that allow several members in one run
+)  # families of which a run may have several members
 CORE = "brushexp."  # prefix of the program's own modules
 SEARCH_PATH = "BRUSHEXP_PLUGINS"  # environment variable with more plugin folders
 USER_PACKAGE = "brushexp_plugins"  # import name of all files in plugin folders

@@ -23,7 +23,7 @@ def load_plugins(directory: Path, *, warns: bool = True) -> list[str]:
     """Announce built-in members, and import ``directory/*.py`` and the folders in ``BRUSHEXP_PLUGINS``.
 
     Members of the program and of packages are imported when they are chosen. A user's file that cannot be imported is
-    left out, with a warning if this ``warns``; `missing_because` repeats it when a name is missing.
+    left out, with a warning if ``warns``; `missing_because` repeats the warning when a name is missing.
     """
     for family in FAMILIES:
         _announce_core(family)
@@ -46,9 +46,9 @@ def _announce_core(family: str) -> None:
 
 
 def _import_files(files: list[Path], warns: bool) -> list[str]:
-    """Import files of the user and list the names of those that could be imported."""
+    """Import the user's files, and list the names of those that could be imported."""
     package = sys.modules.setdefault(USER_PACKAGE, ModuleType(USER_PACKAGE, "Plugins of the user."))
-    package.__path__ = sorted({str(path.parent) for path in files})  # workers import classes of configs from there
+    package.__path__ = sorted({str(path.parent) for path in files})  # workers import classes of configs from here
     importlib.invalidate_caches()
     _broken.clear()
     for path in files:
@@ -63,17 +63,17 @@ def _import_files(files: list[Path], warns: bool) -> list[str]:
 
 
 def broken_files() -> dict[str, str]:
-    """Map the files of the user that could not be loaded to the reasons."""
+    """Map the user's files that could not be loaded to the reasons."""
     return dict(_broken)
 
 
 def missing_because() -> str:
-    """Say which files of the user could not be loaded, for messages about missing names; "" if none."""
+    """Explain which user files could not be loaded, for messages about missing names; "" if all were."""
     return "".join(f". {reason}" for reason in _broken.values())
 
 
 def _plugin_files(directory: Path) -> Iterator[Path]:
-    """List the plugin files in a fixed order; refuse two files of one name."""
+    """Yield the plugin files in a fixed order; refuse two files with the same name."""
     extra = [Path(part) for part in os.environ.get(SEARCH_PATH, "").split(os.pathsep) if part]
     for folder in extra:
         if not folder.is_dir():

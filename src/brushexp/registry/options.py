@@ -1,4 +1,4 @@
-"""List the options of a plugin: keyword-only parameters of ``__init__``, and attributes tunable by contract."""
+"""List the options of a plugin: keyword-only parameters of ``__init__``, and attributes that its contract declares."""
 
 import inspect
 from copy import copy
@@ -28,7 +28,7 @@ def options_of(cls: type) -> list[tuple[str, Any, Any]]:
 
 
 def structured_config(cls: type, target: str) -> type:
-    """Derive a dataclass for OmegaConf: ``_target_``, and a typed field for each option, without its bounds."""
+    """Derive a dataclass for OmegaConf: ``_target_``, and a typed field for each option, without bounds."""
     options = [
         (name, plain_type(kind), field(default_factory=partial(copy, value))) for name, kind, value in options_of(cls)
     ]

@@ -21,7 +21,7 @@ from brushexp.registry.options import options_of, structured_config
 from brushexp.registry.sources import note_source
 from brushexp.system.published import published
 
-ENTRY_POINTS = "brushexp.plugins"  # entry-point group: "family.name" -> the module that defines the class
+ENTRY_POINTS = "brushexp.plugins"  # entry-point group: "family.name" -> module that defines the class
 DISTRIBUTION = "brushexp"  # distribution whose entry points are ours
 
 C = TypeVar("C", bound=type)
@@ -33,7 +33,7 @@ class Plugin:
 
     family: str
     name: str
-    module: str  # that defines the class, or a package around it
+    module: str  # module that defines the class, or a package that contains it
     source: str  # source for messages: a file or an entry point
     load: Callable[[], object]  # imports the module
     is_ours: bool  # whether it ships with the program; results of other plugins are checked
@@ -59,12 +59,12 @@ class Plugin:
 
     @property
     def path(self) -> str:
-        """Key above its options."""
+        """Key above the plugin's options."""
         return f"{self.family}.{self.name}" if self.family in MULTI_SELECT else self.family
 
     @cached_property
     def config(self) -> type:
-        """Dataclass of its options."""
+        """Dataclass of the plugin's options."""
         return structured_config(self.cls, self.target)
 
     @cached_property
@@ -88,7 +88,7 @@ class Plugin:
 
     @property
     def facts(self) -> dict[str, str]:
-        """Return the facts by which a member is chosen, from name to value."""
+        """Return the facts that help users choose a member, from name to value."""
         return dict(getattr(self.cls, "facts", dict)())
 
     def check(self, path: str, options: Mapping[str, Any]) -> None:
@@ -111,7 +111,7 @@ _classes: dict[tuple[str, str], type] = {}  # plugins whose modules are imported
 def announce(plugin: Plugin) -> None:
     """Make a plugin a choice of Hydra's group ``family``; refuse (UserError) a name that is taken.
 
-    The config of its options is built when Hydra reads it.
+    Its config is built when Hydra reads it.
     """
     check_family(plugin.family)
     key = plugin.family, plugin.name
@@ -120,8 +120,8 @@ def announce(plugin: Plugin) -> None:
         taken = f"{plugin.family}={plugin.name} is taken by {_members[key].module}"
         raise UserError(f"{taken}; give the one in {plugin.module} another name")
     _members[key] = plugin
-    if is_new:  # otherwise Hydra has it, perhaps with options of looks around it
-        # A worker process of a sweep inherits a filled store and stores the same node again, which is no clash.
+    if is_new:  # otherwise Hydra has it already, perhaps with options of looks around it
+        # A worker process of a sweep inherits a filled store and stores the same node again, which is not a clash.
         store_when_read(plugin.family, plugin.name, partial(_config_of, *key), plugin.module, package=plugin.path)
 
 
@@ -134,7 +134,7 @@ def withdraw(module: str) -> None:
 
 
 def is_ours(module: str) -> bool:
-    """Tell whether a module ships with the program, in the core or in one of its packages."""
+    """Check whether a module ships with the program, in the core or in one of its packages."""
     return module.startswith(CORE) or module.partition(".")[0] in _our_packages()
 
 
@@ -183,7 +183,7 @@ def register(family: str, name: str) -> Callable[[C], C]:
         _classes[family, name] = cls
         if not plugin.is_ours:
             note_source(cls)
-            OmegaConf.structured(plugin.config)  # refuses an option without a type now
+            OmegaConf.structured(plugin.config)  # refuses an option without a type immediately
         return cls
 
     return publish
@@ -201,7 +201,7 @@ def loaded_plugins() -> list[Plugin]:
 
 
 def member(family: str, name: str) -> Plugin | None:
-    """Find a plugin by family and name; None if there is none."""
+    """Find a plugin by family and name; None if it does not exist."""
     return _members.get((family, name))
 
 

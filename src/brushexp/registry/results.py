@@ -18,14 +18,14 @@ from brushexp.strokes.catalogue import check_strokes
 
 
 def _describe(value: Any) -> str:
-    """Describe a result in a few words: its value if short, otherwise its type, with the shape of a tensor."""
+    """Describe a result in a few words: its value if that is short, otherwise its type, with the shape of a tensor."""
     if isinstance(value, Tensor):
         return f"{type(value).__name__} {tuple(value.shape)} of {value.dtype}"
     return repr(value) if isinstance(value, str | Real | None) else type(value).__name__
 
 
 def _is_real(value: Any, shape: tuple[int, ...]) -> bool:
-    """Tell whether a value is a tensor of floats with this shape."""
+    """Check whether a value is a tensor of floats with this shape."""
     return isinstance(value, Tensor) and value.shape == shape and value.dtype.is_floating_point
 
 
@@ -141,7 +141,7 @@ def _problem_of_encoding(result: Any, color: Tensor, **_: object) -> str:
     return "" if fits else f"{_describe(result)}, not channels {(*color.shape[:-1], 'C')}"
 
 
-PROBLEMS: dict[tuple[str, str], Callable[..., str]] = {  # says what is wrong with a result, or ""
+PROBLEMS: dict[tuple[str, str], Callable[..., str]] = {  # functions that return what is wrong with a result, or ""
     ("palette", "__call__"): _problem_of_picture,
     ("paper", "cover"): _wanted(lambda result, flat, *_: flat.shape, "a picture"),
     ("paper", "relief"): _problem_of_heights,
@@ -187,7 +187,7 @@ def check_results(family: str, name: str, cls: type, contract: str) -> None:
 
 
 def _check_arguments(function: Callable[..., Any], contract: Callable[..., Any], who: str) -> None:
-    """Refuse (UserError) a method that cannot be called with the arguments of its contract."""
+    """Refuse (UserError) a method that cannot be called with the arguments in its contract."""
     ours, theirs = (inspect.signature(one).parameters for one in (contract, function))
     positional = [name for name, one in ours.items() if one.kind is one.POSITIONAL_OR_KEYWORD]
     named = {name: None for name, one in ours.items() if one.kind is one.KEYWORD_ONLY}
@@ -220,7 +220,7 @@ def _checked(function: Callable[..., Any], kind: Any, problem_of: Callable[..., 
 
 
 def _problem_of_device(result: Any, args: Sequence[object]) -> str:
-    """Report a tensor on another device than the arguments."""
+    """Report a tensor that is on a different device from the arguments."""
     if not isinstance(result, Tensor):
         return ""
     parts = [part for value in args for part in (value, *getattr(value, "__dict__", {}).values())]

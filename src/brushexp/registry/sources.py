@@ -1,4 +1,4 @@
-"""Record the SHA-256 of the files of users' plugins at their import."""
+"""Record the SHA-256 of the files of users' plugins when they are imported."""
 
 import sys
 from collections.abc import Iterable
@@ -7,7 +7,7 @@ from pathlib import Path
 from brushexp.registry.families import USER_PACKAGE
 from brushexp.system.reading import digest_of
 
-_digests: dict[str, str] = {}  # module -> SHA-256 of its file when one of its plugins was registered
+_digests: dict[str, str] = {}  # module -> SHA-256 of its file at the time when one of its plugins was registered
 
 
 def note_source(cls: type) -> None:
@@ -25,7 +25,7 @@ def file_of(module: str) -> Path | None:
 
 
 def place_of(cls: type) -> str:
-    """Say where a class is defined, for messages: its file, or its module if it has no file."""
+    """Return where a class is defined, for messages: its file, or its module if it has no file."""
     return str(file_of(cls.__module__) or cls.__module__)
 
 

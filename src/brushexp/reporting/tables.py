@@ -14,12 +14,12 @@ if TYPE_CHECKING:
     # A row per element and a column per key, or a data frame without its index.
     Rows: TypeAlias = DataFrame | Sequence[Mapping[str, Any]] | Mapping[str, Sequence[Any]]
 
-MISSING = "–"  # text for a missing number
-NUMBER = re.compile(rf"([-+]?\d[\d.,e+-]*( ± [\d.e+-]+)?|-?inf|{MISSING}|)")  # a number or its replacement
+MISSING = "–"  # text in place of a missing number
+NUMBER = re.compile(rf"([-+]?\d[\d.,e+-]*( ± [\d.e+-]+)?|-?inf|{MISSING}|)")  # a number or the text in its place
 
 
 def csv_table(rows: Rows, significant: int | None = None) -> str:
-    """Write a table as CSV; missing numbers are empty, floats have ``significant`` digits, or all digits for None."""
+    """Write a table as CSV; missing numbers are empty, floats have ``significant`` digits, or all for None."""
     frame = _frame(rows)
     if significant is not None:
         frame = frame.map(lambda x: f"{x:.{significant}g}" if isinstance(x, float) and math.isfinite(x) else x)
@@ -32,7 +32,7 @@ def markdown_table(
     """Write a table as Markdown.
 
     ``digits`` gives the decimals of each column. ``align`` is "l" or "r" for each column, as in LaTeX; None aligns
-    columns of numbers on the right. Without ``escape`` the cells are Markdown already.
+    columns of numbers on the right. Without ``escape``, the cells must already be Markdown.
     """
     texts = as_text(_frame(rows), digits or {})
     quote = escape_markdown if escape else str
@@ -66,7 +66,7 @@ def _format(value: Any, digits: int | None) -> str:
 
 
 def _alignment(texts: DataFrame) -> str:
-    """Choose the alignment of columns, numbers on the right: ``"lrr"``."""
+    """Choose the alignment of columns, with numbers on the right: ``"lrr"``."""
     return "".join("r" if all(map(NUMBER.fullmatch, column)) and any(column) else "l" for _, column in texts.items())
 
 

@@ -1,4 +1,4 @@
-"""Read PSNR over time of runs, average it, and tell which setting was ahead."""
+"""Read PSNR over time from runs, average it, and find which setting was ahead."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-Curve = tuple[np.ndarray, np.ndarray]  # seconds of optimisation, increasing, and PSNR in dB
+Curve = tuple[np.ndarray, np.ndarray]  # seconds of optimisation, ascending, and PSNR in dB
 LEAD = 0.1  # dB by which a run must beat the leader to replace it
 
 
@@ -27,14 +27,14 @@ def curve_from(points: Any) -> Curve | None:
 
 
 def mean_curve(curves: Sequence[Curve]) -> Curve:
-    """Average the PSNR of several runs from the start of the last one; a finished run keeps its value."""
+    """Average the PSNR of several runs, beginning when the last run starts; a finished run keeps its value."""
     times = np.unique(np.concatenate([seconds for seconds, _ in curves]))
     times = times[times >= max(seconds[0] for seconds, _ in curves)]
     return times, np.mean([np.interp(times, *curve) for curve in curves], axis=0)
 
 
 def leaders(curves: Mapping[str, Curve]) -> list[tuple[float, str]]:
-    """List the leaders and the second at which each took the lead; a finished run keeps its value."""
+    """List the leading settings and the time, in seconds, when each took the lead; a finished run keeps its value."""
     times = np.unique(np.concatenate([seconds for seconds, _ in curves.values()]))
     best = [np.interp(times, seconds, np.maximum.accumulate(psnr), left=-math.inf) for seconds, psnr in curves.values()]
     names, leader, changes = list(curves), None, []

@@ -1,4 +1,4 @@
-"""Comparisons of runs by packages: files beside the page of a sweep, and tables on it."""
+"""Comparisons of runs that packages provide: files next to the page of a sweep, and tables on the page."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ class PageTable:
 
 @dataclass(frozen=True)
 class RunComparison:
-    """A comparison of runs, a frame of `brushexp.results.runs`, that writes files and may give a table."""
+    """A comparison of runs, given as a frame of `brushexp.results.runs`, that writes files and may return a table."""
 
     write: Callable[[Path, DataFrame], None]
     table: Callable[[DataFrame], PageTable | None]
 
 
 def comparisons() -> list[RunComparison]:
-    """Load the comparisons of installed packages; raise a UserError that names one that cannot be imported."""
+    """Load the comparisons of installed packages; raise a UserError that names a comparison that cannot be imported."""
     points = published(COMPARISONS).values()
     return [import_or_explain(point.load, f"entry point {point.name} ({point.value})") for point in points]

@@ -1,6 +1,6 @@
-"""Manage the exports of a run: files beside its painting, and a folder in ``exports`` for each export's records.
+"""Manage the exports of a run: files next to its painting, and a folder in ``exports`` for the records of each export.
 
-The entry ``files`` in the metrics.json of an export tells which file of the run has which format.
+The entry ``files`` in the metrics.json of an export maps formats to the files of the run.
 """
 
 import os
@@ -12,13 +12,13 @@ from brushexp.strokes.storage import CATALOGUE_NAME
 from brushexp.system.reading import json_of, read_text
 from brushexp.system.run_files import MANIFEST, METRICS_FILE, note_files, recorded
 
-FOLDER = "exports"  # in the folder of a run
+FOLDER = "exports"  # name of the folder in a run's folder
 
 
 def run_around(catalogue: str) -> Path | None:
-    """Return the folder of the run of a painting, given as a folder or catalogue.h5; None for other files.
+    """Return the folder of a painting's run, given that folder or a catalogue.h5; None for other files.
 
-    It is also None if the folder is read-only.
+    The result is also None if the folder is read-only.
     """
     path = Path(catalogue).expanduser()
     folder = path if path.is_dir() else path.parent
@@ -27,19 +27,19 @@ def run_around(catalogue: str) -> Path | None:
 
 
 def exported(run: Path) -> dict[Path, str]:
-    """Map each existing file that earlier exports wrote beside a painting to its format."""
+    """Map each existing file that earlier exports wrote next to a painting to its format."""
     files: dict[Path, str] = {}
     for record in sorted((run / FOLDER).glob(f"*/{METRICS_FILE}")):
         try:
             noted = json_of(read_text(record, ""))["files"]
             files |= {run / Path(name).name: str(kind) for kind, names in noted.items() for name in names}
         except (UserError, KeyError, TypeError, AttributeError):
-            continue  # records of an export to another folder, or damaged ones
+            continue  # the records are damaged or belong to an export to another folder
     return {path: kind for path, kind in files.items() if path.is_file()}
 
 
 def check_exports(run: Path, kinds: Iterable[str]) -> None:
-    """Refuse (UserError) an export in formats that already have files beside the painting."""
+    """Refuse (UserError) an export in formats that already have files next to the painting."""
     for path, kind in exported(run).items():
         if kind in kinds:
             raise UserError(
@@ -48,10 +48,10 @@ def check_exports(run: Path, kinds: Iterable[str]) -> None:
 
 
 def move_beside(paths: Sequence[Path], run: Path) -> list[Path]:
-    """Move the new files of an export beside the painting and return their paths.
+    """Move the new files of an export next to the painting, and return their paths.
 
     Files of earlier exports are replaced. If another file has the name, such as the run's own ``painting.png``, the new
-    file becomes ``painting_export.png``; if that name is taken too, it stays where it is.
+    file becomes ``painting_export.png``; if that name is taken as well, it is not moved.
     """
     earlier, moved = exported(run), []
     for path in paths:
@@ -59,6 +59,6 @@ def move_beside(paths: Sequence[Path], run: Path) -> list[Path]:
         names = (plain, plain.with_name(f"{path.stem}_export{path.suffix}"))
         free = [name for name in names if name in earlier or not os.path.lexists(name)]
         moved.append(path.replace(free[0]) if free else path)
-    with recorded(run):  # so that overwrite=true of the run removes them
+    with recorded(run):  # so that the run's overwrite=true removes them
         note_files(run, [*moved, *{path.parent / MANIFEST for path in paths}])
     return moved

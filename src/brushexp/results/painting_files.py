@@ -1,4 +1,4 @@
-"""Read the pictures and figures of a painting from the folder of its run."""
+"""Read the pictures and metrics of a painting from the folder of its run."""
 
 import logging
 from pathlib import Path
@@ -20,7 +20,7 @@ log = logging.getLogger(__name__)
 
 
 def read_painting(folder: Path, job: ExportJob) -> Finished:
-    """Read the pictures and metrics of a run, omitting damaged pictures with a warning.
+    """Read the pictures and metrics of a run; damaged pictures are omitted with a warning.
 
     A painting larger than the picture on which its strokes were optimised is shrunk to that size.
     """

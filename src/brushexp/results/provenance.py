@@ -10,8 +10,8 @@ from brushexp.system.reading import in_short
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-COMMIT_LETTERS = 7  # characters of a commit to show
-SHOWN = {  # part of a provenance -> its name, and how many characters of its values to show (None for all)
+COMMIT_LETTERS = 7  # number of displayed characters of a commit
+SHOWN = {  # part of a provenance -> its name, and the number of displayed characters of its values (None for all)
     ("brushexp", "version"): ("brushexp", None),
     ("brushexp", "commit"): ("commit of brushexp", COMMIT_LETTERS),
     ("brushexp", "changes"): ("uncommitted changes of brushexp", 0),
@@ -26,9 +26,9 @@ SHOWN = {  # part of a provenance -> its name, and how many characters of its va
 
 
 def remark_on_provenance(frame: DataFrame) -> str:
-    """Say how the provenance of the runs in a frame differs; "" if it does not, or if no run has one.
+    """Describe how the provenance of the runs in a frame differs; "" if it does not, or if no run has any.
 
-    A plugin file counts if two runs use different versions of it.
+    A plugin file counts as different if two runs use different versions of it.
     """
     records = [one if isinstance(one, dict) else None for one in frame["run", "provenance"]]
     known = [one for one in records if one is not None]
@@ -48,7 +48,7 @@ def differing_parts(records: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _difference(values: Sequence[object], name: str, letters: int | None) -> str:
-    """Name a part with its values if they differ."""
+    """Name a part and its values if they differ."""
     texts = list(dict.fromkeys("none" if value is None else in_short(value)[:letters] for value in values))
     if len(set(map(str, values))) < 2:
         return ""
@@ -63,7 +63,7 @@ def _at(record: Mapping[str, Any], path: Sequence[str]) -> object:
 
 
 def _changed_plugins(records: Sequence[Mapping[str, Any]]) -> list[str]:
-    """List the plugin files of which runs use different versions."""
+    """List the plugin files that runs use in different versions."""
     digests: dict[str, set[str]] = {}
     for record in records:
         plugins = record.get("plugins")

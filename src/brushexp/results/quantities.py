@@ -13,10 +13,10 @@ class Quantity:
     """A number of a run, as shown in tables, plots and pages."""
 
     title: str
-    digits: int  # after the point
+    digits: int  # digits after the decimal point
     better: str  # "higher", "lower", or "" for neither
-    matters: float = 0.0  # smaller differences are negligible
-    ratio: bool = False  # whether differences are taken between logarithms
+    matters: float = 0.0  # difference below which two values count as equal
+    ratio: bool = False  # whether differences are computed between logarithms
     unit: str = ""
     about: str = ""
 
@@ -64,7 +64,7 @@ OTHERS: Mapping[str, Quantity] = {  # numbers of a run that do not come from met
 
 
 def quantities() -> dict[str, Quantity]:
-    """List the numbers in the order of tables and plots, those of metrics first."""
+    """List the numbers in the order of tables and plots; numbers from metrics come first."""
     rank = {name: place for place, name in enumerate(STANDARD)}
     ranked = sorted(plugins("metric"), key=lambda plugin: rank.get(plugin.name, len(rank)))
     return {key: quantity for plugin in ranked for key, quantity in _quantities_of(plugin).items()} | dict(OTHERS)

@@ -2,10 +2,10 @@
 
 The frame has a row per run, indexed by its name, and columns in three parts:
 
-- ``frame["run"]``: ``status``, ``error``, ``folder``; ``picture``, the file that shows it, if any; ``target``, a
+- ``frame["run"]``: ``status``, ``error``, ``folder``; ``picture``, the file of its picture, if any; ``target``, a
   fingerprint of the painted picture; ``overrides`` as typed; ``anytime``, pairs of seconds and PSNR; ``provenance``,
   None for old runs; ``command``, which repeats the run; and, for compared runs, ``image``, the name of the painted
-  picture ("" for other tasks), and ``label``, the overrides except seeds that distinguish it from other runs of this
+  picture ("" for other tasks), and ``label``, the overrides (except seeds) that distinguish it from other runs of this
   image.
 - ``frame["setting"]``: a column per typed key, missing where it was not set; ``loss`` as names of losses.
 - ``frame["metric"]``: every number (or name) that a run returned.
@@ -34,9 +34,9 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 Result = dict[str, Any]
-JOBS = ".hydra/jobs.json"  # file in the folder of a sweep with the typed words and those of each job
+JOBS = ".hydra/jobs.json"  # file in the folder of a sweep that contains the typed words and those of each job
 REMOVED = "(removed)"  # value of an override "~key"
-TEXTS = ("status", "error", "loss", "picture", "verdict")  # entries of a result that are words
+TEXTS = ("status", "error", "loss", "picture", "verdict")  # entries of a result that are text
 LARGEST_NUMBER = 1e300  # larger numbers in a result count as missing
 LONGEST_VALUE = 40  # characters of a value in a label; longer values lose their beginning
 
@@ -58,18 +58,18 @@ def gather(folders: Iterable[Path], into: Path) -> DataFrame:
 
 
 def has_finished(folder: Path) -> bool:
-    """Tell whether a run has finished and written all its files."""
+    """Check whether a run has finished and written all its files."""
     return (folder / METRICS_FILE).is_file() and read_result(folder)["status"] not in UNFINISHED
 
 
 def has_ended(folder: Path) -> bool:
-    """Tell whether a run finished or failed, rather than being killed or interrupted."""
+    """Check whether a run finished or failed, as opposed to being killed or interrupted."""
     goes_on = (Status.INTERRUPTED, Status.AT_WORK)
     return (folder / METRICS_FILE).is_file() and read_result(folder)["status"] not in goes_on
 
 
 def objective_in(result: Mapping[str, Any], name: str) -> float:
-    """Return a number of a run by name, or raise a UserError that lists all numbers of the run."""
+    """Return a number of a run by its name; raise a UserError that lists all numbers of the run if it is missing."""
     values = {key: float(value) for key, value in result.items() if type(value) in (int, float)}
     if name not in values:
         raise UserError(f"objective={name} is not a metric of this run; choose one of {', '.join(values)}")
@@ -77,7 +77,7 @@ def objective_in(result: Mapping[str, Any], name: str) -> float:
 
 
 def frame_of(folder: Path, results: Mapping[str, Result]) -> DataFrame:
-    """Make the data frame (see the top of this module) from results by name; runs lie in ``folder / name``."""
+    """Make the data frame (see the top of this module) from results by name; each run is in ``folder / name``."""
     import pandas as pd  # noqa: PLC0415
 
     runs = [_run_columns(folder / name, result) for name, result in results.items()]
@@ -119,7 +119,7 @@ def differences(chosen: Sequence[Mapping[str, str]]) -> list[tuple[str, ...]]:
 
 
 def shorten(values: Sequence[str], longest: int = LONGEST_VALUE) -> dict[str, str]:
-    """Shorten the values of a setting while they remain distinct: paths to their ends, and long values."""
+    """Shorten the values of a setting as long as they remain distinct: paths to their ends, and long values."""
     depths = range(1, 1 + max(value.count("/") for value in values))
     tails = ([_tail(value, depth) for value in values] for depth in depths)
     names = next((names for names in tails if len(set(names)) == len(names)), list(values))
@@ -128,7 +128,7 @@ def shorten(values: Sequence[str], longest: int = LONGEST_VALUE) -> dict[str, st
 
 
 def _tail(value: str, depth: int) -> str:
-    """Cut a path to its last ``depth`` parts; a list keeps its bracket."""
+    """Cut a path to its last ``depth`` parts; a list keeps its opening bracket."""
     path = value.lstrip('["')
     return value.removesuffix(path) + "/".join(path.split("/")[-depth:])
 
@@ -141,7 +141,7 @@ def parse_overrides(words: Iterable[str]) -> dict[str, str]:
 
 
 def _part(rows: Sequence[Mapping[str, Any]], *always: str) -> DataFrame:
-    """Make a column for every key of any row, and at least for the given keys."""
+    """Make a column for every key in any row, and at least for the given keys."""
     import pandas as pd  # noqa: PLC0415
 
     columns = dict.fromkeys([*(key for row in rows for key in row), *always])
@@ -169,14 +169,14 @@ def _metrics(result: Result) -> dict[str, Any]:
 
 
 def command_of(folder: Path) -> str:
-    """Write the command that repeats a run, without its folder; a job of a study is repeated alone."""
+    """Write the command that repeats a run, without its folder; for a job of a study, it repeats only that job."""
     typed = words_of(folder)
     single = ["hydra.mode=RUN"] * any(word.startswith(("experiment=", "+experiment=")) for word in typed)
     return shlex.join(["brushexp", *(word for word in typed if not word.startswith("output=")), *single])
 
 
 def words_of(folder: Path) -> list[str]:
-    """Read the overrides of a run as typed, empty if they were not recorded."""
+    """Read the overrides of a run as typed; empty if they were not recorded."""
     try:
         return [str(word) for word in yaml_of(read_text(folder / ".hydra" / "overrides.yaml", ""), list)]
     except UserError:
@@ -184,7 +184,7 @@ def words_of(folder: Path) -> list[str]:
 
 
 def look_of(folder: Path) -> str:
-    """Name the look of a run as Hydra recorded it; "" if it did not."""
+    """Return the name of a run's look as Hydra recorded it; "" without a record."""
     try:
         recorded: Any = yaml_of(read_text(folder / ".hydra" / "hydra.yaml", ""))
     except UserError:
@@ -195,7 +195,7 @@ def look_of(folder: Path) -> str:
 
 
 def image_name(run: Any) -> str:
-    """Write the name and size of the painted picture, as far as the folder has them."""
+    """Describe the painted picture by name and size, as far as the folder contains them."""
     name = Path(str(setting_of(run, "image") or "picture")).name
     with suppress(UserError), open_picture(run["folder"] / "target.png") as picture:
         return f"{name}, {picture.width} x {picture.height} pixels"
@@ -203,7 +203,7 @@ def image_name(run: Any) -> str:
 
 
 def setting_of(run: Any, key: str) -> Any:
-    """Return the value of a key as typed or from the config of the run, or None."""
+    """Return the value of a key as typed, or from the config of the run, or None."""
     if key in run["overrides"]:
         return run["overrides"][key]
     with suppress(UserError):
@@ -232,7 +232,7 @@ def read_result(folder: Path) -> Result:
 
 
 def read_curves(path: Path) -> dict[str, list[float]]:
-    """Read the columns of a table of curves, NaN for missing numbers; empty if there is no table."""
+    """Read the columns of a table of curves, with NaN for missing numbers; empty without a table."""
     rows = read_table(path)
     return {name: [_float(row[name]) for row in rows] for name in (rows[0] if rows else ())}
 
@@ -245,7 +245,7 @@ def _float(text: str | None) -> float:
 
 
 def _value(value: Any) -> Any:
-    """Replace a number that is not finite, or too large, by None."""
+    """Replace a number that is not finite or too large by None."""
     return None if isinstance(value, int | float) and not abs(value) < LARGEST_NUMBER else value
 
 

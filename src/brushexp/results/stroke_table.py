@@ -21,13 +21,13 @@ from brushexp.strokes.saved import Saved, config_of
 Array = NDArray[np.float64]
 StrokeTable: TypeAlias = "np.recarray[Any, Any]"  # columns as attributes, see `measure_strokes`
 
-RADIUS_PITCHES = 4.0  # pitches within which neighbours are counted: some 50 strokes
-ALIGNED_WITHIN = math.radians(20)  # directions of aligned strokes differ by no more
+RADIUS_PITCHES = 4.0  # pitches within which neighbours are counted, about 50 strokes
+ALIGNED_WITHIN = math.radians(20)  # largest difference in direction between aligned strokes
 LARGEST_CANVAS = 2**20  # pixels of the canvas on which visible shares are computed
-THIN_FILM = 1e-4  # share of their opacity at which strokes hardly hide each other
-DIRECTION_BINS = 18  # each has 10 degrees
-LEAST_PAINT = 1e-6  # pixels of paint on the canvas: less counts as none
-SIZE_MEASURES = ("length", "width", "area", "elongatedness")  # the settings of a painting give them, not its picture
+THIN_FILM = 1e-4  # factor on opacities at which strokes hardly hide each other
+DIRECTION_BINS = 18  # bins of 10 degrees
+LEAST_PAINT = 1e-6  # pixels of paint below which a canvas counts as bare
+SIZE_MEASURES = ("length", "width", "area", "elongatedness")  # measures that depend on the settings, not on the picture
 
 MEASURES = ruler.MEASURES | {
     "deviation": Measure("spread of directions", "angular deviation sqrt((1 - coherence) / 2) near a stroke", LI, "°"),
@@ -42,7 +42,7 @@ MEASURES = ruler.MEASURES | {
 
 @torch.no_grad()
 def measure_strokes(strokes: Strokes, depth: Tensor, size: tuple[int, int], radius: float | None = None) -> StrokeTable:
-    """Measure N strokes, all of which count as neighbours; use `strokes.measures.is_visible` to select some first.
+    """Measure N strokes, which all count as neighbours; use `strokes.measures.is_visible` to select strokes beforehand.
 
     ``depth`` (N,) are ranks, 0 for the bottom stroke; ``size`` is height and width of the canvas in pixels; neighbours
     are counted within ``radius`` pixels, None for ``RADIUS_PITCHES`` pitches.
@@ -59,7 +59,7 @@ def measure_strokes(strokes: Strokes, depth: Tensor, size: tuple[int, int], radi
     near = ruler.nearest_strokes(centre, centre, exclude_self=True)
     dot, alone = length < ruler.POINT_LENGTH, torch.tensor(near.shape[1] == 0)
     coherence = ruler.coherence_of(direction, near).clamp_max(1).masked_fill(alone, torch.nan)
-    likeness = (direction[:, None] * direction[near]).sum(-1)  # cos 2 (angle between)
+    likeness = (direction[:, None] * direction[near]).sum(-1)  # cosine of twice the angle between two directions
     aligned = (likeness >= math.cos(2 * ALIGNED_WITHIN)).sum(1)
     length = length.masked_fill(dot, 0)
     measures = {
@@ -86,7 +86,7 @@ def measure_strokes(strokes: Strokes, depth: Tensor, size: tuple[int, int], radi
 
 
 def _count_within(centre: Tensor, radius: float) -> Tensor:
-    """Count the other centres (N, 2) within a radius of each: (N,)."""
+    """Count the other centres (N, 2) within a radius of each centre: (N,)."""
     from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
 
     if not len(centre):
@@ -95,10 +95,10 @@ def _count_within(centre: Tensor, radius: float) -> Tensor:
 
 
 def visible_share(strokes: Strokes, depth: Tensor, size: tuple[int, int]) -> Tensor:
-    """Compute the visible share (N,), 0 to 1, of each stroke's paint on the canvas, below later strokes.
+    """Compute the share (N,), 0 to 1, of each stroke's paint on the canvas that later strokes leave visible.
 
-    It is sum(alpha T) / sum(alpha) over the pixels of the canvas, where T is the light that the strokes above let
-    through, always drawn by ``renderer=analytic``. The picture is linear in the colour of each stroke, so both sums are
+    It is sum(alpha T) / sum(alpha) over the pixels of the canvas, where T is the light that the strokes above transmit,
+    always drawn with ``renderer=analytic``. The picture is linear in the colour of each stroke, so both sums are
     derivatives of its brightness with respect to that colour, the second with almost transparent strokes.
     """
     if not len(strokes):
@@ -123,10 +123,10 @@ def _paint_of(strokes: Strokes, above: Tensor, size: tuple[int, int]) -> Tensor:
 
 
 def sizes_set_by(saved: Saved) -> str:
-    """Name the setting that determined the ``SIZE_MEASURES`` of painted strokes, such as ``init=slic``; "" if none did.
+    """Return the setting that determined the ``SIZE_MEASURES`` of strokes, such as ``init=slic``, or "".
 
-    Gradient descent hardly changes initial sizes, so they say nothing about a painter's brushes. Strokes recovered from
-    a picture, and strokes without a run, have sizes of their own.
+    Gradient descent hardly changes initial sizes, so they reveal nothing about a painter's brushes. Strokes recovered
+    from a picture, and strokes without a run, have sizes of their own.
     """
     config = config_of(saved)
     chosen = {

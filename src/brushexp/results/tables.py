@@ -17,7 +17,7 @@ from brushexp.system.status import Status
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-LONGEST_ERROR = 200  # characters of an error message in table.md
+LONGEST_ERROR = 200  # maximum number of characters of an error message in table.md
 
 
 def write_run_tables(folder: Path, frame: DataFrame) -> None:
@@ -37,7 +37,7 @@ def write_run_tables(folder: Path, frame: DataFrame) -> None:
 
 
 def runs_table(frame: DataFrame) -> DataFrame:
-    """Make a row per run: varying settings, status, and shown metrics."""
+    """Make a row per run: varying settings, status, and displayed metrics."""
     metrics = shown_metrics(frame)
     settings = _settings(frame, list(varying_settings(frame)), ["run", "status", *metrics]).fillna("")
     errors = (": " + frame["run", "error"]).fillna("").map(lambda text: textwrap.shorten(text, LONGEST_ERROR))
@@ -45,7 +45,7 @@ def runs_table(frame: DataFrame) -> DataFrame:
 
 
 def means_table(frame: DataFrame) -> DataFrame | None:
-    """Make a row per setting with means over seeds, ``21.00 ± 1.41``; None if there is one seed."""
+    """Make a row per setting with means over seeds, ``21.00 ± 1.41``; None if there is only one seed."""
     keys = list(varying_settings(frame))
     if "seed" not in keys:
         return None
@@ -62,18 +62,18 @@ def _settings(frame: DataFrame, keys: list[str], others: Collection[str]) -> Dat
 
 
 def varying_settings(frame: DataFrame) -> dict[str, list[str]]:
-    """Map the settings in which runs differ to their values in order of appearance, "" if not set."""
+    """Map the settings in which runs differ to their values in order of appearance; "" means not set."""
     settings = frame["setting"].fillna("")
     return {key: list(settings[key].unique()) for key in settings if settings[key].nunique() > 1}
 
 
 def is_album(frame: DataFrame) -> bool:
-    """Tell whether several runs painted different pictures with the same settings."""
+    """Check whether several runs painted different pictures with the same settings."""
     return bool(frame["run", "target"].is_unique) and list(varying_settings(frame)) == ["image"]
 
 
 def numbers(frame: DataFrame) -> DataFrame:
-    """Convert the shown metrics, at least ``psnr`` and ``seconds``, to finite numbers."""
+    """Convert the displayed metrics, at least ``psnr`` and ``seconds``, to finite numbers."""
     import pandas as pd  # noqa: PLC0415
 
     metrics = frame["metric"][[key for key in quantities() if key in frame["metric"]]]
@@ -82,7 +82,7 @@ def numbers(frame: DataFrame) -> DataFrame:
 
 
 def over_seeds(frame: DataFrame) -> DataFrame:
-    """Average runs that differ only in their seed: a row per setting, by image and label.
+    """Average runs that differ only in their seed; the result has a row per setting, by image and label.
 
     Columns have four parts: "run" (``command`` of the first, and ``runs``, their number), "setting", and "mean" and
     "std" of each metric (of a sample; missing for a single run).
@@ -98,11 +98,11 @@ def over_seeds(frame: DataFrame) -> DataFrame:
 
 
 def shown_metrics(frame: DataFrame) -> DataFrame:
-    """Select the shown metrics that at least one run has."""
+    """Select the displayed metrics that at least one run has."""
     return frame["metric"][[key for key in quantities() if key in frame["metric"]]].dropna(axis=1, how="all")
 
 
 def run_count(frame: DataFrame) -> str:
-    """Count the runs and the failed ones in words."""
+    """Summarise the numbers of runs and of failed runs in words."""
     failed = (frame["run", "status"] == Status.FAILED).sum()
     return f"{len(frame)} run{'s' * (len(frame) != 1)}, {failed} failed"

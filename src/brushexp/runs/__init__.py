@@ -1,1 +1,1 @@
-"""Runs: their folders, the Trainer, resuming, sweeps, trackers."""
+"""Runs: their folders, the Trainer, resuming, sweeps and trackers."""

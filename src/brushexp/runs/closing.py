@@ -1,4 +1,4 @@
-"""Say at the end of a run where it is, how to view or continue it, and one thing to try next."""
+"""Report at the end of a run where it is, how to view or continue it, and one thing to try next."""
 
 import logging
 import shlex
@@ -19,8 +19,8 @@ from brushexp.system.terminal import as_shown
 from brushexp.system.words import table_of_words
 
 log = logging.getLogger(__name__)
-EXPORTS = "to"  # key of exports of a finished painting
-NAMED = 4  # most files that a line names
+EXPORTS = "to"  # key for exports of a finished painting
+NAMED = 4  # maximum number of files in a message
 
 
 def say_where(folder: Path, strokes: int, start: float | None) -> None:
@@ -38,12 +38,12 @@ def say_where(folder: Path, strokes: int, start: float | None) -> None:
 
 
 def is_job() -> bool:
-    """Tell whether this run is a job of a sweep."""
+    """Check whether this run is a job of a sweep."""
     return HydraConfig.initialized() and HydraConfig.get().mode is RunMode.MULTIRUN
 
 
 def how_to_go_on(folder: Path, task: str) -> str:
-    """Say what an interrupted run has finished, and what to type to continue or restart it."""
+    """Describe what an interrupted run has finished, and what to type to continue or restart it."""
     place = as_shown(folder)
     if (folder / CHECKPOINT).is_file():
         return f"continue with: {shlex.join(['brushexp', *[f'task={task}'] * (task != 'paint'), f'resume={place}'])}"
@@ -56,7 +56,7 @@ def how_to_go_on(folder: Path, task: str) -> str:
 
 
 def say_page(folder: Path, what: str) -> None:
-    """Report the page of a run or sweep, if there is one, and how to view it."""
+    """Report the page of a run or sweep, if it exists, and how to view it."""
     if (folder / "report.html").is_file():
         newest = folder.resolve().parent == Path("outputs").resolve()
         look = "".join(f"; {words}: {command}" for command, words in table_of_words("page").items())
@@ -65,7 +65,7 @@ def say_page(folder: Path, what: str) -> None:
 
 
 def suggestion(words: Sequence[str], folder: Path) -> str:
-    """Choose one thing to try after a painting made by these words of a command line.
+    """Choose one thing to try after a painting made with these words of a command line.
 
     The files of words list proposals in tables ``[next.WORD]``: ``gives`` describes the result, ``after`` limits the
     proposal to paintings with one of these words, and ``unless`` lists keys with which it has no effect.
@@ -91,7 +91,7 @@ def suggestion(words: Sequence[str], folder: Path) -> str:
 
 
 def _fits(word: str, proposal: Mapping[str, Any], words: Sequence[str]) -> bool:
-    """Tell whether a proposal is new after these words."""
+    """Check whether a proposal is new after these words."""
     typed = {_family(one) for one in words}
     if "after" in proposal:
         matches = any(one in words if "=" in one else one in typed for one in proposal["after"])

@@ -32,7 +32,7 @@ def provenance_of(cfg: DictConfig) -> Provenance:
 
 
 def plugins_in(cfg: DictConfig) -> Iterator[Plugin]:
-    """Yield the plugins named in the settings of a run."""
+    """Yield the plugins that the settings of a run name."""
     yield from _plugins_in(OmegaConf.to_container(cfg, resolve=False), "")
 
 
@@ -45,6 +45,6 @@ def _plugins_in(value: Any, key: str) -> Iterator[Plugin]:
 
 
 def gpu_of(cfg: DictConfig) -> str | None:
-    """Name the GPU that a run uses; None if it uses none."""
+    """Return the name of the GPU that a run uses; None if it uses none."""
     device = device_of(cfg.device) if cfg.get("device") is not None else torch.device("cpu")
     return torch.cuda.get_device_name(device) if device.type == "cuda" else None

@@ -27,21 +27,21 @@ from brushexp.system.run_files import CHECKPOINT
 from brushexp.system.runtime import use_threads
 
 RECORD_KEY = "brushexp"  # key of the settings in a checkpoint
-VERSION = 1  # version of that record; increase it if a new record would mislead older programs
+VERSION = 1  # version of that record; increase it if new records would mislead older programs
 OVERRIDABLE = ("output", "overwrite", "resume", "device", "threads", "checkpoint_every")  # keys that may change
 log = logging.getLogger(__name__)
 
 
 def restore_run(cfg: DictConfig) -> tuple[DictConfig, Path | None]:
-    """Return the settings and checkpoint of the run that ``resume`` names; without ``resume``, ``cfg`` and None."""
+    """Return the settings and checkpoint of the run that ``resume`` names; without it, return ``cfg`` and None."""
     return (cfg, None) if cfg.get("resume") is None else interrupted_run(Path(cfg.resume), cfg)
 
 
 class RunRecord(L.Callback):
-    """Store the settings of a run in its checkpoints, with digests of the files that they name."""
+    """Stores the settings of a run in its checkpoints, with digests of the files that they name."""
 
     def __init__(self, cfg: DictConfig, folder: Path | None) -> None:
-        self.record = {} if folder is None else record_of(cfg, folder)  # without a folder there are no checkpoints
+        self.record = {} if folder is None else record_of(cfg, folder)  # runs without a folder have no checkpoints
         self.begun = False
 
     def on_train_batch_end(self, *_: object) -> None:
@@ -52,7 +52,7 @@ class RunRecord(L.Callback):
 
 
 def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[DictConfig, Path]:
-    """Return the settings and checkpoint of a run to continue.
+    """Return the settings and checkpoint of a run that is to be continued.
 
     The checkpoint is untrusted: nothing in it is executed, and its settings are plain values. A UserError names a
     setting on the command line that must not change, or an input that has changed since the run began.
@@ -78,16 +78,16 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[DictConfig, Path]:
         _tell_of_others(folder, check_plain(record.get("provenance")), settings)
     except UserError as error:
         raise UserError(f"resume={folder}: {error}") from error
-    except Exception as error:  # the file may hold anything
+    except Exception as error:  # the file may contain anything
         raise UserError(f"resume={folder}: {path} is not a checkpoint of this program; start a new run") from error
-    if settings.threads:  # the command line need not repeat them; the number of threads affects rounding in networks
+    if settings.threads:  # the command line need not repeat it; the number of threads affects rounding in networks
         use_threads(settings.threads)
     note_words(Path(HydraConfig.get().runtime.output_dir), settings, words)  # the words of the whole run
     return settings, path
 
 
 def _chosen_keys(words: Sequence[str]) -> set[str]:
-    """Return the keys of the command line; refuse (UserError) one that changes a setting of the run's ``words``."""
+    """Return the keys of the command line; refuse (UserError) keys that change a setting of the run's ``words``."""
     chosen = {override.lstrip("+~").partition("=")[0]: override for override in HydraConfig.get().overrides.task}
     for key, override in chosen.items():
         if key not in (*OVERRIDABLE, "task") and override not in words:
@@ -103,7 +103,7 @@ def _check_files(path: Path, record: Any, settings: DictConfig) -> None:
     for key, (file, digest) in files.items():
         if not file.is_file() or digest_of(file) != digest:
             raise UserError(f"{key}={file} has changed since the run began; restore it")
-        if file.suffix:  # otherwise it may be the name of something shipped; the working folder may have changed
+        if file.suffix:  # otherwise it may name a shipped file; the working folder may have changed
             OmegaConf.update(settings, todays_key(key, record["settings"]), str(file))
 
 
@@ -115,9 +115,9 @@ def _check_inputs(before: dict[str, str], now: dict[str, str]) -> None:
 
 
 def _tell_of_others(folder: Path, before: Any, settings: DictConfig) -> None:
-    """Warn if a run continues with other versions, plugin files or hardware than recorded at its start."""
+    """Warn if a run continues with versions, plugin files or hardware other than those recorded at its start."""
     if isinstance(before, dict) and (parts := differing_parts([before, provenance_of(settings)])):
-        line = "resume=%s continues in another environment than it began in: %s; for a comparable run, start a new one"
+        line = "resume=%s continues in a different environment (%s); for a comparable run, start a new one"
         log.warning(line, folder, "; ".join(parts))
 
 

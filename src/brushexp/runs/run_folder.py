@@ -32,16 +32,16 @@ from brushexp.system.run_files import (
 )
 
 HYDRAS_FILES = ("run.log", ".hydra/config.yaml", ".hydra/hydra.yaml", ".hydra/overrides.yaml")  # written before a task
-N_JOBS = "hydra.launcher.n_jobs="  # with a launcher: what jobs= stands for
+N_JOBS = "hydra.launcher.n_jobs="  # with a launcher, the override that jobs= stands for
 log = logging.getLogger(__name__)
 _locks: list[Any] = []  # locks held until this process ends
 
 
 class RunFolder(Callback):
-    """Take the folder of a run before Hydra writes into it; `begin_sweep` does so for sweeps."""
+    """Takes the folder of a run before Hydra writes into it; `begin_sweep` does so for sweeps."""
 
     def on_run_start(self, config: DictConfig, **_: Any) -> None:
-        words: Any = OmegaConf.to_container(config.hydra.overrides.task, resolve=False)  # output=x/${seed}
+        words: Any = OmegaConf.to_container(config.hydra.overrides.task, resolve=False)  # such as output=x/${seed}
         try:
             if config.hydra.sweeper.get("resume"):
                 raise UserError("resume=sweep is for sweeps; repeat the whole command, including -m")
@@ -56,7 +56,7 @@ class RunFolder(Callback):
 
 
 def check_place(cfg: DictConfig) -> None:
-    """Refuse (UserError) to change the working folder, on which paths in the settings depend."""
+    """Refuse (UserError) a change of the working folder, on which paths in the settings depend."""
     if cfg.hydra.job.chdir:
         raise UserError("hydra.job.chdir=true would break relative paths in the settings; drop it")
 
@@ -72,7 +72,7 @@ def warn_of_launcher(cfg: DictConfig) -> None:
 def take_name(cfg: DictConfig, folder: Path) -> Path:
     """Make the folder of a run or sweep; if the default ``output`` is taken, add a number, ``x_2``.
 
-    The default name is the time of the run, which every job of a sweep reads again, so it is fixed here.
+    The default name is the time of the run. Every job of a sweep would read the time again, so the name is fixed here.
     """
     plain: Any = OmegaConf.to_container(cfg, resolve=False)
     if plain["output"] not in (BY_TIME, BESIDE_PAINTING) or folder != Path(cfg.output):
@@ -92,7 +92,7 @@ def take_folder(folder: Path, cfg: DictConfig, goes_on: bool = False) -> None:
     """Lock a folder until this process ends, remove the files of an aborted run, and record new files.
 
     A UserError reports another run at work there, or a run that is finished or can be continued, unless this run
-    ``goes_on`` with it (by the key ``resume`` or as a growing set of strokes) or replaces it (``overwrite``).
+    continues it (``goes_on``, the key ``resume`` or a growing set of strokes) or replaces it (``overwrite``).
     """
     lock(folder)
     source = cfg.get("resume")
@@ -100,7 +100,7 @@ def take_folder(folder: Path, cfg: DictConfig, goes_on: bool = False) -> None:
         with suppress(UserError):  # another run may be at work there, or the folder is read-only
             check_free(Path(source))
     goes_on = goes_on or (source is not None and Path(source).resolve() == folder.resolve())
-    if not goes_on and "trainer" in cfg:  # a fit, whose results have standard names
+    if not goes_on and "trainer" in cfg:  # fits write results with standard names
         check_inputs(folder, cfg)
     if not goes_on and not TASKS[cfg.task].grows(cfg, folder):
         if not cfg.overwrite:
@@ -125,7 +125,7 @@ def _check_replaceable(folder: Path) -> None:
 
 
 def take_job(folder: Path, cfg: DictConfig, sweep: Path) -> None:
-    """Take the folder of a job in the process that runs it.
+    """Claim the folder of a job in the process that runs it.
 
     A killed job continues from its checkpoint (``cfg.resume`` is set) or starts over.
     """
@@ -133,7 +133,7 @@ def take_job(folder: Path, cfg: DictConfig, sweep: Path) -> None:
         cfg.resume = str(folder)
     elif not TASKS[cfg.task].grows(cfg, folder):
         clear(folder, cfg, HYDRAS_FILES)
-    record_files(sweep)  # its report is renewed by every process
+    record_files(sweep)  # every process rewrites its report
     record_files(folder)
     note_files(folder, [folder / name for name in HYDRAS_FILES])
     note_files(sweep, [folder / MANIFEST])
@@ -201,13 +201,13 @@ def remove_half_written(folder: Path) -> None:
 
 
 def check_free(folder: Path) -> None:
-    """Refuse (UserError) a folder in which another process is at work."""
+    """Refuse (UserError) a folder in which another process is working."""
     lock(folder)
     _locks.pop().release()
 
 
 def clear(folder: Path, cfg: DictConfig, besides: Collection[str] = ()) -> None:
-    """Remove the files that runs wrote into a folder, except ``besides``, and folders left empty.
+    """Remove the files that runs wrote into a folder, except ``besides``, and the folders that become empty.
 
     A UserError reports a file that the current run needs.
     """
@@ -219,7 +219,7 @@ def clear(folder: Path, cfg: DictConfig, besides: Collection[str] = ()) -> None:
         if path in replaced:
             raise UserError(f"a run in output={folder} would replace {key}={value}; choose another folder")
     for path in files:
-        path.unlink()  # a link to a file elsewhere is removed, not the file
+        path.unlink()  # removes a link, not the file to which it points
     for path in sorted(folders - {folder}, reverse=True):
         if not path.is_symlink() and not any(path.iterdir()):
             path.rmdir()

@@ -43,7 +43,7 @@ from brushexp.system.runtime import (
 from brushexp.system.status import Status
 
 NO_MEMORY = ("can't allocate memory", "not enough memory", "Unable to allocate")  # messages of PyTorch and NumPy
-MEMORY_KEYS = ("resolution", "strokes", "batch_size", "n")  # keys on which the memory of a run depends
+MEMORY_KEYS = ("resolution", "strokes", "batch_size", "n")  # keys that affect the memory of a run
 
 log = logging.getLogger(__name__)
 
@@ -58,7 +58,7 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object] | float:
         heartbeat.end()
         return _run_job(cfg, hydra)
     folder = Path(hydra.runtime.output_dir).resolve()
-    try:  # `RunFolder` has checked the config and taken the folder
+    try:  # `RunFolder` has already checked the config and taken the folder
         return _run_in(folder, cfg, start)
     except KeyboardInterrupt as interruption:
         log.warning("%s", *(interruption.args or [f"interrupted; {how_to_go_on(folder, cfg.task)}"]))
@@ -69,7 +69,7 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object] | float:
 
 
 def _run_job(cfg: DictConfig, hydra: HydraConf) -> dict[str, object] | float:
-    """Run a job of a sweep; if it fails, its metrics.json says why. An interruption ends the sweep."""
+    """Run a job of a sweep; if it fails, its metrics.json records why. An interruption ends the sweep."""
     start, folder, sweep = time.monotonic(), Path(hydra.runtime.output_dir).resolve(), Path(hydra.sweep.dir).resolve()
     forget_peak_memory()
     lock(folder)
@@ -85,7 +85,7 @@ def _run_job(cfg: DictConfig, hydra: HydraConf) -> dict[str, object] | float:
         raise
     finally:
         release_folder(folder)
-    if was_signalled():  # interrupted in its last step: this job is finished, and the sweep ends
+    if was_signalled():  # interrupted in its last step: the job is finished, and the sweep ends
         raise KeyboardInterrupt
     return result
 
@@ -94,10 +94,10 @@ def _run_in(folder: Path, cfg: DictConfig, start: float) -> dict[str, object] | 
     """Run the task of a checked config in the folder of its run."""
     with hidden("scipy", "matplotlib"):
         task = importlib.import_module(TASKS[cfg.task].module)
-    if TASKS[cfg.task] not in (PaintTask, ExportTask):  # other tasks show their own progress or wait for people
+    if TASKS[cfg.task] not in (PaintTask, ExportTask):  # other tasks show their own progress or wait for input
         heartbeat.end()
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # otherwise it reports its hardware in every run
-    if not gc.isenabled():  # the program disables it until its first job
+    if not gc.isenabled():  # the program disables it until the first job
         gc.freeze()
         gc.enable()
     use_threads(cfg.threads or _threads_per_job(HydraConfig.get()))
@@ -121,7 +121,7 @@ def perform(task: ModuleType, cfg: DictConfig, folder: Path, start: float) -> di
 
 @contextmanager
 def explaining_to_users(cfg: DictConfig) -> Iterator[None]:
-    """Turn errors that a user can fix into a UserError: too little memory, a full disk, a plugin."""
+    """Turn errors that a user can fix into a UserError: lack of memory, a full disk, a broken plugin."""
     try:
         with naming_plugins():
             yield
@@ -132,8 +132,8 @@ def explaining_to_users(cfg: DictConfig) -> Iterator[None]:
 
 
 def _reason_of(error: BaseException, cfg: DictConfig) -> BaseException:
-    """Return the error to raise instead; Lightning turns interruptions into SystemExit."""
-    if take_lost():  # Numba fails where an interruption was lost
+    """Return the error to raise in place of another one; Lightning turns interruptions into SystemExit."""
+    if take_lost():  # an interruption lost in Numba surfaces as another error
         return KeyboardInterrupt()
     if isinstance(error, SystemExit):
         if isinstance(error.__context__, KeyboardInterrupt):
@@ -148,7 +148,7 @@ def _reason_of(error: BaseException, cfg: DictConfig) -> BaseException:
 
 
 def _threads_per_job(hydra: HydraConf) -> int:
-    """Return the number of cores for this job: all, or its share beside other jobs."""
-    if "cpus_per_task" in hydra.launcher:  # submitit has one core by default, as Slurm has
+    """Return the number of cores for this job: all cores, or its share if other jobs run at the same time."""
+    if "cpus_per_task" in hydra.launcher:  # like Slurm, submitit uses one core by default
         return min(cores(), hydra.launcher.cpus_per_task or 1)
     return max(1, cores() // jobs_at_once(hydra.launcher.get("n_jobs", 1) or 1))

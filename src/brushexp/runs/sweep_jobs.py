@@ -25,24 +25,24 @@ from brushexp.system.run_files import CHECKPOINT
 
 ENGINES = ("joblib.", "submitit.", "distributed.")  # modules whose errors mean that jobs were killed
 PICTURE = "image="
-INTERNAL = ("hydra.mode=MULTIRUN", "hydra.sweeper.resume=true", "hydra.searchpath=")  # words that users do not type
-SUBFOLDER = "hydra.sweep.subdir="  # the word that names the folder of a job
+INTERNAL = ("hydra.mode=MULTIRUN", "hydra.sweeper.resume=true", "hydra.searchpath=")  # words that users never type
+SUBFOLDER = "hydra.sweep.subdir="  # word that names the folder of a job
 Words = Sequence[str]
 
 log = logging.getLogger(__name__)
 
 
 def check_jobs(loader: Any, config: DictConfig, jobs: Sequence[Words], lenient: bool = False) -> list[str]:
-    """Refuse (UserError) a sweep if any of its jobs would be refused, or, if ``lenient``, if all of them would be.
+    """Refuse (UserError) a sweep if any of its jobs would be refused; if ``lenient``, only if all of them would be.
 
-    No two jobs may share a folder. Return the folders of the jobs, relative to that of the sweep.
+    No two jobs may share a folder. Returns the folders of the jobs, relative to the folder of the sweep.
     """
     refused, composed, places = [], dict[tuple[str, ...], DictConfig](), list[str]()
     alike = () if "override_dirname" in OmegaConf.to_yaml(config.hydra.sweep) else (PICTURE, SUBFOLDER)
     for number, job in enumerate(jobs):
         try:
             others = tuple(word for word in job if not word.startswith(alike))
-            if others not in composed:  # composing is slow, and the picture affects nothing else
+            if others not in composed:  # composing is slow, and the picture changes nothing else
                 composed[others] = loader.load_sweep_config(config, list(job))
             cfg = composed[others].copy()
             cfg.hydra.job.num = number
@@ -55,7 +55,7 @@ def check_jobs(loader: Any, config: DictConfig, jobs: Sequence[Words], lenient: 
             places.append(place)
             check(cfg, job)
         except UserError as error:
-            is_plain = lenient and str(error).startswith(PICTURE)  # for a picture of a folder, the message names it
+            is_plain = lenient and str(error).startswith(PICTURE)  # the message already names the picture
             refused.append(f"{error}" if is_plain else f"job {number} of the sweep ({' '.join(job)}): {error}")
             if not lenient or len(refused) == len(jobs):
                 raise UserError(refused[0]) from error
@@ -66,9 +66,10 @@ def check_jobs(loader: Any, config: DictConfig, jobs: Sequence[Words], lenient: 
 
 
 def begin_sweep(config: DictConfig, jobs: Sequence[Words], goes_on: bool, lenient: bool = False) -> None:
-    """Take the folder of a sweep and record its jobs; a sweep that ``goes_on`` must have the same jobs (UserError).
+    """Claim the folder of a sweep and record its jobs; a continued sweep (``goes_on``) must have the same jobs.
 
-    A ``lenient`` sweep may have other jobs, but none in the folder of an earlier job.
+    A ``lenient`` sweep may have other jobs, but none in the folder of an earlier job. A UserError refuses other
+    changes.
     """
     check_place(config)
     folder = take_name(config, Path(config.hydra.sweep.dir))
@@ -87,7 +88,7 @@ def _without_output(words: Words) -> list[str]:
 
 
 def check_same(folder: Path, jobs: Sequence[Words], lenient: bool = False) -> None:
-    """Refuse (UserError) to continue a folder that does not hold a sweep with exactly these jobs."""
+    """Refuse (UserError) to continue a folder unless it contains a sweep with exactly these jobs."""
     try:
         noted = json_of(read_text(folder / JOBS, ""))
         before, words = [list(map(str, job)) for job in noted["jobs"]], list(map(in_short, noted["typed"]))
@@ -114,13 +115,13 @@ def check_same(folder: Path, jobs: Sequence[Words], lenient: bool = False) -> No
 def launch_jobs(
     launch: Callable[..., Sequence[JobReturn]], config: DictConfig, batch: Sequence[Words], first: int, goes_on: bool
 ) -> None:
-    """Launch the jobs of a batch, numbered from ``first``; if the sweep ``goes_on``, only unfinished ones.
+    """Launch the jobs of a batch, numbered from ``first``; if the sweep ``goes_on``, only the unfinished jobs.
 
-    After all have ended, one UserError names the failed jobs.
+    After all jobs have ended, a single UserError names the failed jobs.
     """
     folder = Path(config.hydra.sweep.dir)
     jobs = {number: list(job) for number, job in enumerate(batch, first)}
-    if goes_on:  # numbers have gaps then
+    if goes_on:  # the numbers then have gaps
         jobs = {number: job for number, job in jobs.items() if not _is_done(folder / str(override_value(job[-1])))}
         log.info("%d of %d jobs are already finished", len(batch) - len(jobs), len(batch))
     heartbeat.end()
@@ -140,7 +141,7 @@ def launch_jobs(
 
 
 def moved(job: Words, place: str) -> list[str]:
-    """Set the folder of a job by its last word."""
+    """Replace the folder of a job by a last word."""
     return [*(word for word in job if not word.startswith(SUBFOLDER)), SUBFOLDER + verbatim(place)]
 
 
@@ -150,10 +151,10 @@ def override_value(word: str) -> Any:
 
 
 def _is_done(folder: Path) -> bool:
-    """Tell whether the job of a folder is finished; raise a UserError if it is running."""
+    """Check whether the job of a folder is finished; raise a UserError if it is still running."""
     if (folder / ".hydra").is_dir():
         check_free(folder)
     if not has_finished(folder):
         return False
-    (folder / CHECKPOINT).unlink(missing_ok=True)  # it may have been killed just before releasing it
+    (folder / CHECKPOINT).unlink(missing_ok=True)  # the job may have been killed just before removing it
     return True

@@ -19,22 +19,22 @@ from brushexp.system.reading import json_of, read_text
 from brushexp.system.run_files import METRICS_FILE
 from brushexp.system.status import Status
 
-REPORT_SHARE = 0.1  # largest share of a sweep's time for its reports
+REPORT_SHARE = 0.1  # largest share of a sweep's time spent on its reports
 
 log = logging.getLogger(__name__)
-_next_report = time.monotonic() + 30  # seconds: the imports of a report take two
+_next_report = time.monotonic() + 30  # seconds; the imports of a report take two
 
 
 class SweepReport(Callback):
-    """Log failures of jobs, and write the report of a sweep after its jobs.
+    """Logs failures of jobs, and writes the report of a sweep after its jobs.
 
-    Hydra 1.3 does not tell callbacks about the end of a sweep with a failed job.
+    Hydra 1.3 does not notify callbacks of the end of a sweep with a failed job.
     """
 
     def on_job_end(self, config: DictConfig, job_return: JobReturn, **_: Any) -> None:
         run_folder = Path(config.hydra.runtime.output_dir)
         sweep = config.hydra.mode is RunMode.MULTIRUN
-        failed = isinstance(job_return._return_value, Exception)  # Hydra 1.4 also comes here after Ctrl-C
+        failed = isinstance(job_return._return_value, Exception)  # Hydra 1.4 also reports Ctrl-C here
         if failed:
             _log_failure(run_folder, job_return._return_value, everywhere=sweep)
         if sweep and (failed or time.monotonic() >= _next_report):
@@ -50,13 +50,13 @@ def note_failure(folder: Path, error: BaseException) -> None:
     with suppress(UserError):
         numbers = json_of(read_text(path, ""))
     status = Status.INTERRUPTED if isinstance(error, KeyboardInterrupt) else Status.FAILED
-    words = first_line(error) if status == Status.FAILED else "KeyboardInterrupt"  # whose own are of this job alone
+    words = first_line(error) if status == Status.FAILED else "KeyboardInterrupt"  # this job was interrupted
     with suppress(UserError):  # the disk may be full
         write_json(path, numbers | {"status": status, "error": words})
 
 
 def renew_sweep_report(folder: Path) -> None:
-    """Write the report of a sweep from the results of all its runs, if any, in one process at a time."""
+    """Write the report of a sweep from the results of all its runs, if there are any; one process at a time."""
     from filelock import FileLock  # noqa: PLC0415
 
     global _next_report  # noqa: PLW0603
@@ -80,7 +80,7 @@ def _write_report(folder: Path) -> None:
 
 
 def _log_failure(folder: Path, error: BaseException, *, everywhere: bool) -> None:
-    """Log an error in the run's file or ``everywhere``; Hydra shows a sweep's first error on the terminal."""
+    """Log an error in the run's file or ``everywhere``; Hydra shows only a sweep's first error on the terminal."""
     trace = None if isinstance(error, UserError) else (type(error), error, error.__traceback__)
     message = f"run {folder.name} failed: {first_line(error)}"
     record = log.makeRecord(log.name, logging.ERROR, __file__, 0, message, (), trace)

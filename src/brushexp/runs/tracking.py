@@ -1,4 +1,4 @@
-"""Open the loggers of a run, pass on its curves and results, and drop loggers that fail."""
+"""Open the loggers of a run, forward its curves and results to them, and drop loggers that fail."""
 
 import logging
 from collections.abc import Callable, Iterator, Mapping
@@ -21,7 +21,7 @@ log = logging.getLogger(__name__)
 
 
 class Trackers(LightningLogger):
-    """A Lightning logger that passes everything on to all trackers of a run, dropping those that fail."""
+    """A Lightning logger that forwards everything to all trackers of a run, and drops trackers that fail."""
 
     name = version = ""
 
@@ -30,7 +30,7 @@ class Trackers(LightningLogger):
         self.chosen, self.run = chosen, run
         self.curves: dict[str, LightningLogger] = {}
         self.stopped: set[str] = set()
-        self.row: dict[str, float] = {}  # values of the last step
+        self.row: dict[str, float] = {}  # values of the current step
         self.step: int | None = None
 
     def __enter__(self) -> Self:
@@ -63,7 +63,7 @@ class Trackers(LightningLogger):
                 act(self.curves[name])
 
     def report(self, metrics: Mapping[str, Any], **results: Any) -> None:
-        """Record the metrics, pictures, frames and files that trackers get at the end of the run; see `Run`."""
+        """Record the metrics, pictures, frames and files for the trackers at the end of the run; see `Run`."""
         self.run = replace(self.run, metrics=metrics, **results)
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
@@ -94,7 +94,7 @@ class Trackers(LightningLogger):
 
 
 def make_trackers(cfg: DictConfig, folder: Path | None) -> Trackers:
-    """Make the trackers of a config for a run in ``folder`` or a part of it; empty without a folder."""
+    """Make the trackers of a config for a run in ``folder``, or for a part of the run; empty without a folder."""
     if folder is None:
         return Trackers({}, Run(Path()))
     settings: Any = OmegaConf.to_container(cfg, resolve=True, enum_to_str=True)

@@ -1,1 +1,1 @@
-"""The painting as an object: strokes -> height of the paint (`height`) -> how it looks under a light (`light`)."""
+"""The painting as an object: strokes -> height of the paint (`height`) -> its appearance under a lamp (`light`)."""

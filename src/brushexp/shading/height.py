@@ -1,8 +1,8 @@
 """Compute the height of the paint of a painting.
 
-The thickness of a stroke follows from its coverage, or, for plain strokes, from bristles drawn at random. It is in
-films: 1 is the thickest that a brush leaves. It takes the place of a texture's tone, as thickness - 1, because black
-paint (0) of that tone has the colour thickness * colour.
+The thickness of a stroke follows from its coverage or, for plain strokes, from bristles drawn at random. Its unit is a
+film: 1 is the thickest paint that a brush leaves. Thickness - 1 replaces the tone of a texture, because black paint (0)
+with this tone has the colour thickness * colour.
 """
 
 from collections.abc import Iterator
@@ -24,25 +24,25 @@ from brushexp.pictures.load import BRIGHTNESS
 from brushexp.strokes.bezier import half_width_of
 from brushexp.strokes.catalogue import Strokes, drawable
 
-FILM = 0.1  # thickest paint of a stroke of typical width, in its widths
-BROADER = 0.25  # power of a stroke's width to which its film grows: with more of it, relief is uneven
-CARRIED = 0.75  # share of the paint below that an opaque stroke carries away or levels
-THIN = 0.5  # pixels: a stroke thinner than about twice this is drawn so thick, and lower
-AT_ONCE = 256  # windows that are computed in one batch
+FILM = 0.1  # thickest paint of a stroke of typical width, relative to its width
+BROADER = 0.25  # exponent of a film's growth with the width of its stroke; larger values make relief uneven
+CARRIED = 0.75  # share of the paint below that an opaque stroke removes or levels
+THIN = 0.5  # pixels; strokes thinner than about twice this are drawn at that thickness, but lower
+AT_ONCE = 256  # number of windows computed in one batch
 DENSE = 0.97  # coverage of a full film
-LEAN = 0.12  # thickness of the darkest paint in films, because painters keep darks thin and lights thick
-LEAN_UNTIL, BODY_FROM = 0.12, 0.6  # luma up to which paint is this thin, and from which it has its full thickness
+LEAN = 0.12  # thickness of the darkest paint, in films, because painters keep darks thin and lights thick
+LEAN_UNTIL, BODY_FROM = 0.12, 0.6  # largest luma of the thinnest paint, and smallest luma of full films
 FILLED = 0.25  # thickness of paint, in films, that reduces the relief of the ground to about a third
-LIT = 0.8  # films by which paint is higher where it is white by light than where it has its own colour
-VARIANTS, LEVELS = 8, 5  # brushes of plain strokes; sizes, each half of the one before
+LIT = 0.8  # extra height, in films, of paint that shines white over paint in its own colour
+VARIANTS, LEVELS = 8, 5  # brushes of plain strokes; sizes, each half of the previous one
 ROWS, COLUMNS = 48, 64  # texels of their textures, across and along
-KNOTS = 6  # along a stroke, between which bristles waver
-RAGGED = 0.2  # share by which the ends of bristles differ
-THINNEST = 0.1  # films, between bristles
-BODY, FINE, COARSE = 0.5, 0.15, 0.12  # films: of the middle, and of single bristles and tufts
-RIDGE, RIDGE_AT, RIDGE_WIDE = 0.3, 0.76, 0.13  # films of what is pushed aside; where and how wide in half widths
-SPENT = 0.25  # share of its paint that a brush has left at the end of a stroke
-SHOULDER = 0.3  # half widths over which the edge of the paint is round
+KNOTS = 6  # number of knots along a stroke between which bristles waver
+RAGGED = 0.2  # relative variation of the ends of bristles
+THINNEST = 0.1  # films; smallest thickness between bristles
+BODY, FINE, COARSE = 0.5, 0.15, 0.12  # films: the middle, single bristles, and tufts
+RIDGE, RIDGE_AT, RIDGE_WIDE = 0.3, 0.76, 0.13  # height of displaced paint, films; its position and width, half widths
+SPENT = 0.25  # fraction of its paint that a brush has left at the end of a stroke
+SHOULDER = 0.3  # half widths over which the edge of the paint is rounded
 EDGE_RANGE = (0.85, 1.1)  # half widths between which a plain stroke ends
 
 
@@ -50,22 +50,22 @@ EDGE_RANGE = (0.85, 1.1)  # half widths between which a plain stroke ends
 def heights(
     strokes: Strokes, front_to_back: Tensor, size: Size, renderer: Drawer, blend: Compose
 ) -> Iterator[tuple[int, int, Tensor, np.ndarray]]:
-    """Compute heights band by band, from the top to the bottom, in pixels of the picture; the bare canvas is 0.
+    """Compute heights band by band, from top to bottom, in pixels of the picture; the bare canvas is 0.
 
-    Yields the first row of each band, how many rows it has, the numbers of its strokes, and heights (h, W), float32, of
-    these rows and of the one before and after them, where there are such: all that their slopes need.
+    Yields the first row of each band, its number of rows, the indices of its strokes, and heights (h, W), float32.
+    Heights include the rows just before and after the band, where they exist, because slopes need them.
 
-    Strokes are laid from the bottom to the top: h <- h (1 - CARRIED a) + a t, with the opacity a of a stroke at a pixel
-    and the thickness t of its film there, at most ``FILM`` times a geometric mean of its width (which counts BROADER)
-    and the typical one: a broader brush leaves thicker paint, but the first broad strokes do not outdo what is painted
-    over them. A picture twice as large has the same slopes. A blend makes all this of strokes of opacity CARRIED a and
-    "colour" t / CARRIED.
+    Strokes are composited from bottom to top: h <- h (1 - CARRIED a) + a t, with the opacity a of a stroke at a pixel
+    and the thickness t of its film there. t is at most ``FILM`` times a geometric mean of the stroke's width (with
+    weight BROADER) and the typical width: a broader brush leaves thicker paint, but the first broad strokes do not
+    dominate the paint above them. A picture twice as large has the same slopes. A blend computes this from strokes of
+    opacity CARRIED a and "colour" t / CARRIED.
 
-    Where renderers say how their strokes cover and shine, t is higher where their bristles left more paint; plain
-    strokes get bristles, and ridges where a brush pushes paint aside, from textures drawn at random.
+    If the renderer provides coverage and light, t is higher where bristles left more paint; plain strokes get bristles,
+    and ridges where a brush displaces paint, from random textures.
 
-    Source: Hertzmann, "Fast paint texture" (2002): strokes with textures of opacity and height are laid over each other
-    as colours are. Differs: covered paint still shows in the surface, and the thickness depends on the brush.
+    Source: Hertzmann, "Fast paint texture" (2002): strokes with textures of opacity and height are composited like
+    colours. Differs from the source: covered paint still shows in the surface, and the thickness depends on the brush.
     """
     impasto, (height, width) = Impasto(renderer, typical_width(strokes)), size
     place, reached = front_to_back.argsort(), impasto.rows(strokes)
@@ -78,20 +78,20 @@ def heights(
 
 
 def typical_width(strokes: Strokes) -> float:
-    """Take the median width of strokes in pixels; 0 without any."""
+    """Compute the median width of strokes in pixels; 0 without strokes."""
     return 2 * float(half_width_of(strokes).median()) if len(strokes) else 0.0
 
 
 @dataclass(frozen=True)
 class Impasto:
-    """Draws strokes whose colour is the height of their paint; ``typical`` is the median width of a stroke, pixels."""
+    """Draws strokes whose colour is the height of their paint; ``typical`` is the median stroke width in pixels."""
 
     renderer: Drawer
     typical: float
 
     @property
     def at_once(self) -> int | None:
-        return self.renderer.at_once and max(1, self.renderer.at_once // 4)  # the new layers need room as well
+        return self.renderer.at_once and max(1, self.renderer.at_once // 4)  # the new layers need memory as well
 
     def rows(self, strokes: Strokes) -> Tensor | None:
         return self.renderer.rows(strokes)
@@ -111,7 +111,7 @@ class Impasto:
 
 
 def body_of(color: Tensor) -> Tensor:
-    """Compute the thickness (N,) of paint of colours (N, 3), from LEAN for the darkest to 1 for light paint, in films.
+    """Compute the thickness (N,), in films, of paint with colours (N, 3), from LEAN for the darkest to 1 for light.
 
     So paint of equal lightness has equal thickness, and ridges coincide with changes of tone.
     """
@@ -132,7 +132,7 @@ def surface_height(paint: np.ndarray, ground: np.ndarray, typical: float) -> np.
 
 @dataclass(frozen=True)
 class HeightLayers(Layers):
-    """Layers of any other kind, whose colour is the height of their paint; it is at most ``film`` (N,) thick."""
+    """Layers of any other kind whose colour is the height of their paint, at most ``film`` (N,)."""
 
     per_stroke = ()
 
@@ -156,7 +156,7 @@ def _as_layers(film: Tensor, opacity: Tensor) -> dict[str, Tensor]:
 def _add_bristles(layers: Profile, film: Tensor, brush: Tensor) -> TexturedProfile:
     sheets = _bristle_sheets(layers.taper, film.device)
     half = (layers.half_width.square() + THIN**2).sqrt()
-    texel = half * (2 * SPREAD / ROWS)  # a texel of the finest texture, in pixels
+    texel = half * (2 * SPREAD / ROWS)  # size of a texel of the finest texture, in pixels
     look = brush % VARIANTS * LEVELS + texel.log2().neg().floor().clamp(0, LEVELS - 1).long()
     parts = _as_layers(film, layers.opacity * layers.half_width / half)
     once = torch.ones_like(look)
@@ -164,7 +164,7 @@ def _add_bristles(layers: Profile, film: Tensor, brush: Tensor) -> TexturedProfi
 
 
 def _raise_windows(layers: Windows, film: Tensor) -> Windows:
-    """Replace the colours of drawn windows by the height that follows from their coverage and light."""
+    """Replace the colours of drawn windows with the height that follows from their coverage and light."""
     images = []
     for image, color, full in zip(*(part.split(AT_ONCE) for part in (layers.images, layers.color, film)), strict=True):
         light = (image[:, :3] - color[:, :, None, None]).mean(1)
@@ -174,18 +174,18 @@ def _raise_windows(layers: Windows, film: Tensor) -> Windows:
 
 
 def thickness_of(coverage: Tensor, light: Tensor) -> Tensor:
-    """Compute films of paint where a stroke has a ``coverage`` (0 to 1) and a ``light`` (-1 to 1) on its colour.
+    """Compute the thickness of paint, in films, of a stroke with a ``coverage`` (0 to 1) and a ``light`` (-1 to 1).
 
-    A height is -log(1 - coverage), as in the simulator (`engine.fluid`): a splat of height w leaves the share exp(-w)
+    Height is -log(1 - coverage), as in the simulator (`engine.fluid`): a splat of height w leaves the fraction exp(-w)
     of the canvas bare. Light lies on the ridges.
     """
     bare = torch.log1p(-coverage * DENSE) / torch.log1p(torch.tensor(-DENSE)).to(coverage)
     return (bare * (1 + LIT * light)).clamp(0, 1)
 
 
-@lru_cache(maxsize=1)  # a renderer's textures are the same at every call
+@lru_cache(maxsize=1)  # the textures of a renderer are the same at every call
 def _raise_sheets(sheets: Sheets) -> Sheets:
-    """Replace the tone of textures by thickness - 1: by their own, or that which follows from opacity and tone."""
+    """Replace the tone of textures with thickness - 1, which is stored or follows from opacity and tone."""
     opacity, tone = sheets.texels[:, 0], sheets.texels[:, 1]
     thickness = sheets.texels[:, 2] if sheets.texels.shape[1] > 2 else thickness_of(opacity, tone)
     texels = torch.stack([opacity, ((thickness - 1) * HALF).round() / HALF], dim=1)
@@ -198,7 +198,7 @@ def _bristle_sheets(taper: float, device: torch.device) -> Sheets:
     across, t, before, beyond = (part[1:-1] for part in coordinates_of(ROWS, COLUMNS))
     half = (1 - taper * (2 * t - 1) ** 2).clamp_min(0.05)
     fine, coarse = _streaks(1.0), _streaks(3.0)
-    ragged = 1 + RAGGED * (1 + coarse).clamp_min(0)  # some bristles touch down later and lift off earlier
+    ragged = 1 + RAGGED * (1 + coarse).clamp_min(0)  # some bristles touch down later, or lift off earlier
     from_curve = torch.hypot(across[:, None], (before + beyond) * ragged) / half  # 1 at the edge
     ridge = torch.exp(-(((from_curve - RIDGE_AT) / RIDGE_WIDE) ** 2)) * (1 + 0.5 * coarse).clamp_min(0)
     film = BODY * (1 + 0.5 * SPENT - SPENT * t) + FINE * fine + COARSE * coarse + RIDGE * ridge
@@ -209,10 +209,10 @@ def _bristle_sheets(taper: float, device: torch.device) -> Sheets:
 
 
 def _streaks(spread: float) -> Tensor:
-    """Draw long noise (VARIANTS, ROWS, COLUMNS), ``spread`` rows wide, of mean 0 and deviation 1."""
+    """Draw elongated noise (VARIANTS, ROWS, COLUMNS), ``spread`` rows wide, of mean 0 and standard deviation 1."""
     generator = torch.Generator().manual_seed(round(1000 * spread))
     knots = torch.randn(VARIANTS, ROWS, KNOTS, generator=generator)
-    knots = 0.8 * knots[..., :1] + 0.6 * knots  # mostly the same bristles all the way
+    knots = 0.8 * knots[..., :1] + 0.6 * knots  # mostly the same bristles along the whole stroke
     place = torch.arange(ROWS)
     blur = torch.exp(-0.5 * ((place[:, None] - place) / spread) ** 2)
     noise = functional.interpolate(blur @ knots, COLUMNS, mode="linear", align_corners=True)

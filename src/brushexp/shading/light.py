@@ -1,8 +1,8 @@
-"""Shade a height map by normals, diffuse and specular light.
+"""Shade a height map with normals, diffuse and specular light.
 
-The formula, the same in the browser; x points to the right, y up, z to the viewer; rows y of a picture go down. A is
-the azimuth of the light, clockwise from the top (315: upper left), E its elevation above the canvas, c a colour in
-[0, 1] of the painting, h heights in pixels, with the outermost ones repeated beyond the edges:
+The formula, which the browser shares, uses axes x to the right, y up and z to the viewer; rows y of a picture count
+downwards. A is the azimuth of the light, clockwise from the top (315: upper left), E its elevation above the canvas, c
+a colour of the painting in [0, 1], and h heights in pixels, with edge values repeated beyond the edges:
 
     gx = depth (h[y, x + 1] - h[y, x - 1]) / 2        gy = depth (h[y + 1, x] - h[y - 1, x]) / 2
     n  = (-gx, gy, 1) / sqrt(gx^2 + gy^2 + 1)         the normal
@@ -14,12 +14,12 @@ the azimuth of the light, clockwise from the top (315: upper left), E its elevat
     lit = c k if k <= 1, else 1 - (1 - c)^k
     out = lit + gloss s (1 - lit)
 
-So a flat canvas keeps its colours exactly, and nothing is ever clipped.
+So a flat canvas keeps its colours exactly, and no colour is ever clipped.
 
-Source: Lambert (1760); highlights as Blinn, "Models of light reflection for computer synthesized pictures" (1977);
-normals of a height map as Blinn, "Simulation of wrinkled surfaces" (1978); angles as in cartography (Horn, "Hill
-shading and the reflectance map", 1981). Differs: light is relative to that on a flat canvas; what it brightens goes
-towards white and not beyond; nothing casts shadows.
+Source: Lambert (1760); highlights as in Blinn, "Models of light reflection for computer synthesized pictures" (1977);
+normals of a height map as in Blinn, "Simulation of wrinkled surfaces" (1978); angles as in cartography (Horn, "Hill
+shading and the reflectance map", 1981). Differs from the sources: light is relative to a flat canvas; it brightens
+colours towards white and not beyond; nothing casts shadows.
 """
 
 import math
@@ -29,25 +29,25 @@ import numpy as np
 
 from brushexp.bounds import ANY, above, between
 
-DIRECT = 0.7  # share of the diffuse light that comes from the light, the rest from everywhere
-SHININESS = 24.0  # oil paint: a highlight is seen where the surface is turned up to 14 degrees from it
-GAMMA = 2.2  # displays have this gamma: light is multiplied in physical units
+DIRECT = 0.7  # fraction of the diffuse light that comes from the lamp; the rest is ambient
+SHININESS = 24.0  # oil paint; a highlight is visible where the surface is tilted up to 14 degrees from it
+GAMMA = 2.2  # gamma of displays; light is multiplied in physical units
 BOUNDS = {"azimuth": ANY, "elevation": above(0, 90), "depth": between(0, 1000), "gloss": between(0, 1)}  # of `Light`
 Array = np.ndarray
 
 
 @dataclass(frozen=True)
 class Light:
-    """The lamp over a painting: where it stands, and how thick and glossy the paint is."""
+    """The lamp over a painting: its direction, and the thickness and gloss of the paint."""
 
     azimuth: float = 315.0  # degrees clockwise from the top (315: upper left)
     elevation: float = 45.0  # degrees above the canvas
-    depth: float = 0.0  # thickness of the paint: 1 is natural, and 0 flat, without any light
+    depth: float = 0.0  # thickness of the paint: 1 is natural, 0 is flat and unlit
     gloss: float = 0.25  # gloss of the paint, 0 (matt) to 1 (wet)
 
     @property
     def direction(self) -> Array:
-        """Unit vector (3,) float32 to the light: right, up, to the viewer."""
+        """Unit vector (3,) float32 towards the lamp: right, up, to the viewer."""
         azimuth, elevation = math.radians(self.azimuth), math.radians(self.elevation)
         flat = math.cos(elevation)
         return np.array([math.sin(azimuth) * flat, math.cos(azimuth) * flat, math.sin(elevation)], np.float32)
@@ -68,7 +68,7 @@ def normals_of(height: Array, scale: float = 1.0, rows: slice = slice(None)) -> 
 
 
 def shade_picture(color: Array, normals: Array, light: Light) -> Array:
-    """Shade a display-referred picture (3, H, W) in [0, 1] under a light, by the formula above."""
+    """Shade a display-referred picture (3, H, W) in [0, 1] under a light, with the formula above."""
     to_light = light.direction
     halfway = to_light + np.array([0, 0, 1], np.float32)
     halfway /= np.linalg.norm(halfway)
@@ -80,13 +80,13 @@ def shade_picture(color: Array, normals: Array, light: Light) -> Array:
 
 
 def overlay(flat: Array, finished: Array) -> Array:
-    """Compute what (H, W, 4) uint8, laid over ``flat`` (H, W, 3) uint8, gives ``finished``: light, and bare paper.
+    """Compute the overlay (H, W, 4) uint8 that turns ``flat`` (H, W, 3) uint8 into ``finished``: light and bare paper.
 
-    It is as transparent as can be: black where light is missing, the ground where paint skips the paper.
+    The overlay is as transparent as possible: black where light is missing, the ground where paint skips the paper.
     """
     below, above = flat.astype(np.float32) / 255, finished.astype(np.float32) / 255
     change = above - below
-    room = np.where(change > 0, 1 - below, below)  # to white, or to black
+    room = np.where(change > 0, 1 - below, below)  # distance to white or to black
     share = (np.abs(change) / np.maximum(room, 1e-6)).max(-1, keepdims=True)
     share = np.ceil(255 * share.clip(0, 1) - 1e-3) / 255
     color = below + change / np.maximum(share, 1 / 255)

@@ -9,13 +9,13 @@ from torch import Tensor
 
 from brushexp.strokes.catalogue import Strokes
 
-NEWTON_STEPS = 9  # Newton steps in `closest_parameter`, the last one with a gradient
-TIE_ROUNDINGS = 16  # rounding errors of a coordinate, within which the first leg of a fold counts as nearer
-VALLEY_WIDTH = 0.01  # minima closer to each other in the parameter are one
+NEWTON_STEPS = 9  # number of Newton steps in `closest_parameter`; only the last has a gradient
+TIE_ROUNDINGS = 16  # number of rounding errors of a coordinate within which the first leg of a fold counts as nearer
+VALLEY_WIDTH = 0.01  # minima closer than this in the parameter are one
 MIN_SLOPE_PX2 = 1.25e-5  # square pixels: derivatives of t are limited as if no curve were shorter than 0.005 px
-PIECES = 4  # pieces of a curve, each with its own quadrature, so that hairpins are measured to a thousandth
-MARGIN_PX = 2.0  # a window is so much larger than its stroke on each side
-NODES, WEIGHTS = (np.polynomial.legendre.leggauss(5) + np.array([[1], [0]])) / (2 * PIECES)  # of the first one
+PIECES = 4  # pieces of a curve, each with its own quadrature, so that hairpins are accurate to a thousandth
+MARGIN_PX = 2.0  # margin between a stroke and its window on each side
+NODES, WEIGHTS = (np.polynomial.legendre.leggauss(5) + np.array([[1], [0]])) / (2 * PIECES)  # for the first piece
 Length = TypeVar("Length", float, Tensor)  # pixels
 Cubic = tuple[Tensor, Tensor, Tensor, Tensor]  # coefficients, highest first
 
@@ -26,7 +26,7 @@ def curve_of(strokes: Strokes) -> Tensor:
 
 
 def shape_of(strokes: Strokes) -> Tensor:
-    """Compute control points (N, 3, 2) in pixels relative to ``position``, which is exact for distant strokes too."""
+    """Compute control points (N, 3, 2) in pixels relative to ``position``; this is exact even for distant strokes."""
     points = torch.stack([strokes.start, strokes.control, strokes.end], dim=1)
     return points * (0.5 * strokes.scale)[:, None, None]
 
@@ -37,18 +37,18 @@ def half_width_of(strokes: Strokes) -> Tensor:
 
 
 def softness_of(strokes: Strokes) -> Tensor:
-    """Compute how much wider (N,), in pixels, edges are than their renderer's."""
+    """Compute by how many pixels (N,) edges are wider than the renderer's own."""
     return strokes.softness * strokes.scale
 
 
 def drift_of(strokes: Strokes) -> Tensor:
     """Compute colour drifts (N, 3), limited so that neither end of a stroke leaves [0, 1]."""
     room = strokes.color.minimum(1 - strokes.color)
-    return strokes.drift.clamp(-room, room)  # where both are 0, the colour gets no gradient from it
+    return strokes.drift.clamp(-room, room)  # if both limits are 0, the colour gets no gradient from the drift
 
 
 def roomy_window(pitch: Length) -> Length:
-    """Return the side in pixels of a window in which strokes a ``pitch`` apart can move: 64 for 10 (thesis 2020).
+    """Return the side, in pixels, of a window in which strokes a ``pitch`` apart can move: 64 for 10 (thesis 2020).
 
     A tensor of pitches gives a tensor of sides.
     """
@@ -59,15 +59,15 @@ def strokes_along(
     curve: Tensor, thickness: Tensor | float, color: Tensor, opacity: Tensor | float,
     *, window: Tensor | float | None = None, position: Tensor | None = None,
 ) -> Strokes:  # fmt: skip
-    """Make strokes along curves (N, 3, 2) in pixels, in the precision of the curves.
+    """Make strokes along curves (N, 3, 2) in pixels, with the precision of the curves.
 
     Args:
         curve: start, control and end of each stroke.
         thickness: thickness in pixels, one for all strokes or (N,).
         color: (N, 3), clamped to [0, 1].
         opacity: opacity, one for all strokes or (N,).
-        window: side in pixels of the window within which a stroke can move, see `roomy_window`; None for a close fit.
-        position: (N, 2) centres of the windows, to which curves are then relative; None for the middle of each curve.
+        window: side, in pixels, of the window within which a stroke can move, see `roomy_window`; None for a tight fit.
+        position: (N, 2) centres of the windows; curves are then relative to them. None for the middle of each curve.
     """
 
     def each(value: Tensor | float) -> Tensor:
@@ -85,10 +85,10 @@ def strokes_along(
 
 
 def cut_short(strokes: Strokes, share: Tensor) -> Strokes:
-    """Cut n strokes at parameter ``share`` (n,) of their curves (de Casteljau), keeping the beginning unchanged."""
+    """Cut n strokes at parameter ``share`` (n,) of their curves (de Casteljau); the beginning remains unchanged."""
     t, rest, drift = share[:, None], 1 - share[:, None], drift_of(strokes)
     first, second = rest * strokes.start + t * strokes.control, rest * strokes.control + t * strokes.end
-    growth = 1 - (1 - share) * strokes.widening  # thickness in the middle of the rest, relative to that of the whole
+    growth = 1 - (1 - share) * strokes.widening  # thickness in the middle of the part, relative to the whole
     widening = share * strokes.widening / growth.clamp_min(torch.finfo(growth.dtype).tiny)
     paint = {"width": growth * strokes.width, "color": strokes.color - rest * drift, "drift": t * drift}
     return replace(strokes, control=first, end=rest * first + t * second, widening=widening, **paint)
@@ -103,9 +103,9 @@ def point_at(curve: Tensor, t: Tensor) -> Tensor:
 def closest_parameter(curve: Tensor, points: Tensor) -> Tensor:
     """Find the parameter t (...) in [0, 1] of the point of each curve (..., 3, 2) nearest to ``points`` (..., 2).
 
-    The distance has at most two minima, one on each side of the inflection of its derivative. For each, the best of a
-    few samples is refined by Newton's method with bisection. The derivative of t follows from the implicit function
-    theorem; it is 0 where t is clamped to an end, and limited by `MIN_SLOPE_PX2`.
+    The distance has at most two minima, one on each side of the inflection of its derivative. For each minimum, the
+    best of a few samples is refined with Newton's method and bisection. The derivative of t follows from the implicit
+    function theorem; it is 0 where t is clamped to an end, and limited by `MIN_SLOPE_PX2`.
     """
     cubic = distance_cubic(curve, points)
     with torch.no_grad():
@@ -113,7 +113,7 @@ def closest_parameter(curve: Tensor, points: Tensor) -> Tensor:
         first, second = (_refine(cubic, start, n) for start in _nearest_samples(cubic, n))
         nearness = [(point_at(curve, t) - points).norm(dim=-1) for t in (first, second)]
         tie = TIE_ROUNDINGS * torch.finfo(curve.dtype).eps * curve.abs().amax((-1, -2))
-        tie = tie * ((second - first) > VALLEY_WIDTH)  # only one of two points near one minimum is the nearest
+        tie = tie * ((second - first) > VALLEY_WIDTH)  # of two points near the same minimum, only one is the nearest
         t = torch.where(nearness[1] < nearness[0] - tie, second, first)
         bend = cubic_at(cubic, t)[1].clamp_min(_floor(cubic)).clamp_min(MIN_SLOPE_PX2)
     slope, _ = cubic_at(cubic, t)
@@ -150,7 +150,7 @@ def cubic_at(cubic: Cubic, t: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _samples_for(curve: Tensor) -> int:
-    """Count the sample intervals needed for Newton's method to find the right minimum of every curve."""
+    """Count the sample intervals that Newton's method needs to find the right minimum of every curve."""
     start, control, end = curve.unbind(-2)
     bend, chord = (start - 2 * control + end).square().sum(-1), (end - start).square().sum(-1)
     gentle, bent = bool((bend <= 0.16 * chord).all()), bool((bend <= chord).all())
@@ -158,7 +158,7 @@ def _samples_for(curve: Tensor) -> int:
 
 
 def _nearest_samples(cubic: Cubic, n: int) -> tuple[Tensor, Tensor]:
-    """Find the nearest sample before the inflection of a cubic and the nearest one after it."""
+    """Find the nearest sample before the inflection of a cubic, and the nearest sample after it."""
     a, b, c, d = cubic
     inflection = -b / (3 * a).clamp_min(torch.finfo(a.dtype).tiny)
     nearest = []
@@ -173,13 +173,13 @@ def _nearest_samples(cubic: Cubic, n: int) -> tuple[Tensor, Tensor]:
 
 
 def _floor(cubic: Cubic) -> Tensor:
-    """Bound the divisor of Newton's method: tiny relative to the curve's squared length, and never 0."""
+    """Compute the smallest divisor for Newton's method: tiny relative to the curve's squared length, and never 0."""
     a, b, c, _ = cubic
     return 1e-6 * (a + b.abs() + c.abs()) + torch.finfo(a.dtype).tiny
 
 
 def length_of(curve: Tensor) -> Tensor:
-    """Compute the arc length (...) of curves (..., 3, 2) by Gauss-Legendre quadrature, to 2e-3 even for hairpins."""
+    """Compute the arc length (...) of curves (..., 3, 2) with Gauss-Legendre quadrature, to 2e-3 even for hairpins."""
     nodes, weights = curve.new_tensor(NODES), curve.new_tensor(WEIGHTS).repeat(PIECES)
     nodes = (nodes + torch.arange(PIECES).to(nodes)[:, None] / PIECES).flatten()
     start, control, end = curve.unbind(-2)

@@ -17,7 +17,7 @@ from brushexp.errors import UserError
 class Field:
     """Shape, unit and range of one field of a stroke."""
 
-    size: int  # numbers per stroke; 0 for a plain (N,) tensor
+    size: int  # numbers per stroke; 0 means a plain (N,) tensor
     low: float
     high: float
     unit: str
@@ -31,8 +31,8 @@ class Field:
 
 
 PRECISE = (torch.float32, torch.float64)  # precisions in which strokes are optimised and drawn
-FARTHEST_POSITION = 1e6  # pixels, beyond which float32 coordinates are coarser than a tenth of a pixel
-BRUSH_COUNT = 2**31  # number of brushes that fits into 32 bits, as in files
+FARTHEST_POSITION = 1e6  # pixels; float32 coordinates beyond this are coarser than a tenth of a pixel
+BRUSH_COUNT = 2**31  # number of brushes that fit into 32 bits, as in files
 FIELDS = {
     "position": Field(2, -FARTHEST_POSITION, FARTHEST_POSITION, "centre of the window, pixels, x right, y down"),
     "scale": Field(0, 1e-3, FARTHEST_POSITION, "side of the stroke's window in pixels"),
@@ -46,16 +46,17 @@ FIELDS = {
     "widening": Field(0, -1.0, 1.0, "growth of the thickness from the middle to the end; the start shrinks as much"),
     "drift": Field(3, -0.5, 0.5, "colour at the end less that in the middle; the start differs as much the other way"),
 }
-LATER_FIELDS = {"softness": 3, "widening": 3, "drift": 4}  # first version of catalogues with the field, before: 0
-SCALE_FIRST = sorted(FIELDS, key=lambda name: name != "scale")  # the unit of position
+LATER_FIELDS = {"softness": 3, "widening": 3, "drift": 4}  # first version of catalogues that has the field
+SCALE_FIRST = sorted(FIELDS, key=lambda name: name != "scale")  # scale is the unit of position
 
 
 @dataclass(frozen=True)
 class Strokes:
     """N strokes as tensors of one dtype on one device; see ``FIELDS`` for units and ranges. Pixel centres lie at +0.5.
 
-    A stroke keeps its ``brush``, by which renderers with several textures choose, when other strokes are added or
-    removed. Few renderers draw `LATER_FIELDS`; optimisers leave these at 0 unless their ``units`` say otherwise.
+    A stroke keeps its ``brush``, which determines its texture in renderers with several textures, when other strokes
+    are added or removed. Few renderers draw `LATER_FIELDS`; optimisers leave these fields at 0 unless ``units`` has
+    them.
 
     >>> import torch
     >>> level = Strokes(
@@ -93,7 +94,7 @@ class Strokes:
         return self.position.shape[0]
 
     def __getitem__(self, index: Tensor | slice | int) -> Strokes:
-        """Select strokes by a slice, a mask (N,) or indices; a single index gives one stroke, of ``len`` 1.
+        """Select strokes by a slice, a mask (N,) or indices; a single index selects one stroke, of ``len`` 1.
 
         >>> import torch
         >>> from brushexp.strokes.prior import sample_prior
@@ -102,7 +103,7 @@ class Strokes:
         (1, 2, True)
         """
         if isinstance(index, Integral):
-            number = range(len(self))[int(index)]  # an IndexError ends loops over strokes
+            number = range(len(self))[int(index)]  # an IndexError, which ends loops over strokes
             index = slice(number, number + 1)
         return replace(self, brush=self.brush[index], **{name: value[index] for name, value in self.items()})
 
@@ -143,12 +144,12 @@ class Strokes:
         return replace(self, position=position, scale=self.scale * zoom)
 
     def with_rows(self, rows: Tensor, others: Strokes) -> Strokes:
-        """Replace the strokes ``rows`` by ``others``; each row keeps its brush."""
+        """Replace the strokes ``rows`` with ``others``; each row keeps its brush."""
         return replace(self, **{name: value.index_copy(0, rows, getattr(others, name)) for name, value in self.items()})
 
     @staticmethod
     def join(*parts: Strokes) -> Strokes:
-        """Concatenate strokes; the brushes of each part are offset by the number of strokes before it."""
+        """Concatenate strokes; the brushes of each part are offset by the number of strokes in earlier parts."""
         before = accumulate((len(part) for part in parts), initial=0)
         brush = torch.cat([part.brush + count for part, count in zip(parts, before, strict=False)])
         return Strokes(**{name: torch.cat([getattr(part, name) for part in parts]) for name in FIELDS}, brush=brush)
@@ -161,14 +162,14 @@ class Strokes:
 
 
 def check_strokes(strokes: Strokes) -> None:
-    """Refuse strokes with a wrong shape or values not finite or out of range; the UserError names field and stroke."""
+    """Refuse strokes with wrong shapes or with values not finite or in range; the UserError names field and stroke."""
     wrong = {}
     for name, field in FIELDS.items():
         value = getattr(strokes, name)
         if tuple(value.shape) != field.shape(len(strokes)):
             raise UserError(f"{name} has shape {tuple(value.shape)}; {field.shape(len(strokes))} is needed")
         wrong[name] = ~(value.isfinite() & (value >= field.low) & (value <= field.high))
-    found = torch.stack([numbers.any() for numbers in wrong.values()]).tolist()  # a GPU is waited for once
+    found = torch.stack([numbers.any() for numbers in wrong.values()]).tolist()  # waits for a GPU only once
     for name, field in [item for item, is_wrong in zip(FIELDS.items(), found, strict=True) if is_wrong]:
         index = int(wrong[name].reshape(len(strokes), -1).any(1).nonzero()[0])
         number = getattr(strokes, name)[index].detach().reshape(-1).tolist()
@@ -203,7 +204,7 @@ def drawable(strokes: Strokes) -> Strokes:
 
 
 def check_units(units: Mapping[str, float]) -> None:
-    """Refuse (UserError) units of unknown fields, and of both position and scale, of which only one can move."""
+    """Refuse (UserError) units for unknown fields, or for both position and scale, of which only one can move."""
     if unknown := sorted(set(units) - set(FIELDS)):
         raise UserError(f"no stroke field is called {unknown[0]!r}; the fields are {', '.join(FIELDS)}")
     if units.get("scale") and units.get("position"):
@@ -211,9 +212,9 @@ def check_units(units: Mapping[str, float]) -> None:
 
 
 class Catalogue(nn.Module):
-    """Owns the strokes as parameters: keeps them finite and in range, adds and removes them.
+    """Owns the strokes as parameters, keeps them finite and in range, and adds and removes them.
 
-    An optimiser sees each field divided by its unit, so that one learning rate serves all fields: under Adam a step of
+    An optimiser sees each field divided by its unit, so that one learning rate serves all fields: with Adam, a step at
     ``lr`` moves a field by about ``lr * unit``. The unit of ``position`` is in half-windows of each stroke. A field
     whose unit is 0 or missing is frozen.
     """
@@ -231,16 +232,16 @@ class Catalogue(nn.Module):
         self._store(strokes)
 
     def forward(self) -> Strokes:
-        """Return the strokes as they are now, differentiable in the parameters."""
+        """Return the current strokes, differentiable in the parameters."""
         return Strokes(**{name: getattr(self, name) * self._unit(name) for name in FIELDS}, brush=self.brush)
 
     def __len__(self) -> int:
         return len(self.scale)
 
     def is_finite(self) -> bool:
-        """Test whether all parameters are finite by summing them, which is faster than `isfinite`."""
+        """Check whether all parameters are finite by summing them, which is faster than `isfinite`."""
         sums = [value.detach().sum(dtype=torch.float64) for value in self.parameters()]
-        return not sums or bool(torch.stack(sums).isfinite().all())  # a GPU is waited for once
+        return not sums or bool(torch.stack(sums).isfinite().all())  # waits for a GPU only once
 
     @torch.no_grad()
     def keep_in_range(self) -> None:
@@ -263,7 +264,7 @@ class Catalogue(nn.Module):
     def part(self, rows: Tensor) -> Catalogue:
         """Copy the strokes ``rows`` (A,) into a separate catalogue."""
         part = Catalogue(self()[rows], self.units)
-        for name in FIELDS:  # copies bits, because a field is its parameter times its unit, rounded
+        for name in FIELDS:  # copies bits, because a field is its parameter times its unit, which rounds
             getattr(part, name).copy_(getattr(self, name)[rows])
         return part
 
@@ -275,7 +276,7 @@ class Catalogue(nn.Module):
 
     @torch.no_grad()
     def revise(self, keep: Tensor, new: Strokes, optimizer: optim.Optimizer | None = None) -> None:
-        """Drop strokes where ``keep`` (N,) is false and append ``new`` ones; the others keep their optimiser state.
+        """Drop strokes where ``keep`` (N,) is false, and append ``new`` strokes; the others keep their optimiser state.
 
         State that is not one number per parameter (the history of L-BFGS) starts afresh.
         """
@@ -302,7 +303,7 @@ class Catalogue(nn.Module):
         return 0.5 * unit * self.scale[:, None] if name == "position" and self.units[name] else unit
 
     def _store(self, strokes: Strokes) -> None:
-        """Store strokes: moving fields become parameters, the others buffers."""
+        """Store strokes: moving fields become parameters, all others buffers."""
         check_strokes(strokes)
         self.register_buffer("brush", strokes.brush.clone())
         for name in SCALE_FIRST:
@@ -316,7 +317,7 @@ class Catalogue(nn.Module):
 
 
 def _carry(value: Tensor, keep: Tensor, parameter: Tensor) -> Tensor:
-    """Keep the optimiser state of remaining strokes, with zeros for new ones; counters do not change."""
+    """Keep the optimiser state of remaining strokes, with zeros for new strokes; counters do not change."""
     if value.ndim == 0:
         return value
     carried = value.new_zeros(parameter.shape)

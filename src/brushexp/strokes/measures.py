@@ -1,13 +1,14 @@
 """Define the measures of strokes for `task=analyse`, `style.brushwork` and the losses.
 
-All are differentiable, and finite with finite gradients for any strokes. Curves are (N, 3, 2) control points in pixels.
-Directions are doubled: (cos 2 theta, sin 2 theta), the same for both ways along a stroke (Batschelet, 1981).
+All measures are differentiable, and finite with finite gradients for any strokes. Curves are (N, 3, 2) control points
+in pixels. Directions are doubled: (cos 2 theta, sin 2 theta), which is the same for both senses along a stroke
+(Batschelet, 1981).
 
 Names follow Li, Yao, Hendriks and Wang, "Rhythmic brushstrokes distinguish van Gogh from his contemporaries" (IEEE
 TPAMI 34(6), 2012), who measure regions of pixels. Differs from the source: straightness is chord over arc length,
-because a correlation of x and y is not defined for a level stroke; homogeneity compares a stroke's breadth with its
-neighbours', because along one stroke it is constant; neighbours are the ``NEIGHBOURS`` nearest strokes (Kotovenko et
-al., 2021), not those within 200 pixels, so that paintings of different sizes compare.
+because the correlation of x and y is undefined for a horizontal stroke; homogeneity compares a stroke's breadth with
+its neighbours', because along one stroke it is constant; neighbours are the ``NEIGHBOURS`` nearest strokes (Kotovenko
+et al., 2021) instead of those within 200 pixels, so that paintings of different sizes are comparable.
 """
 
 import math
@@ -19,18 +20,18 @@ from torch import Tensor
 from brushexp.strokes.bezier import half_width_of
 from brushexp.strokes.catalogue import Strokes
 
-NEIGHBOURS = 10  # strokes around a stroke
-POINT_LENGTH = 0.1  # pixels: a much shorter curve is a point, and smoothly loses curvature and direction
-LEG_SOFTENING = 1e-4  # share of the curve below which a leg does not count as a turn
-ISOTROPY_SOFTENING = 1e-3  # a curve with about equal spread in all directions smoothly loses its direction
+NEIGHBOURS = 10  # number of nearest strokes that a stroke is compared with
+POINT_LENGTH = 0.1  # pixels; a much shorter curve is a point, and smoothly loses curvature and direction
+LEG_SOFTENING = 1e-4  # fraction of the curve below which a leg does not count as a turn
+ISOTROPY_SOFTENING = 1e-3  # a curve with nearly equal spread in all directions smoothly loses its direction
 MIN_OPACITY = 0.1  # opacity below which strokes do not count
-MIN_WIDTH_PITCHES = 0.02  # thickness in pitches from which strokes count
+MIN_WIDTH_PITCHES = 0.02  # smallest thickness, in pitches, of strokes that count
 LI, BATSCHELET = "Li et al., 2012", "Batschelet, 1981"
 
 
 @dataclass(frozen=True)
 class Measure:
-    """A measure's name and definition. Angles are kept in radians and shown in degrees."""
+    """A measure's name and definition. Angles are stored in radians and shown in degrees."""
 
     name: str
     meaning: str
@@ -75,14 +76,14 @@ def area_of(length: Tensor, width: Tensor) -> Tensor:
 
 
 def straightness_of(curve: Tensor, length: Tensor) -> Tensor:
-    """Compute the distance of the ends over arc length (N,), in [0, 1]; 0 for a point."""
+    """Compute the distance between the ends over arc length (N,), in [0, 1]; 0 for a point."""
     chord = (curve[:, 2] - curve[:, 0]).square().sum(1)
     tiny = torch.finfo(curve.dtype).tiny
     return ((chord + tiny).sqrt() / length.clamp_min(POINT_LENGTH**2)).clamp_max(1)
 
 
 def curvature_of(curve: Tensor) -> Tensor:
-    """Compute total curvature (N,), radians in [0, pi], as the angle between both legs; 0 for a point."""
+    """Compute the total curvature (N,), in radians in [0, pi], as the angle between both legs; 0 for a point."""
     (x, y), (u, v) = (leg.unbind(1) for leg in _unit_legs(curve))
     return torch.atan2((x * v - y * u).abs(), x * u + y * v + LEG_SOFTENING)
 
@@ -93,7 +94,7 @@ def centre_of(curve: Tensor) -> Tensor:
 
 
 def direction_of(curve: Tensor) -> Tensor:
-    """Compute the doubled direction (N, 2) of the principal axis of curves, of length 1, or less for points.
+    """Compute the doubled direction (N, 2) of the principal axis of curves, with length 1, or less for points.
 
     The second moment of B(t), t uniform, about its mean is (4 a^2 + 7 a b + 4 b^2) / 45, for legs a and b as complex
     numbers; squaring doubles angles.
@@ -106,7 +107,7 @@ def direction_of(curve: Tensor) -> Tensor:
 
 
 def _unit_legs(curve: Tensor) -> tuple[Tensor, Tensor]:
-    """Compute both legs (N, 2) in units of the root of their squared lengths' sum."""
+    """Compute both legs (N, 2) in units of the root of the sum of their squared lengths."""
     start, control, end = curve.unbind(1)
     first, last = control - start, end - control
     size = (first.square().sum(1) + last.square().sum(1) + POINT_LENGTH**2).sqrt()[:, None]
@@ -115,9 +116,9 @@ def _unit_legs(curve: Tensor) -> tuple[Tensor, Tensor]:
 
 @torch.no_grad()
 def nearest_strokes(points: Tensor, centres: Tensor, k: int = NEIGHBOURS, *, exclude_self: bool) -> Tensor:
-    """Find indices (Q, k) of the k nearest ``centres`` (N, 2) to ``points`` (Q, 2), or of all if they are fewer.
+    """Find indices (Q, k) of the k ``centres`` (N, 2) nearest to ``points`` (Q, 2), or of all if there are fewer.
 
-    With ``exclude_self`` the points are the centres, and none is its own neighbour.
+    With ``exclude_self``, the points are the centres, and no point is its own neighbour.
     """
     from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
 
@@ -127,20 +128,20 @@ def nearest_strokes(points: Tensor, centres: Tensor, k: int = NEIGHBOURS, *, exc
     places, around = (x.detach().cpu().double().numpy() for x in (points, centres))  # NumPy has no bfloat16
     index = torch.from_numpy(cKDTree(around).query(places, k=k + exclude_self, workers=torch.get_num_threads())[1])
     index = index.reshape(len(points), k + exclude_self).to(points.device)
-    if exclude_self:  # if strokes coincide, the stroke itself need not come first, or be included at all
+    if exclude_self:  # if strokes coincide, the stroke itself may not come first or even be included
         own = index == torch.arange(len(points), device=points.device)[:, None]
         index = index[:, 1:] if own[:, 0].all() else index.gather(1, own.long().argsort(dim=1, stable=True))[:, :k]
     return index
 
 
 def neighbours_of(strokes: Strokes, shape: Tensor, k: int = NEIGHBOURS) -> Tensor:
-    """Find indices (N, k) of the strokes with the nearest centres of curves (`bezier.shape_of`)."""
+    """Find indices (N, k) of the strokes whose curves (`bezier.shape_of`) have the nearest centres."""
     centre = strokes.position + centre_of(shape)
     return nearest_strokes(centre, centre, k, exclude_self=True)
 
 
 def with_self(near: Tensor) -> Tensor:
-    """Prepend each stroke's own index to those of its neighbours: (N, k) becomes (N, 1 + k)."""
+    """Prepend each stroke's own index to the indices of its neighbours: (N, k) becomes (N, 1 + k)."""
     return torch.cat([torch.arange(len(near), device=near.device)[:, None], near], dim=1)
 
 
@@ -154,7 +155,7 @@ def mean_direction(direction: Tensor, near: Tensor) -> Tensor:
 
 
 def coherence_of(direction: Tensor, near: Tensor) -> Tensor:
-    """Compute the length (N,) of the mean direction around strokes: 1 if parallel, about sqrt(pi / 4 n) in disorder."""
+    """Compute the length (N,) of the mean direction around strokes: 1 if parallel, about sqrt(pi / 4 n) if random."""
     mean = mean_direction(direction, with_self(near))
     return (mean.square().sum(1) + torch.finfo(mean.dtype).eps ** 2).sqrt()
 
@@ -175,5 +176,5 @@ def pitch_of(strokes: Strokes, size: tuple[int, int]) -> float:
 
 
 def is_visible(strokes: Strokes, pitch: float) -> Tensor:
-    """Decide which strokes (N,) are opaque and thick enough to be visible, whether or not others hide them."""
+    """Return which strokes (N,) are opaque and thick enough to be visible, whether or not others hide them."""
     return (strokes.opacity >= MIN_OPACITY) & (2 * half_width_of(strokes) >= MIN_WIDTH_PITCHES * pitch)

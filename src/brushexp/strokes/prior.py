@@ -13,24 +13,24 @@ from torch import Tensor
 from brushexp.strokes.bezier import curve_of
 from brushexp.strokes.catalogue import Strokes
 
-WINDOW = 64.0  # side in pixels of the window of a simulated stroke
+WINDOW = 64.0  # side, in pixels, of the window of a simulated stroke
 THINNEST, THICKEST = 0.03, 0.2  # widths of valid strokes, in sides of the window
-INSET = 0.7  # factor that shrinks strokes towards the window's centre, so that its edge cuts none
+INSET = 0.7  # factor that shrinks strokes towards the window's centre, so that its edge does not clip them
 SPREAD = (1 / 200, 1 / 25)  # variance of the control point along and across s - e, in units of |s - e|
-TOUCHING = 1e-6  # half-windows or pixels: closer ends have no direction between them
-SHORTEST_CHORD = 4 * THINNEST * INSET  # distance from start to end of the shortest valid stroke, half-windows
+TOUCHING = 1e-6  # half-windows or pixels; ends closer than this have no direction between them
+SHORTEST_CHORD = 4 * THINNEST * INSET  # distance between start and end of the shortest valid stroke, in half-windows
 
 Array = NDArray[np.float64]
 Value = TypeVar("Value", float, Tensor)
 
 
 def sample_prior(n: int, seed: int = 0, first: int = 0) -> Strokes:
-    """Draw valid strokes number ``first`` to ``first + n - 1``; each depends only on ``seed`` and its number.
+    """Draw the valid strokes number ``first`` to ``first + n - 1``; each depends only on ``seed`` and its number.
 
     Start and end are uniform in the window and the thickness w in [``THINNEST``, ``THICKEST``], redrawn until
     |s - e| >= 2 w (in sides of the window); the control point is normal about the middle with variances ``SPREAD``,
     redrawn until it lies in the window; then all three are scaled by ``INSET``. The strokes are float32 on the CPU,
-    opaque, with uniform colours, at position 0. Differs from the source: its eq. 6.1 prints the inequality reversed.
+    opaque, with uniform colours, at position 0. Differs from the source, whose eq. 6.1 prints the inequality reversed.
     """
     draw = partial(_uniform, seed, first, n)
     body = _redraw(lambda attempt: draw(2 * attempt, 8), _long_enough)  # (n, 8): start 2, end 2, width, colour 3
@@ -58,7 +58,7 @@ def parameters_of(strokes: Strokes) -> Tensor:
 
 
 def strokes_of(parameters: Tensor) -> Strokes:
-    """Invert `parameters_of`: make opaque strokes at position 0 in windows of 64 pixels from (N, 10)."""
+    """Invert `parameters_of`: convert (N, 10) to opaque strokes at position 0 in windows of 64 pixels."""
     start, control, end, width, color = parameters.split([2, 2, 2, 1, 3], dim=1)
     one = torch.ones_like(width[:, 0])
     where = torch.zeros_like(start), WINDOW * one, start, control, end
@@ -69,8 +69,8 @@ def clamp_to_prior(strokes: Strokes) -> Strokes:
     """Clamp points and widths to the range of `sample_prior`; clamped values have no gradient.
 
     The range is +-``INSET`` half-windows for points, [``THINNEST``, ``THICKEST``] for widths, ``SHORTEST_CHORD`` or
-    more for chords, and at most half the length for the thickness (but at least ``THINNEST``), as in the source's eq.
-    6.1.
+    more for chords, and at most half the length for the thickness (but at least ``THINNEST``), as in eq. 6.1 of the
+    source.
     """
     start, control, end = (value.clamp(-INSET, INSET) for value in (strokes.start, strokes.control, strokes.end))
     along, length = _along((end - start).detach())
@@ -90,23 +90,23 @@ def _along(chord: Tensor) -> tuple[Tensor, Tensor]:
 
 @torch.no_grad()
 def rewindow(strokes: Strokes) -> Strokes:
-    """Choose windows for strokes so that `clamp_to_prior` changes as little as possible; valid strokes do not change.
+    """Choose windows for strokes so that `clamp_to_prior` changes them as little as possible; valid strokes stay.
 
     A window is centred on the control points, and its side is the valid one nearest to the old side. Two kinds of
-    strokes fit no window and are changed at constant area: those too short for their thickness become longer and
-    thinner, those too thin for their length thicker and shorter. For a painting of 655 strokes, a quarter of them of
-    these kinds, this cost 1.3 dB; only thinning the short ones cost 3.5 dB.
+    strokes fit no window and are changed at constant area: strokes too short for their thickness become longer and
+    thinner, strokes too thin for their length become thicker and shorter. For a painting of 655 strokes, a quarter of
+    them of these kinds, this cost 1.3 dB; only thinning the short strokes cost 3.5 dB.
     """
     curve, thickness = _long_as_wide(curve_of(strokes), strokes.width * strokes.scale)
     low, high = curve.amin(1), curve.amax(1)
     centre, extent = 0.5 * (low + high), (high - low).amax(1)
     smallest = torch.maximum(extent / INSET, thickness / THICKEST).clamp_min(1e-3)
-    largest = (thickness / THINNEST).clamp_min(1)  # windows below a pixel show nothing
+    largest = (thickness / THINNEST).clamp_min(1)  # a window smaller than a pixel shows nothing
     scale = torch.maximum(torch.minimum(strokes.scale, largest), smallest)
     scale = torch.where(smallest > largest, (smallest * largest).sqrt(), scale)
     shrink = (scale / smallest).clamp_max(1)
     points = (curve - centre[:, None]) * (2 * shrink / scale)[:, None, None]
-    start, control, end = points.clamp(-INSET, INSET).unbind(1)  # only rounding is left to clamp
+    start, control, end = points.clamp(-INSET, INSET).unbind(1)  # clamps only rounding errors
     width = (thickness / scale).clamp_min(THINNEST)
     new = replace(strokes, position=centre, scale=scale, start=start, control=control, end=end, width=width)
     valid = (parameters_of(strokes) == parameters_of(clamp_to_prior(strokes))).all(1)
@@ -135,7 +135,7 @@ def _long_as_wide(curve: Tensor, thickness: Tensor) -> tuple[Tensor, Tensor]:
     """Lengthen and thin curves (N, 3, 2) shorter than 2 ``INSET`` thicknesses (N,), at constant area."""
     start, control, end = curve.unbind(1)
     along, length = _along(end - start)
-    least = 2 * INSET * (1 + 1e-5)  # slightly more than the limit, so that rounding does not make it invalid
+    least = 2 * INSET * (1 + 1e-5)  # slightly above the limit, so that rounding does not make it invalid
     thinner = ((length * thickness + 0.25 * np.pi * thickness.square()) / (least + 0.25 * np.pi)).sqrt()
     short = length < 2 * INSET * thickness
     middle, half = 0.5 * (start + end), 0.5 * (least * thinner)[:, None] * along
@@ -146,7 +146,7 @@ def _long_as_wide(curve: Tensor, thickness: Tensor) -> tuple[Tensor, Tensor]:
 def _uniform(seed: int, first: int, n: int, stream: int, columns: int) -> Array:
     """Draw numbers (n, columns) in the open interval (0, 1); row i depends only on seed, stream and first + i.
 
-    Philox (Salmon et al., 2011) gives four words per step of its counter, so ``columns`` must be a multiple of 4.
+    Philox (Salmon et al., 2011) generates four words per step of its counter, so ``columns`` must be a multiple of 4.
     """
     source = np.random.Philox(key=np.array([seed, stream], dtype=np.uint64)).advance(first * columns // 4)
     words = source.random_raw(n * columns).reshape(n, columns)
@@ -154,7 +154,7 @@ def _uniform(seed: int, first: int, n: int, stream: int, columns: int) -> Array:
 
 
 def _redraw(draw: Callable[[int], Array], valid: Callable[[Array], NDArray[np.bool_]]) -> Array:
-    """Replace invalid rows of ``draw(0)`` by those of ``draw(1)``, ``draw(2)`` and so on."""
+    """Replace invalid rows of ``draw(0)`` with those of ``draw(1)``, ``draw(2)`` and so on."""
     rows, attempt = draw(0), 0
     while (wrong := ~valid(rows)).any():
         attempt += 1

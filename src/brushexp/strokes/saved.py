@@ -1,4 +1,4 @@
-"""Record a finished painting, and convert it to and from JSON for people to edit (docs/formats.md)."""
+"""Record a finished painting, and convert it to and from editable JSON (docs/formats.md)."""
 
 import json
 from base64 import b64decode, b64encode
@@ -21,12 +21,12 @@ from brushexp.system.reading import check_format_version, check_yaml, in_short, 
 LARGEST_ALPHA = 100_000_000  # pixels
 LARGEST_SIDE = 1_000_000  # pixels of a canvas
 FORMAT = "brushexp catalogue"
-VERSION = 4  # increase it when a new file would mislead an older reader
+VERSION = 4  # version of the format; increase it if new files would mislead older readers
 VERSION_WITHOUT = 2  # version of files without `LATER_FIELDS`
 DEPTH_UNIT = "rank, 0 is the bottom stroke"
 BRUSH_UNIT = "0 or more; a renderer with several textures chooses by it"
 ATTRIBUTES = {"height": int, "width": int, "renderer": str, "renderer_hash": str, "seed": int}
-AT_ONCE = 4096  # strokes held as text at a time
+AT_ONCE = 4096  # number of strokes held as text at a time
 KINDS = {int: "a whole number", str: "text", list: "a list"}
 
 
@@ -39,18 +39,18 @@ class Saved:
     size: tuple[int, int]  # height and width of the canvas, pixels
     background: Tensor  # (3,) RGB of the bare canvas, in [0, 1]
     renderer: str  # name of the renderer plugin
-    renderer_hash: str = ""  # hash of its checkpoint; empty when it has none
+    renderer_hash: str = ""  # hash of its checkpoint; empty without a checkpoint
     seed: int = 0  # seed of the run
-    config: str = ""  # settings of the run as YAML, untrusted text from which only plugins may be built
+    config: str = ""  # settings of the run as YAML; untrusted text from which only plugins may be built
     alpha: Tensor | None = None  # (h, w) uint8 alpha of the painting, stretched over the canvas; None if opaque
 
     def with_strokes(self, strokes: Strokes, front_to_back: Tensor, background: Tensor) -> Self:
-        """Replace the strokes, in the order ``front_to_back`` (N,), uppermost first."""
+        """Replace the strokes, ordered by ``front_to_back`` (N,), top stroke first."""
         depth = (len(strokes) - 1 - front_to_back.argsort()).int().cpu()
         return replace(self, strokes=strokes.map(Tensor.cpu), depth=depth, background=background.cpu())
 
     def check(self) -> Self:
-        """Return the record if it is valid; raise a UserError that says what is wrong."""
+        """Return the record if it is valid; otherwise raise a UserError that says what is wrong."""
         check_strokes(self.strokes)
         count, ranks = len(self.strokes), self.depth.detach().cpu().sort().values
         if tuple(self.depth.shape) != (count,) or not torch.equal(ranks, torch.arange(count, dtype=ranks.dtype)):
@@ -74,7 +74,7 @@ class Saved:
 
 
 def config_of(saved: Saved) -> dict[str, Any]:
-    """Read the config of a run, empty unless it is plain data."""
+    """Read the config of a run; empty unless it is plain data."""
     try:
         config: dict[str, Any] = yaml_of(saved.config)
     except UserError:
@@ -95,7 +95,7 @@ def json_lines(saved: Saved) -> Iterator[str]:
         head["alpha"] = b64encode(png_of(saved.alpha)).decode()
     yield json.dumps(head | {"units": units, "config": saved.config.split("\n")}, ensure_ascii=False, indent=2)[:-2]
     yield ',\n  "strokes": ['
-    exact = "%.9g"  # as short as possible: nine digits distinguish all float32 values
+    exact = "%.9g"  # as short as possible, because nine digits distinguish all float32 values
     sizes = {name: FIELDS[name].size for name in names}
     slots = {name: f"[{', '.join([exact] * size)}]" if size else exact for name, size in sizes.items()}
     line = "{" + ", ".join(f'"{name}": {slot}' for name, slot in slots.items()) + ', "brush": %d, "depth": %d}'
@@ -106,13 +106,13 @@ def json_lines(saved: Saved) -> Iterator[str]:
     ):
         rows = torch.cat([part.double() for part in (*parts, ranks)], dim=1).tolist()
         text = ",\n    ".join([line % tuple(row) for row in rows])
-        yield separator * bool(rows) + text.replace("-0,", "-0.0,").replace("-0]", "-0.0]")  # -0 is a whole number
+        yield separator * bool(rows) + text.replace("-0,", "-0.0,").replace("-0]", "-0.0]")  # not -0, an integer
         separator = ",\n    "
     yield "\n  ]\n}\n" if len(strokes) else "]\n}\n"
 
 
 def fields_in(strokes: Strokes) -> tuple[list[str], int]:
-    """List the fields needed in a file of strokes, and its version; later fields are left out if all are 0."""
+    """List the fields that a file of strokes needs, and its version; later fields are omitted if all are 0."""
     needed = [first for name, first in LATER_FIELDS.items() if bool(getattr(strokes, name).any())]
     version = max(needed, default=VERSION_WITHOUT)
     return [name for name in FIELDS if LATER_FIELDS.get(name, 0) <= version], version
@@ -145,7 +145,7 @@ def png_of(alpha: Tensor) -> bytes:
 
 
 def alpha_of(png: bytes) -> Tensor:
-    """Unpack the alpha of `png_of`; refuse (UserError) anything else or too large a picture."""
+    """Unpack the alpha of `png_of`; refuse (UserError) anything else, and pictures that are too large."""
     try:
         with Image.open(BytesIO(png), formats=["PNG"]) as picture:
             if picture.mode != "L" or picture.width * picture.height > LARGEST_ALPHA:
@@ -153,7 +153,7 @@ def alpha_of(png: bytes) -> Tensor:
             return torch.from_numpy(np.array(picture))
     except UserError:
         raise
-    except Exception as error:  # decoders have a dozen kinds
+    except Exception as error:  # decoders raise a dozen kinds of errors
         raise UserError("alpha is not a readable PNG; correct it, or leave it out") from error
 
 
@@ -170,7 +170,7 @@ def _strokes(rows: list[Any]) -> tuple[Strokes, Tensor]:
             raise UserError(f"stroke {index} is {shortened(row)}; {{...}} with its fields is needed")
         if unknown := sorted(row.keys() - {*FIELDS, "brush", "depth"}):
             raise UserError(
-                f"stroke {index} has a field {shortened(unknown[0])}; it takes {', '.join(FIELDS)}, brush and depth"
+                f"stroke {index} has a field {shortened(unknown[0])}; valid: {', '.join(FIELDS)}, brush, depth"
             )
     values = {}
     zeros = {name: [0] * FIELDS[name].size or 0 for name in LATER_FIELDS}
@@ -190,7 +190,7 @@ def _strokes(rows: list[Any]) -> tuple[Strokes, Tensor]:
 
 
 def _numbers(data: dict[str, Any], name: str, size: int, where: str = "") -> Any:
-    """Check that a value has as many numbers as a field; size 0 is a single number without a list."""
+    """Check that a value has as many numbers as a field; size 0 means a single number without a list."""
     value = data.get(name)
     numbers = value if size else [value]
     if type(numbers) is not list or len(numbers) != (size or 1) or not {type(x) for x in numbers} <= {int, float}:
@@ -201,6 +201,6 @@ def _numbers(data: dict[str, Any], name: str, size: int, where: str = "") -> Any
 
 def _typed(data: dict[str, Any], name: str, kind: type, where: str = "") -> Any:
     value = data.get(name)
-    if type(value) is not kind:  # true is not a number
+    if type(value) is not kind:  # JSON's true is not a number
         raise UserError(f"{where}{name} is {shortened(value)}; {KINDS[kind]} is needed")
     return value

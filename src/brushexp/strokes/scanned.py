@@ -1,4 +1,4 @@
-"""Read scans of real strokes, straightened: acrylic with a flat brush, from full to dry.
+"""Read straightened scans of real strokes: acrylic with a flat brush, from full to dry.
 
 The scans are by Ardavan Bidgoli (2020, MIT: ``scans/strokes.LICENSE.txt``); ``benchmarks/scanned_strokes.py``
 straightens them.
@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-SCANS = Path(__file__).parent / "scans" / "strokes.png"  # all sheets in one picture, top to bottom
-SCAN_ROWS, SCAN_COLUMNS = 160, 64  # pixels of a sheet, along and across the stroke
-SCAN_BEYOND_ENDS, SCAN_BEYOND_SIDES = 0.3, 0.15  # margin of a sheet beyond ends and sides of a stroke, in its widths
+SCANS = Path(__file__).parent / "scans" / "strokes.png"  # all sheets in a single picture, top to bottom
+SCAN_ROWS, SCAN_COLUMNS = 160, 64  # pixels of a sheet along and across the stroke
+SCAN_BEYOND_ENDS, SCAN_BEYOND_SIDES = 0.3, 0.15  # margin beyond the ends and sides of a stroke, in its widths
 
 
 @cache
 def read_scans() -> NDArray[Any]:
-    """Read the coverage (N, `SCAN_ROWS`, `SCAN_COLUMNS`) uint8 of all scans: rows run along a stroke to its dry end."""
+    """Read the coverage (N, `SCAN_ROWS`, `SCAN_COLUMNS`) uint8 of all scans; rows run along a stroke to its dry end."""
     return np.asarray(Image.open(SCANS)).reshape(-1, SCAN_ROWS, SCAN_COLUMNS)

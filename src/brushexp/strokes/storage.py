@@ -1,8 +1,7 @@
 """Store a finished catalogue as HDF5 with everything needed to redraw it (docs/formats.md).
 
-Packages may publish further formats of catalogues by file extension.
-
-Texts have a fixed length, because HDF5 has no checksums for others, in which one wrong byte can cause an infinite loop.
+Packages may publish further formats of catalogues by file extension. Strings have a fixed length, because HDF5 has no
+checksums for others, in which one wrong byte can cause an infinite loop.
 """
 
 import io
@@ -33,18 +32,18 @@ from brushexp.system.reading import check_file, check_format_version, explaining
 from brushexp.system.spellings import find_path
 
 __all__ = ["Saved", "load_catalogue", "save_catalogue"]
-CATALOGUE_NAME = "catalogue.h5"  # in the folder of a run
+CATALOGUE_NAME = "catalogue.h5"  # file name in the folder of a run
 SHIPPED = Path(__file__).with_name("catalogues")
-MOST_STROKES = 10_000_000  # most strokes in a file; they take 0.7 GB
+MOST_STROKES = 10_000_000  # largest number of strokes in a file, 0.7 GB
 ALPHA_UNIT = "bytes of a grey PNG, stretched over the canvas: 255 where the painting is, 0 where nothing is"
-LARGEST_TEXT = 2**29  # most bytes of a JSON catalogue, two million strokes
+LARGEST_TEXT = 2**29  # largest number of bytes of a JSON catalogue, for two million strokes
 
 
 def save_catalogue(path: Path, saved: Saved) -> None:
-    """Write a catalogue completely or not at all, deterministically; refuse what could not be loaded again."""
+    """Write a catalogue completely or not at all, deterministically; refuse one that could not be loaded again."""
     strokes = saved.strokes.map(lambda value: value.detach().to("cpu", torch.float32))
     replace(saved, strokes=strokes).check()
-    memory = io.BytesIO()  # h5py does not say why writing to a file failed
+    memory = io.BytesIO()  # in memory, because h5py does not explain failures to write a file
     with h5py.File(memory, "w", libver=(HDF5, HDF5)) as file:
         names, version = fields_in(strokes)
         for name in names:
@@ -66,17 +65,17 @@ def _put(file: h5py.File, name: str, value: np.ndarray, unit: str) -> None:
 
 
 def load_catalogue(path: Path, option: str = "catalogue") -> Saved:
-    """Read and check a catalogue (UserError), given by path, folder of a run, or name of a shipped one.
+    """Read and check a catalogue (UserError), given by path, folder of a run, or name of a shipped catalogue.
 
-    ``option`` is its key, for messages.
+    ``option`` is the key of the path, for messages.
     """
     if str(path).isidentifier() and not path.exists() and (SHIPPED / f"{path}.h5").is_file():
         path = SHIPPED / f"{path}.h5"
     path = find_path(path)
     cure, again = f"give the catalogue.h5 of a finished run, {option}=...", "save it again or give another one"
-    if path.is_dir():  # a folder of a run stands for its catalogue
+    if path.is_dir():  # the folder of a run stands for its catalogue
         path = path / CATALOGUE_NAME
-        if not path.exists() and (others := sorted(path.parent.glob("*/*.h5"))):  # of a sweep, or of a film
+        if not path.exists() and (others := sorted(path.parent.glob("*/*.h5"))):  # a sweep or a film
             cure = f"give one of the folders below it, {option}={others[0]}"
     if path.suffix.lower() == ".json":
         text = read_text(path, cure, LARGEST_TEXT)
@@ -103,7 +102,7 @@ def _read(file: h5py.File, cure: str) -> Saved:
     if background.dtype.kind not in "fiu":
         raise UserError(f"attribute background is {in_short(repr(background))}, not numbers")
     fields = {name: torch.from_numpy(numbers_of(value)) for name, value in values.items()}
-    brush = torch.arange(count)  # files of version 1 have no brushes
+    brush = torch.arange(count)  # brushes of files of version 1, which store none
     if "brush" in file:
         brush = torch.from_numpy(numbers_of(dataset_of(file, "brush", np.int32, (count,)))).long()
     alpha = None

@@ -7,24 +7,24 @@ from functools import cache
 from pathlib import Path
 
 CODE = Path(__file__).parents[1]
-KERNELS = "NUMBA_CACHE_DIR"  # environment variable: folder for machine code
+KERNELS = "NUMBA_CACHE_DIR"  # environment variable: folder for compiled machine code
 CACHES = "XDG_CACHE_HOME"  # environment variable: all caches of a user (XDG Base Directory Specification)
-OF_LIBRARIES = {  # variables of libraries that ignore this standard, and their subfolders
+OF_LIBRARIES = {  # variables of libraries that ignore this standard -> subfolders
     "MPLCONFIGDIR": "matplotlib",
     "TRITON_CACHE_DIR": "triton",
     "WANDB_CACHE_DIR": "wandb-cache",
     "WANDB_DATA_DIR": "wandb-data",
 }
-TEMPORARY_PLACES = ("TMPDIR", "TEMP", "TMP")  # variables that name them
-USUAL_PLACES = ("/tmp", "/var/tmp", "/usr/tmp")  # and where they are without these
+TEMPORARY_PLACES = ("TMPDIR", "TEMP", "TMP")  # variables that name folders for temporary files
+USUAL_PLACES = ("/tmp", "/var/tmp", "/usr/tmp")  # the usual folders without these variables
 PRIVATE = 0o700  # mode of a folder that only its owner can read and write
 
 
 def settle_caches() -> None:
-    """Give libraries writable cache folders if they would find none; call it before importing them.
+    """Give libraries writable cache folders if they would find none; call this before importing them.
 
-    Machine code goes to `NUMBA_CACHE_DIR`, or beside the program's code, or into the user's cache, or into a private
-    temporary folder, whichever is writable first; other libraries use the last two. Without any, nothing is cached.
+    Machine code goes to the first writable folder among `NUMBA_CACHE_DIR`, the program's own folder, the user's cache
+    and a private temporary folder; other libraries use the last two. Without such a folder, nothing is cached.
     """
     for variable in (KERNELS, CACHES):
         _settle_typed(variable)
@@ -36,7 +36,7 @@ def settle_caches() -> None:
     if private is None:
         return
     if not has_home():
-        os.environ["HOME"] = str(private)  # otherwise libraries make a folder named ~
+        os.environ["HOME"] = str(private)  # otherwise libraries create a folder named ~
     if is_settled:
         return
     os.environ[CACHES] = str(private)
@@ -47,7 +47,7 @@ def settle_caches() -> None:
 
 
 def _settle_typed(variable: str) -> None:
-    """Expand a cache folder set by the user, and unset it if it is not writable."""
+    """Expand a cache folder that the user set, and unset it if it is not writable."""
     typed = os.environ.pop(variable, "")
     path = os.path.expanduser(typed)
     is_whole = os.path.isabs(path) or (variable == KERNELS and not path.startswith("~"))
@@ -57,18 +57,18 @@ def _settle_typed(variable: str) -> None:
 
 @cache
 def has_home() -> bool:
-    """Tell whether the user had a home at the first call, before `settle_caches` gives libraries one."""
+    """Return whether the user had a home at the first call, before `settle_caches` gives libraries one."""
     return os.path.isabs(os.path.expanduser("~"))  # unlike pathlib's version, it never raises
 
 
 def home_folder() -> Path | None:
-    """Return the home of the user; None if there is none or it is the root of the file system."""
+    """Return the user's home; None if it does not exist or is the root of the file system."""
     path = os.path.expanduser("~")
     return Path(path) if has_home() and os.path.normpath(path) != os.sep else None
 
 
 def can_hold(folder: Path) -> bool:
-    """Test whether files can be written into a folder, creating it if necessary."""
+    """Check whether files can be written into a folder, which is created if necessary."""
     try:
         while not folder.exists():
             folder = folder.parent
@@ -79,19 +79,19 @@ def can_hold(folder: Path) -> bool:
 
 
 def private_folder() -> Path | None:
-    """Make a temporary folder that only this user can read or write; None if that is impossible.
+    """Make a temporary folder that only this user can read and write; None if that is impossible.
 
     Folders that others could have written into are never trusted, because machine code is loaded from them.
     """
     if not hasattr(os, "getuid"):
-        return None  # on Windows, where permission bits do not tell who may write
+        return None  # on Windows, permission bits do not show who may write
     try:
         parent = tempfile.gettempdir()
     except OSError:
         return None
     named = {os.path.abspath(os.environ[name]) for name in TEMPORARY_PLACES if os.environ.get(name)}
     if os.path.abspath(parent) not in named | {*USUAL_PLACES}:
-        return None  # Python's last resort: the folder in which the command was typed
+        return None  # Python's last resort, the current folder
     folder = Path(parent, f"brushexp-{os.getuid()}")
     try:
         folder.mkdir(mode=PRIVATE, exist_ok=True)

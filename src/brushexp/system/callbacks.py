@@ -23,13 +23,13 @@ from brushexp.system.runtime import interruptible
 from brushexp.system.status import Status
 
 log = logging.getLogger(__name__)
-FIRST_CHECKPOINT = 10  # longest time until the first checkpoint in seconds
-# Seconds between two updates of the bar, as between two points of a curve: both read the PSNR of one step.
+FIRST_CHECKPOINT = 10  # longest time in seconds before the first checkpoint
+# Seconds between two updates of the bar, as between two points of a curve, so that both show the PSNR of the same step.
 REFRESH_SECONDS = 0.25
 
 
 class ProgressBar(L.Callback):
-    """Show the state of the module and the remaining time in a bar, or in a few log lines without a terminal."""
+    """Shows the state of the module and the remaining time in a bar, or in a few log lines without a terminal."""
 
     def __init__(self) -> None:
         self.bar, self.title, self.refreshed = ExitStack(), "", -math.inf
@@ -58,10 +58,10 @@ class ProgressBar(L.Callback):
 
 
 class TimedCheckpoint(Checkpoint):
-    """Write checkpoints for exact continuation at regular times, and end the fit after the current step at Ctrl-C.
+    """Writes checkpoints for exact continuation at regular intervals, and ends the fit after the step at Ctrl-C.
 
-    The file is written to ``path``, if given, at intervals of ``every`` seconds (None for at interruptions only).
-    Lightning calls this kind of callback after all others, so the file has their states after the step.
+    The file is written to ``path``, if given, every ``every`` seconds (None for interruptions only). Lightning calls
+    this kind of callback after all others, so the file has their states after the step.
     """
 
     def __init__(self, path: Path | None, every: float | None) -> None:
@@ -75,17 +75,17 @@ class TimedCheckpoint(Checkpoint):
         self.loaded = checkpoint["loops"]["fit_loop"]["state_dict"].get("combined_loader", ())
 
     def on_train_start(self, trainer: L.Trainer, *_: object) -> None:
-        for state in self.loaded:  # Lightning forgets it if a file was written at the end of an epoch
+        for state in self.loaded:  # Lightning loses it if a file was written at the end of an epoch
             trainer.train_dataloader.load_state_dict(state)  # type: ignore[union-attr]
         promise = "stopping after this step" + "; the result so far will be written" * (self.path is not None)
         self.handler.enter_context(interruptible(self.pressed.set, promise))
 
     def on_train_batch_end(self, trainer: L.Trainer, pl_module: Any, *_: object) -> None:
-        if not trainer.is_last_batch:  # a point from which Lightning's counters cannot continue
+        if not trainer.is_last_batch:  # Lightning's counters cannot continue from the last batch
             self._act(trainer, pl_module)
 
     def on_train_epoch_end(self, trainer: L.Trainer, pl_module: Any) -> None:
-        if trainer.num_training_batches == 1:  # an epoch has one batch only
+        if trainer.num_training_batches == 1:  # an epoch has only one batch
             self._act(trainer, pl_module)
 
     def _act(self, trainer: L.Trainer, pl_module: Any) -> None:
@@ -104,7 +104,7 @@ class TimedCheckpoint(Checkpoint):
             with replacing(self.path) as temporary:
                 trainer.save_checkpoint(temporary)
             for logger in trainer.loggers:
-                logger.save()  # a resumed run writes later values again
+                logger.save()  # a resumed run rewrites later values
         except UserError as error:  # the disk may have space again later
             log.warning("could not write a checkpoint at step %d: %s", trainer.global_step, error)
 

@@ -1,4 +1,4 @@
-"""Write and read trained weights: ``<name>.safetensors`` and, beside it, ``<name>.json``, the recipe that made them.
+"""Write and read trained weights: ``<name>.safetensors`` and, next to it, ``<name>.json``, the recipe that made them.
 
 docs/formats.md lists the keys of the recipe. Nothing in either file is ever executed.
 """
@@ -18,25 +18,25 @@ from brushexp.system.files import write_bytes, write_json
 from brushexp.system.reading import check_format_version, check_plain, in_short, json_of, read_text
 from brushexp.system.reading_tensors import read_safetensors
 
-VERSION = 1  # increase it when a new file would mislead an older reader
+VERSION = 1  # version of the format; increase it if new files would mislead older readers
 PROGRAM = "brushexp "  # first word of every format
 
 
 @dataclass(frozen=True)
 class CheckpointFormat:
-    """A kind of checkpoint and its words for messages."""
+    """A kind of checkpoint, with its words for messages."""
 
     noun: str  # name of the network in messages, "renderer"
     family: str  # family of its plugins, as in the recipe
-    key: str  # key that names it, "renderer.checkpoint", beside the plugin's other options
+    key: str  # key that names the checkpoint, "renderer.checkpoint", next to the plugin's other options
     task: str  # task that trains it, as typed
     without: str  # meaning of null in its place; "" if a checkpoint is required
     folders: Callable[[], Sequence[Path]]  # folders of shipped checkpoints, including those of packages
 
     def restore(self, module: nn.Module, name: str, checkpoint: str | None, options: Mapping[str, Any]) -> str:
-        """Load trained weights into a plugin's module and set it to ``eval``; call it at the end of ``__init__``.
+        """Load trained weights into a plugin's module and set it to ``eval``; call this at the end of ``__init__``.
 
-        A UserError reports ``options`` that differ from the recipe, or a file that is missing, damaged or of another
+        A UserError reports ``options`` that differ from the recipe, or a file that is missing, damaged or for another
         plugin. Returns the hash of the weights; a checkpoint of None changes nothing and returns "".
         """
         module.eval()
@@ -66,8 +66,8 @@ class CheckpointFormat:
     def save(self, path: Path, name: str, module: nn.Module, recipe: Mapping[str, Any], *, half: bool = True) -> str:
         """Write ``path`` (.safetensors) and its recipe; afterwards the module holds the weights as written.
 
-        The recipe has ``options`` and may have ``data``, ``training`` and ``figures``. With ``half``, floats that fit
-        are stored in 16 bits. Returns the hash of the weights.
+        The recipe has ``options`` and may have ``data``, ``training`` and ``figures``. With ``half``, floats are stored
+        in 16 bits if they fit. Returns the hash of the weights.
         """
         from safetensors.torch import save  # noqa: PLC0415  (--help needs none of it)
 
@@ -83,7 +83,7 @@ class CheckpointFormat:
         return digest
 
     def path_of(self, checkpoint: str) -> Path:
-        """Return the .safetensors file of a checkpoint, given by the name of a shipped one or by a path."""
+        """Return the .safetensors file of a checkpoint, given by its path or the name of a shipped checkpoint."""
         is_name = Path(checkpoint).name == checkpoint and not Path(checkpoint).suffix
         shipped = {file.stem: file for folder in self.folders() for file in folder.glob("*.safetensors")}
         path = shipped.get(checkpoint, Path()) if is_name else Path(checkpoint)
@@ -97,11 +97,11 @@ class CheckpointFormat:
         raise UserError(f"{where} is not a shipped checkpoint (there are: {names}); {cure}")
 
     def shipped_name(self, name: str) -> str | None:
-        """Return the name if it is that of a shipped checkpoint, otherwise None."""
+        """Return the name if a shipped checkpoint has it, otherwise None."""
         return name if any((folder / f"{name}.safetensors").is_file() for folder in self.folders()) else None
 
     def read_recipe(self, path: Path) -> dict[str, Any]:
-        """Read the recipe of the checkpoint at ``path`` (.safetensors); raise a UserError if it is missing or wrong."""
+        """Read the recipe of the checkpoint at ``path`` (.safetensors); raise a UserError if missing or invalid."""
         file, cure = path.with_suffix(".json"), "copy it again from the source of the checkpoint"
         if not file.is_file():
             raise UserError(f"{path} has no recipe beside it; also copy {file.name} there")

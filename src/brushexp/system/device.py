@@ -1,4 +1,4 @@
-"""Choose the device for computing."""
+"""Choose the device that computes."""
 
 import torch
 

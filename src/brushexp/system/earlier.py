@@ -1,21 +1,21 @@
-"""Convert settings and checkpoints of earlier versions to those of this version."""
+"""Convert settings and checkpoints of earlier versions to the current version."""
 
 from collections.abc import Mapping
 from typing import Any
 
 OF_TUBES = ("tubes", "mixtures", "brushes", "width_cm", "load")  # keys of the former task=tubes
-TASKS = {"guided": "guides", "repaint": "region", "tubes": "tubes"}  # former tasks that are changes now
+TASKS = {"guided": "guides", "repaint": "region", "tubes": "tubes"}  # former tasks that are now changes
 REMOVED = ("lpips_backbone", "lpips_weights", "model")  # keys that no longer exist
-OF_TRAININGS = (  # Trainer options that only training tasks have now
+OF_TRAININGS = (  # Trainer options that only training tasks still have
     *("accumulate_grad_batches", "check_val_every_n_epoch", "limit_train_batches", "limit_val_batches"),
     *("max_epochs", "min_epochs", "min_steps", "val_check_interval"),
 )
-# Keys that name files, and their current names.
+# Keys that name files -> their current names.
 KEYS = {"guides": "change.guides.lines", "region": "change.region.mask", "tubes": "change.tubes.tubes"}
 
 
 def is_earlier(settings: Mapping[str, Any]) -> bool:
-    """Tell whether recorded settings come from a version before changes existed."""
+    """Check whether recorded settings come from a version before changes existed."""
     return "change" not in settings and bool({"variety", "wet", "tubes"} & settings.keys())
 
 
@@ -29,7 +29,7 @@ def todays_settings(recorded: Mapping[str, Any]) -> dict[str, Any]:
     {'task': 'paint', 'change': {'variety': {'amount': 0.4, '_target_': 'change/variety'}}}
     """
     settings = {key: value for key, value in recorded.items() if key not in REMOVED}
-    if "pixels_per_stroke" in settings:  # settings of a painting
+    if "pixels_per_stroke" in settings:  # the settings of a painting
         settings.setdefault("working_resolution", None)  # the behaviour of earlier versions
     if not is_earlier(settings):
         return settings
@@ -76,14 +76,14 @@ def _member(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _wet_options(amount: float, looks: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the options of wet paint, which steps may have seen through a callback, ``looks``."""
+    """Return the options of wet paint, including the options of the former callback, ``looks``."""
     own = looks.get("wet")
     options = {key: looks[key] for key in ("every", "after") if key in looks}
     return {"amount": amount if own is None else own} | options
 
 
 def todays_loops(loops: dict[str, Any]) -> None:
-    """Convert Lightning's loops in a checkpoint, in place, to those of painters with manual optimisation.
+    """Convert Lightning's loops in a checkpoint, in place, to the loops of painters with manual optimisation.
 
     Earlier painters used Lightning's automatic optimisation, which counts steps elsewhere, and a stateful loader.
     """

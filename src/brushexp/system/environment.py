@@ -14,7 +14,7 @@ from typing import Any
 from brushexp import __version__
 
 LONGEST_GIT = 5.0  # seconds after which a call of git is abandoned
-PACKAGE = Path(__file__).parents[1]  # the folder of brushexp
+PACKAGE = Path(__file__).parents[1]  # folder of brushexp's code
 LIBRARIES = ("torch", "numba")  # libraries whose versions may change the bits of a painting
 QUIET = {"GIT_OPTIONAL_LOCKS": "0", "LC_ALL": "C"}
 
@@ -33,11 +33,11 @@ def _version(name: str) -> str | None:
 
 @cache
 def processor() -> str:
-    """Name the processor, such as "Intel(R) Xeon(R) Processor", or its architecture if no name is known."""
+    """Return the name of the processor, such as "Intel(R) Xeon(R) Processor", or else its architecture."""
     if sys.platform == "linux":
         try:
             lines = Path("/proc/cpuinfo").read_text(errors="replace").splitlines()
-        except OSError:  # it may be hidden
+        except OSError:  # the file may be hidden
             lines = []
         names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
         return next(names, "") or platform.machine()
@@ -49,12 +49,12 @@ def processor() -> str:
 @cache
 def code_state() -> dict[str, Any]:
     """Describe this installation of brushexp: its ``version``, and the `git_state` of its checkout, if any."""
-    is_tracked = bool(_git(PACKAGE, "ls-files", "__init__.py"))  # not an environment inside an unrelated repository
+    is_tracked = bool(_git(PACKAGE, "ls-files", "__init__.py"))  # not inside an unrelated repository
     return {"version": __version__, **((git_state(PACKAGE) or {}) if is_tracked else {})}
 
 
 def project_state(folder: Path) -> dict[str, Any] | None:
-    """Describe the repository of a folder by `git_state`; None if there is none or if it is brushexp's own."""
+    """Describe the repository of a folder with `git_state`; None without a repository or if it is brushexp's own."""
     top = _git(folder, "rev-parse", "--show-toplevel")
     if top is None or ("commit" in code_state() and top == _git(PACKAGE, "rev-parse", "--show-toplevel")):
         return None
@@ -64,8 +64,8 @@ def project_state(folder: Path) -> dict[str, Any] | None:
 def git_state(folder: Path) -> dict[str, Any] | None:
     """Describe a checkout: ``commit``, whether it is ``dirty``, and ``changes``; None without a repository.
 
-    It is dirty if a tracked file differs from the commit; then ``changes`` is the SHA-256 of ``git diff HEAD``, which
-    distinguishes states of one commit. Untracked files do not count.
+    A checkout is dirty if a tracked file differs from the commit; then ``changes`` is the SHA-256 of ``git diff HEAD``,
+    which distinguishes states of the same commit. Untracked files do not count.
     """
     commit = _git(folder, "rev-parse", "HEAD")
     if commit is None:

@@ -10,17 +10,17 @@ import numpy as np
 from brushexp.errors import UserError
 from brushexp.system.reading import check_file, explaining, in_short
 
-HDF5 = "v110"  # version of the format for writing, the first with checksums of everything except free text
-LARGEST_ATTRIBUTE = 2**22  # bytes
-LARGEST_CHUNK = 2**26  # most bytes of an unpacked chunk: 16 pictures of 1024 x 1024
-GZIP, SHUFFLE, CHECKSUM = 1, 2, 3  # allowed filters; HDF5 would load libraries for others
-INFLATION = 1032  # most bytes that gzip unpacks from one byte
+HDF5 = "v110"  # version of the format for writing, the first with checksums of everything except variable-length text
+LARGEST_ATTRIBUTE = 2**22  # bytes of the largest attribute
+LARGEST_CHUNK = 2**26  # bytes of the largest unpacked chunk: 16 pictures of 1024 x 1024
+GZIP, SHUFFLE, CHECKSUM = 1, 2, 3  # allowed filters; for others, HDF5 would load libraries
+INFLATION = 1032  # largest number of bytes that gzip unpacks from one byte
 PLAIN = (h5py.h5t.INTEGER, h5py.h5t.FLOAT, h5py.h5t.STRING)
-SPARE = 2**12  # most bytes by which small data grow when packed
+SPARE = 2**12  # largest number of bytes by which packing enlarges small data
 
 
 def fixed(text: str) -> np.ndarray:
-    """Encode a text for a fixed-length attribute."""
+    """Encode a string for a fixed-length attribute."""
     encoded = text.encode()
     return np.array(encoded, h5py.string_dtype("utf-8", max(1, len(encoded))))
 
@@ -37,7 +37,7 @@ def opened(path: Path, cure: str, **options: Any) -> h5py.File:
 def dataset_of(
     file: h5py.File, name: str, dtype: type, shape: tuple[int, ...] | None, most: int = 2**40
 ) -> h5py.Dataset:
-    """Return a dataset of the file if it fits the format, without reading its numbers.
+    """Return a dataset of the file if it fits the format; its numbers are not read.
 
     Without a ``shape`` it must have one axis of at most ``most`` values.
     """
@@ -59,7 +59,7 @@ def dataset_of(
 
 
 def _check_storage(name: str, dataset: h5py.Dataset) -> None:
-    """Refuse a dataset that would unpack to more than it states, or states more than its bytes can hold."""
+    """Refuse a dataset that would unpack to more than it states, or that states more than its bytes can hold."""
     layout, held = dataset.id.get_create_plist(), dataset.id.get_storage_size()
     used = [layout.get_filter(k)[0] for k in range(layout.get_nfilters())]
     if not {GZIP, SHUFFLE, CHECKSUM}.issuperset(used) or used.count(GZIP) > 1:

@@ -1,4 +1,4 @@
-"""Show that the program is working when nothing else does: a moving line or, without a terminal, occasional lines.
+"""Show that the program is working when there is no other output: a moving line or, without a terminal, some lines.
 
 The command line starts it, and all other output postpones it. It does not run in forked processes or in the Python
 API.
@@ -12,11 +12,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TextIO
 
-QUIET_SECONDS = 0.6  # seconds after which the line appears on a terminal
-LINE_SECONDS = 10.0  # seconds between lines without a terminal, at most
+QUIET_SECONDS = 0.6  # seconds of silence before the line appears on a terminal
+LINE_SECONDS = 10.0  # seconds of silence before a line without a terminal
 TICK_SECONDS = 0.2
-MARKS = "|/-\\"  # moving marks for any terminal
-STDERR = 2  # number of its file
+MARKS = "|/-\\"  # frames of the moving mark, for any terminal
+STDERR = 2  # its file descriptor
 CLEAR = "\r\x1b[K"
 
 
@@ -35,7 +35,7 @@ class Heartbeat:
         self._stream: TextIO = sys.stderr
 
     def start(self, what: str) -> None:
-        """Start to show ``what`` the program does: "preparing"."""
+        """Start showing ``what`` the program does, such as "preparing"."""
         if self._ended is None:
             self._stream = _own_stderr()
             self._ended, self._start = threading.Event(), time.monotonic()
@@ -43,11 +43,11 @@ class Heartbeat:
         self.say(what)
 
     def say(self, what: str) -> None:
-        """Change the text, if the heartbeat is running."""
+        """Change the displayed text if the heartbeat is running."""
         self._what = what
 
     def end(self) -> None:
-        """Stop and clear the line."""
+        """Stop the heartbeat and clear its line."""
         self._stop()
         self.make_way()
 
@@ -95,22 +95,22 @@ class Heartbeat:
         try:
             self._stream.write(text)
             self._stream.flush()
-        except (OSError, ValueError):  # closed
+        except (OSError, ValueError):  # the stream is closed
             self._stop()
 
 
 def _own_stderr() -> TextIO:
-    """Duplicate stderr, which decoders close for a while."""
+    """Duplicate stderr, which decoders close temporarily."""
     try:
         if sys.stderr.fileno() == STDERR:
             return os.fdopen(os.dup(STDERR), "w", encoding="utf-8", errors="replace")
-    except (AttributeError, OSError, ValueError):  # no file
+    except (AttributeError, OSError, ValueError):  # stderr is not a file
         pass
     return sys.stderr
 
 
 def _is_terminal() -> bool:
-    """Tell whether stderr is a terminal on which a line can be cleared."""
+    """Check whether stderr is a terminal on which a line can be cleared."""
     return sys.stderr.isatty() and os.environ.get("TERM", "dumb") not in ("dumb", "unknown")
 
 

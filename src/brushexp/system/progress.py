@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from brushexp.system.heartbeat import heartbeat
 
-LOG_LINES = 5  # lines for the whole work, without a terminal that can show a bar
+LOG_LINES = 5  # number of lines for the whole work without a terminal that can show a bar
 NARROW = 72  # terminal columns below which there is no room for the remaining time
 
 log = logging.getLogger(__name__)
@@ -18,10 +18,10 @@ Item = TypeVar("Item")
 
 @contextmanager
 def showing(what: str, done: float = 0.0) -> Iterator[Callable[[float, str], None]]:
-    """Yield a function that shows the finished share of the work, its state in a few words, and the remaining time.
+    """Yield a function that shows the finished fraction of the work, its state in a few words, and the remaining time.
 
-    ``done`` is the initial share, and ``what`` names the work, "simulating strokes". Text after a comma in the state
-    only goes to run.log: "step 6 of 30, 24.80 dB".
+    ``done`` is the initial fraction, and ``what`` names the work, such as "simulating strokes". Text after a comma in
+    the state goes only to run.log: "step 6 of 30, 24.80 dB".
     """
     from rich.console import Console  # noqa: PLC0415 (fifty modules, which the help does without)
     from rich.progress import (  # noqa: PLC0415
@@ -60,7 +60,7 @@ def showing(what: str, done: float = 0.0) -> Iterator[Callable[[float, str], Non
 
 @contextmanager
 def counting(what: str, total: int, done: int = 0) -> Iterator[Callable[[int], None]]:
-    """Yield a function that shows how many of ``total`` items are done and their rate; see `showing`."""
+    """Yield a function that shows how many of ``total`` items are done, and their rate; see `showing`."""
     start, total = time.monotonic(), max(total, 1)
 
     def count(now: int) -> None:
@@ -75,7 +75,7 @@ def counting(what: str, total: int, done: int = 0) -> Iterator[Callable[[int], N
 def with_progress(
     items: Iterable[Item], total: int, what: str, size: Callable[[Item], int] = lambda item: 1
 ) -> Iterator[Item]:
-    """Yield items and show the progress; ``total`` is the sum of their sizes."""
+    """Yield items and show the progress; ``total`` is the sum of the items' sizes."""
     done = 0
     with counting(what, total) as show:
         for item in items:

@@ -1,9 +1,9 @@
-"""Find what installed packages publish by entry points."""
+"""Find what installed packages publish as entry points."""
 
 from functools import cache
 from importlib.metadata import EntryPoint, EntryPoints, entry_points
 
-CATALOGUES = "brushexp.catalogues"  # entry points: file extension -> function that reads a catalogue from bytes
+CATALOGUES = "brushexp.catalogues"  # entry-point group: file extension -> function that reads a catalogue from bytes
 
 
 def published(group: str) -> dict[str, EntryPoint]:
@@ -18,5 +18,5 @@ def catalogue_suffixes() -> tuple[str, ...]:
 
 @cache
 def _installed() -> EntryPoints:
-    """Read the entry points of all installed distributions, once because it takes 50 ms."""
+    """Read the entry points of all installed distributions; cached, because it takes 50 ms."""
     return entry_points()  # type: ignore[return-value,unused-ignore]

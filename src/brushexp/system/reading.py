@@ -1,7 +1,7 @@
 """Read files as untrusted data: nothing in them is executed, and all sizes are bounded.
 
-docs/formats.md lists the files and their limits. A one-line UserError says what is wrong; functions that take a path
-name the file in it.
+docs/formats.md lists the files and their limits. A one-line UserError says what is wrong; if a function takes a path,
+its errors name the file.
 """
 
 import csv
@@ -24,12 +24,12 @@ from omegaconf import OmegaConf
 
 from brushexp.errors import UserError
 
-LONGEST_QUOTE = 160  # characters of a value in a message
-LARGEST_TEXT = 2**24  # most bytes of a file of numbers or settings
-LARGEST_YAML = 2**20  # characters; the settings of a run have a few thousand
-DEEPEST = 32  # levels of nested lists and mappings
-MOST_VALUES = 100_000  # most values in a file of settings
-ODD = re.compile(r"\\u[dD][89a-fA-F][0-9a-fA-F]{2}")  # undecodable bytes in names, which the fast loader refuses
+LONGEST_QUOTE = 160  # largest number of characters of a value in a message
+LARGEST_TEXT = 2**24  # bytes of the largest file of numbers or settings
+LARGEST_YAML = 2**20  # largest number of characters; the settings of a run have a few thousand
+DEEPEST = 32  # largest number of levels of nested lists and mappings
+MOST_VALUES = 100_000  # largest number of values in a file of settings
+ODD = re.compile(r"\\u[dD][89a-fA-F][0-9a-fA-F]{2}")  # undecodable bytes in names, which the fast loader rejects
 EVENTS = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 ROOTS: dict[type, Any] = {
     dict: (yaml.MappingStartEvent, "mapping of keys to values"),
@@ -66,13 +66,13 @@ def explaining(path: Path, cure: str) -> Iterator[None]:
         yield
     except UserError as error:
         raise UserError(f"{path}: {error}" + (f"; {cure}" if cure and ";" not in str(error) else "")) from error
-    except Exception as error:  # HDF5, pickle, zip and Pillow raise errors of their own
-        reason = getattr(error, "strerror", None)  # messages of libraries are not helpful here
+    except Exception as error:  # HDF5, pickle, zip and Pillow raise their own errors
+        reason = getattr(error, "strerror", None)  # messages of libraries do not help users
         raise UserError(f"{path} is damaged or cut short{f' ({in_short(reason)})' * bool(reason)}; {cure}") from error
 
 
 def read_text(path: Path, cure: str, largest: int = LARGEST_TEXT) -> str:
-    """Read a text file by `decode_text`; see `check_file`."""
+    """Read a text file with `decode_text`; see `check_file`."""
     check_file(path, cure, largest)
     with explaining(path, cure):
         return decode_text(path.read_bytes())
@@ -81,7 +81,7 @@ def read_text(path: Path, cure: str, largest: int = LARGEST_TEXT) -> str:
 def decode_text(data: bytes) -> str:
     r"""Decode UTF-8, or UTF-16 with a byte order mark; the result has ``\n`` line ends and no mark.
 
-    A UserError reports other encodings. Windows writes all of these: byte order marks, UTF-16 and ``\r\n``.
+    A UserError reports other encodings. Windows programs write byte order marks, UTF-16 and ``\r\n``.
 
     >>> decode_text(b"\xef\xbb\xbfa: 1\r\n"), decode_text("ä".encode("utf-16"))
     ('a: 1\n', 'ä')
@@ -94,7 +94,7 @@ def decode_text(data: bytes) -> str:
 
 
 def read_table(path: Path) -> list[dict[str, str]]:
-    """Read the rows of a CSV file with a column ``step``, or none from other files; missing cells are None."""
+    """Read the rows of a CSV file that has a column ``step``, or no rows from other files; missing cells are None."""
     try:
         rows = list(csv.DictReader(io.StringIO(read_text(path, ""), newline=""), restkey=""))
     except (UserError, csv.Error):
@@ -116,14 +116,14 @@ def check_format_version(version: object, known: int) -> None:
     ...
     brushexp.errors.UserError: has format_version 3, and this brushexp reads 2; update brushexp
     """
-    if type(version) is not int or version < 1:  # true is no number
+    if type(version) is not int or version < 1:  # true is not a number
         raise UserError(f"has an invalid format_version {in_short(version)}; get it again")
     if version > known:
         raise UserError(f"has format_version {version}, and this brushexp reads {known}; update brushexp")
 
 
 def json_of(text: str) -> Any:
-    """Parse JSON, without duplicate keys."""
+    """Parse JSON; refuse duplicate keys."""
 
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         mapping = dict(pairs)
@@ -142,7 +142,7 @@ def json_of(text: str) -> Any:
 
 
 def check_yaml(text: str, root: type = dict) -> None:
-    """Refuse YAML that is too long or deep, has aliases, or is not a mapping (or list), before constructing anything.
+    """Refuse YAML that is too long or deep, has aliases, or is not a mapping (or list), before constructing any value.
 
     PyYAML takes minutes for 40 kB of brackets, and nested aliases exhaust memory.
     """
@@ -169,18 +169,18 @@ def yaml_of(text: str, root: type = dict) -> Any:
     return deepcopy(_yaml_of(text, root))
 
 
-@lru_cache(maxsize=4)  # cached, because the settings of a run are read for its catalogue, files and page
+@lru_cache(maxsize=4)  # because the settings of a run are read for its catalogue, files and page
 def _yaml_of(text: str, root: type) -> Any:
     check_yaml(text, root)
     try:
         data = OmegaConf.to_container(OmegaConf.create(text)) or root()
-    except Exception as error:  # PyYAML, OmegaConf, and Python for impossible dates and numbers
+    except Exception as error:  # PyYAML, OmegaConf, or Python (impossible dates and numbers)
         raise UserError(f"not YAML of plain values ({in_short(error)})") from error
     return check_plain(data)
 
 
 def check_plain(data: Any, levels: int = DEEPEST, budget: list[int] | None = None) -> Any:
-    """Return the data if it consists of at most `MOST_VALUES` texts, numbers, lists and dictionaries."""
+    """Return the data if they consist of at most `MOST_VALUES` strings, numbers, lists and dictionaries."""
     budget = budget or [MOST_VALUES]
     budget[0] -= 1
     if budget[0] == 0 or levels == 0:

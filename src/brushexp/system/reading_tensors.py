@@ -11,11 +11,11 @@ from torch import Tensor
 from brushexp.errors import UserError
 from brushexp.system.reading import check_file, explaining
 
-LARGEST_WEIGHTS = 2**33  # bytes of a file of tensors
+LARGEST_WEIGHTS = 2**33  # bytes of the largest file of tensors
 
 
 def read_safetensors(path: Path, cure: str) -> dict[str, Tensor]:
-    """Read the tensors of a .safetensors file by name; refuse non-finite ones."""
+    """Read the tensors of a .safetensors file by name; refuse non-finite values."""
     from safetensors.torch import load  # noqa: PLC0415  (--help needs none of it)
 
     check_file(path, cure, LARGEST_WEIGHTS)
@@ -24,14 +24,14 @@ def read_safetensors(path: Path, cure: str) -> dict[str, Tensor]:
 
 
 def read_pickled(path: Path, cure: str) -> Any:
-    """Read a file of torch.save with tensors, numbers, text, lists and dictionaries; refuse other pickles."""
+    """Read a torch.save file of only tensors, numbers, text, lists and dictionaries; refuse other pickles."""
     check_file(path, cure, LARGEST_WEIGHTS)
     with explaining(path, cure):
         zipped = is_zipfile(path)  # files of PyTorch before 1.6 are not zip files and cannot be mapped
         if zipped:
             with ZipFile(path) as file:
                 packed = any(entry.compress_type != ZIP_STORED for entry in file.infolist())
-                if packed or file.testzip() is not None:  # PyTorch itself verifies no checksums
+                if packed or file.testzip() is not None:  # PyTorch itself does not verify checksums
                     raise UserError(f"parts of it are compressed, or have changed since they were written; {cure}")
         with warnings.catch_warnings(action="ignore"):
             data = torch.load(path, map_location="cpu", weights_only=True, mmap=zipped)
@@ -48,7 +48,7 @@ def check_finite(tensors: dict[str, Tensor]) -> dict[str, Tensor]:
 
 
 def _check_tensors(data: Any) -> None:
-    """Refuse tensors with more numbers than the file holds: without memory, or with repeated numbers."""
+    """Refuse tensors with more numbers than the file contains: without memory, or with repeated numbers."""
     stack, visited = [data], set()
     while stack:
         value = stack.pop()

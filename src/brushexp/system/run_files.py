@@ -1,4 +1,4 @@
-"""Record the files that runs create in a folder in its manifest; ``overwrite=true`` removes only those.
+"""Record the files that runs create in a folder in its manifest; ``overwrite=true`` removes only these files.
 
 Python reports every file that it is about to open or rename (audit hooks, PEP 578), including those of Hydra,
 Lightning and plugins. C libraries report nothing: their files go through `replacing`, which renames them, or
@@ -18,12 +18,12 @@ from brushexp.system.files import TEMPORARY
 METRICS_FILE = "metrics.json"  # status and metrics of a run
 CHECKPOINT = "checkpoint.ckpt"  # exists while a run is unfinished
 MANIFEST = ".hydra/files.txt"  # one relative path per line
-UNNOTED = ("files.txt", "lock", "report.lock")  # files of a folder, not of its runs
+UNNOTED = ("files.txt", "lock", "report.lock")  # files that belong to a folder, not to its runs
 _recorded: set[str] = set()  # real paths of folders
 
 
 def record_files(folder: Path) -> None:
-    """Record every file that this process creates below a folder from now on in its manifest."""
+    """Record every file that this process creates below a folder, from now on, in the folder's manifest."""
     _install_hook()
     _recorded.add(os.path.realpath(folder))
     (folder / MANIFEST).touch()
@@ -71,7 +71,7 @@ def files_written(folder: Path) -> Iterator[Path]:
 
 @cache
 def _install_hook() -> None:
-    sys.addaudithook(_on_event)  # only once, because Python cannot remove hooks
+    sys.addaudithook(_on_event)  # installed only once, because Python cannot remove hooks
 
 
 def _on_event(event: str, arguments: tuple[Any, ...]) -> None:
@@ -86,5 +86,5 @@ def _on_event(event: str, arguments: tuple[Any, ...]) -> None:
         return
     around = [folder for folder in tuple(_recorded) if whole.startswith(f"{folder}{os.sep}")]
     if around:
-        with suppress(OSError):  # the code that opens the file will report a full disk
+        with suppress(OSError):  # the code that opens the file reports a full disk
             note_files(Path(max(around, key=len)), [Path(whole)])

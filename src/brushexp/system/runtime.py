@@ -1,4 +1,4 @@
-"""Control how this process waits, keeps memory, shares threads and is interrupted."""
+"""Control how this process waits, keeps memory, shares threads and handles interruptions."""
 
 import ctypes
 import logging
@@ -24,35 +24,35 @@ except ImportError:  # on Windows
 log = logging.getLogger(__name__)
 
 ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-OF_CLUSTERS = [getattr(signal, name) for name in ("SIGUSR1", "SIGUSR2") if hasattr(signal, name)]  # time is nearly up
-NO_LIMIT = 2**44  # MB of memory if the system states no limit
+OF_CLUSTERS = [getattr(signal, name) for name in ("SIGUSR1", "SIGUSR2") if hasattr(signal, name)]  # from clusters
+NO_LIMIT = 2**44  # MB of memory to assume if the system states no limit
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # options of mallopt(3)
-MOMENT = 0.05  # seconds
-THREADS = 256  # most threads for kernels
+MOMENT = 0.05  # seconds before a lost interruption is raised again
+THREADS = 256  # largest number of threads for kernels
 PARTS_PER_THREAD = 4  # parts of a kernel's work per thread, so that no thread waits long for another
 _received: list[int] = []  # signals received so far
-_lost = threading.Event()  # interruptions in callbacks from C
+_lost = threading.Event()  # set by an interruption that was lost in a callback from C
 _most_threads = [THREADS]
-_used_threads = [1]  # most threads used by a job of this process so far
+_used_threads = [1]  # largest number of threads that a job of this process has used
 _earlier_peak = [0.0]  # peak memory of earlier jobs in MB
 
 
 def let_threads_sleep() -> None:
-    """Make waiting OpenMP threads sleep, because spinning slows a busy machine; call it before importing torch."""
+    """Make waiting OpenMP threads sleep, because spinning slows a busy machine; call this before importing torch."""
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 
 def keep_memory(most: int = 2**30) -> None:
-    """Let glibc keep freed blocks of up to ``most`` bytes for the next step; larger ones are returned at once."""
+    """Let glibc keep freed blocks of up to ``most`` bytes for the next step; larger blocks are returned at once."""
     if sys.platform == "linux":
         libc = ctypes.CDLL(None)
-        if hasattr(libc, "mallopt"):  # musl has no mallopt
+        if hasattr(libc, "mallopt"):  # musl lacks mallopt
             libc.mallopt(M_MMAP_THRESHOLD, most)
             libc.mallopt(M_TRIM_THRESHOLD, 2**31 - 1)
 
 
 def give_memory_back() -> None:
-    """Return freed memory to the system, because fragments left by one picture do not fit the next and add up."""
+    """Return freed memory to the system, because fragments left by one picture do not fit the next and accumulate."""
     if sys.platform == "linux" and hasattr(libc := ctypes.CDLL(None), "malloc_trim"):
         libc.malloc_trim(0)
 
@@ -61,7 +61,7 @@ def share(work: Callable[..., object], n: int, *args: object) -> None:
     """Call ``work(begin, end, *args)`` for all parts of ``range(n)`` on as many threads as PyTorch uses.
 
     Threads run in parallel while ``work`` releases Python's lock, as compiled functions do. Any thread may run any
-    part, so parts must be independent.
+    part, so the parts must be independent.
     """
     import torch  # noqa: PLC0415  (`let_threads_sleep` has to come first)
 
@@ -70,14 +70,14 @@ def share(work: Callable[..., object], n: int, *args: object) -> None:
         work(0, n, *args)
         return
     count = min(PARTS_PER_THREAD * threads, n)
-    numbers = iter(range(count))  # each part goes to one thread
+    numbers = iter(range(count))  # gives each part to one thread
 
     def take_parts() -> None:
         for k in numbers:
             work(k * n // count, (k + 1) * n // count, *args)
 
     helpers = []
-    with suppress(RuntimeError):  # new threads may be impossible, as at exit
+    with suppress(RuntimeError):  # new threads may be impossible, for example at exit
         for _ in range(threads - 1):
             helpers.append(_pool().submit(take_parts))
     take_parts()
@@ -92,7 +92,7 @@ def _pool() -> ThreadPoolExecutor:
 
 
 def use_threads(n: int) -> None:
-    """Let PyTorch and kernels use ``n`` threads, or one in a fork of a process that may have used several."""
+    """Let PyTorch and kernels use ``n`` threads, or one thread in a fork of a process that may have used several."""
     import torch  # noqa: PLC0415
 
     torch.set_num_threads(min(n, _most_threads[0]))
@@ -114,7 +114,8 @@ if hasattr(os, "register_at_fork"):  # Windows does not fork
 def end_on_signals() -> None:
     """Make SIGTERM (from clusters) and SIGHUP (from terminals) raise KeyboardInterrupt unless ignored (nohup).
 
-    An interruption lost in a library, in a callback from C or while memory is freed, is raised again a moment later.
+    An interruption that is lost in a library (in a callback from C, or while memory is freed) is raised again a moment
+    later.
     """
     others = sys.unraisablehook
 
@@ -136,14 +137,14 @@ def end_on_signals() -> None:
 
 
 def take_lost() -> bool:
-    """Tell whether an interruption was lost, and reset the flag; the caller has to raise it again."""
+    """Return whether an interruption was lost, and reset the flag; the caller has to raise it again."""
     was_lost = _lost.is_set()
     _lost.clear()
     return was_lost
 
 
 def was_signalled() -> bool:
-    """Tell whether this process received a signal to end."""
+    """Return whether this process has received a signal to end."""
     return bool(_received)
 
 
@@ -160,9 +161,9 @@ def pass_signal_on() -> None:
 
 @contextmanager
 def interruptible(stop: Callable[[], None], promise: str) -> Iterator[None]:
-    """On a first Ctrl-C, SIGTERM or SIGHUP, call ``stop`` and log the ``promise`` of an end; a second one ends at once.
+    """Call ``stop`` at the first Ctrl-C, SIGTERM or SIGHUP, and log a ``promise`` to end; a second signal ends at once.
 
-    Signals of a cluster with a handler act in the same way.
+    Signals of a cluster act in the same way if they have a handler.
     """
 
     def finish(signum: int, frame: FrameType | None) -> None:
@@ -177,7 +178,7 @@ def interruptible(stop: Callable[[], None], promise: str) -> Iterator[None]:
 
     handled = [number for number in OF_CLUSTERS if callable(signal.getsignal(number))]
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, *ENDING, *handled)}
-    if threading.current_thread() is not threading.main_thread():  # only the main thread gets signals
+    if threading.current_thread() is not threading.main_thread():  # only the main thread receives signals
         yield
         return
     for number, handler in before.items():
@@ -191,7 +192,7 @@ def interruptible(stop: Callable[[], None], promise: str) -> Iterator[None]:
 
 @contextmanager
 def held_back(promise: str) -> Iterator[None]:
-    """On a first Ctrl-C, SIGTERM or SIGHUP, log the ``promise`` of an end; raise KeyboardInterrupt after ``with``."""
+    """Delay a first Ctrl-C, SIGTERM or SIGHUP: log a ``promise`` to end, and raise KeyboardInterrupt after ``with``."""
     pressed = threading.Event()
     with interruptible(pressed.set, promise):
         yield
@@ -210,7 +211,7 @@ def jobs_at_once(n_jobs: int) -> int:
 
 
 def free_memory() -> float:
-    """Return the MB that this process may still allocate, as far as known."""
+    """Return the number of MB that this process may still allocate, as far as it is known."""
     limits: list[float] = [NO_LIMIT]
     if resource is not None:
         limits.append(resource.getrlimit(resource.RLIMIT_AS)[0] % 2**64 / 2**20)  # -1 means no limit
@@ -233,7 +234,7 @@ def check_memory(needed: float, what: str, cure: str) -> None:
 
 def forget_peak_memory() -> None:
     """Reset `peak_memory` for the next job of this process."""
-    with suppress(OSError):  # exists on few systems
+    with suppress(OSError):  # only some systems have this file
         Path("/proc/self/clear_refs").write_text("5")
     _earlier_peak[0] = _peak()
 
@@ -246,7 +247,7 @@ def peak_memory() -> float | None:
 
 def _peak() -> float:
     status = Path("/proc/self/status")
-    if status.exists():  # unlike getrusage, it excludes the parent's memory before the fork
+    if status.exists():  # unlike getrusage, this excludes the parent's memory before the fork
         line = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
         return int(line.split()[1]) / 1024
     if resource is None:

@@ -1,6 +1,6 @@
-"""Find files whose names have another Unicode form: é as one character, or as e with a combining accent.
+"""Find files whose names have a different Unicode form: é as one character, or as e with a combining accent.
 
-Names from a Mac use combining accents (NFD), typed names do not (NFC); to Linux they differ.
+Names from a Mac use combining accents (NFD), typed names do not (NFC); Linux treats them as different.
 """
 
 import os
@@ -12,7 +12,7 @@ from pathlib import Path
 def find_spelling(path: str) -> str:
     r"""Spell a path like the existing folders and files, as far as they exist.
 
-    A part that exists is kept, and so is one with two possible matches.
+    A part of the path is kept if it exists or has two possible matches.
 
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:
@@ -24,7 +24,7 @@ def find_spelling(path: str) -> str:
     if path.isascii() or os.path.lexists(path):
         return path
     parent, name = os.path.split(path)
-    if not name:  # "x/"
+    if not name:  # the path ends in a slash
         return os.path.join(find_spelling(parent), "") if parent != path else path
     found, alike = find_spelling(parent), []
     with suppress(OSError, ValueError):
@@ -33,7 +33,7 @@ def find_spelling(path: str) -> str:
 
 
 def find_path(path: str | os.PathLike[str]) -> Path:
-    """Return a path spelled by `find_spelling`."""
+    """Return a path with the spelling of `find_spelling`."""
     return Path(find_spelling(os.fspath(path)))
 
 

@@ -6,10 +6,10 @@ from enum import StrEnum
 class Status(StrEnum):
     """Progress of a run, and why it ended."""
 
-    AT_WORK = "at work"  # a painting until its timelapse and page are written
+    AT_WORK = "at work"  # state of a painting until its timelapse and page are written
     COMPLETED = "completed"
-    STOPPED = "stopped"  # by `State.stop` of brushexp.iterate
-    STOPPED_EARLY = "stopped early"  # by EarlyStopping or another callback
+    STOPPED = "stopped"  # stopped by `State.stop` of brushexp.iterate
+    STOPPED_EARLY = "stopped early"  # stopped by EarlyStopping or another callback
     PSNR_REACHED = "psnr reached"
     SECONDS_SPENT = "seconds spent"
     MAX_STEPS_REACHED = "max_steps reached"
@@ -20,5 +20,5 @@ class Status(StrEnum):
     FAILED = "failed"
 
 
-# States of runs that are not compared.
+# States of runs that are excluded from comparisons.
 UNFINISHED = (Status.FAILED, Status.INTERRUPTED, Status.DIVERGED, Status.AT_WORK)

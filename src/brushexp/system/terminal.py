@@ -1,4 +1,4 @@
-"""Show what people want to know on the terminal, in plain words; run.log has everything, with dates and numbers."""
+"""Show the important messages on the terminal in plain words; run.log has all messages, with dates and numbers."""
 
 import logging
 import os
@@ -9,8 +9,8 @@ from typing import Any
 from brushexp.errors import on_a_line
 from brushexp.system.heartbeat import heartbeat
 
-IN_LOG: dict[str, Any] = {"shown": ""}  # ``extra`` of messages that the terminal does not show
-LAYOUT = "\n\t"  # whitespace of tables and tracebacks
+IN_LOG: dict[str, Any] = {"shown": ""}  # ``extra`` for messages that the terminal does not show
+LAYOUT = "\n\t"  # whitespace in tables and tracebacks
 _said: set[str] = set()  # warnings shown so far, because jobs of a sweep often repeat them
 HEADS = {logging.WARNING: "note: ", logging.ERROR: "brushexp: ", logging.CRITICAL: "brushexp: "}
 
@@ -30,11 +30,11 @@ class Terminal(logging.Handler):
             stream = sys.stdout if record.levelno < logging.WARNING else sys.stderr
             stream.write(f"{HEADS.get(record.levelno, '')}{on_a_line(words, besides=LAYOUT)}\n")
             stream.flush()
-        except Exception:  # a closed pipe, a full disk
+        except Exception:  # a closed pipe or a full disk
             self.handleError(record)
 
 
 def as_shown(path: Path) -> str:
-    """Write a path relative to the working folder if it lies inside."""
+    """Write a path relative to the working folder if it lies inside that folder."""
     near = os.path.relpath(path)
     return str(path) if near.startswith("..") else near

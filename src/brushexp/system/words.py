@@ -1,4 +1,4 @@
-"""Load words and presets from the ``conf`` folders of the program and of packages, and their ``words.toml``.
+"""Load words and presets from the ``conf`` folders and ``words.toml`` files of the program and of packages.
 
 A file of words has tables of spellings, examples and short forms, so that the core need not mention packages.
 """
@@ -18,7 +18,7 @@ WORDS_FILE = "words.toml"
 
 @cache
 def conf_folders() -> list[Path]:
-    """List the shipped folders of configs, those of the program first."""
+    """List the shipped folders of configs, with the program's own folder first."""
     specs = (find_spec(point.module) for point in published(CONF_POINTS).values())
     places = [place for spec in specs if spec is not None for place in spec.submodule_search_locations or ()]
     return [SHIPPED, *sorted(Path(place) / "conf" for place in places)]

@@ -1,1 +1,1 @@
-"""Carry out tasks: one module per task, with keys in config/schema.py. Pick one: ``task=paint``."""
+"""Tasks are the program's commands, one per module, with keys in config/schema.py; choose one with ``task=paint``."""

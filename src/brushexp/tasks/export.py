@@ -20,7 +20,7 @@ log = logging.getLogger(__name__)
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Write a catalogue in every format of ``cfg.to``, beside its painting or into the folder of the export."""
+    """Write a catalogue in every format of ``cfg.to``, next to its painting or into the folder of the export."""
     exporters = {name: take_built(node) for name, node in cfg.to.items()}
     saved, renderer = with_renderer(load_catalogue(Path(cfg.catalogue)), cfg.get("renderer"), cfg.catalogue)
     job = export_job(saved, renderer, take_built(cfg.blend), resolution=cfg.resolution, source=cfg.catalogue)
@@ -29,7 +29,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     )
     earlier_files, before = set(folder.iterdir()), time.monotonic()
     run = run_beside(cfg)
-    beside: dict[str, list[str]] = {}  # names of the files beside the painting, by format
+    beside: dict[str, list[str]] = {}  # names of the files next to the painting, by format
     for name, exporter in exporters.items():
         begin = time.monotonic()
         heartbeat.say(f"writing {exporter.key}")

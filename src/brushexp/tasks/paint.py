@@ -60,7 +60,7 @@ def paint_into(
     checkpoint: Path | None = None,
     callbacks: Sequence[L.Callback] = (),
 ) -> Finished:
-    """Paint from a checked config into the folder of a run, which also keeps the result of a failed fit.
+    """Paint from a checked config into the folder of a run, which also receives the result of a failed fit.
 
     ``start`` is `time.monotonic` at the start of the program, or None for a run resumed from its ``checkpoint``.
     """
@@ -72,11 +72,11 @@ def paint_into(
     opening = Opening(cfg, folder)
     with trackers:
         fitted = optimise(cfg, folder, [trackers], [opening, *callbacks], checkpoint)
-        opening.write(fitted.painter)  # in case there were no steps
+        opening.write(fitted.painter)  # in case no step was taken
         finished = write(fitted, cfg, folder, metrics, provenance, start)
         report_painting(trackers, folder, finished)
     write_page_and_film(folder, finished, page=cfg.report)
-    finished.conclude(folder)  # until now the run counts as running
+    finished.conclude(folder)  # until now, the run counts as running
     log.info(summary_line(folder, finished.metrics), extra=IN_LOG)
     if verdict := finished.metrics.get("verdict"):
         log.info("%s", verdict)
@@ -121,14 +121,14 @@ def optimise(
 
 
 class Opening(L.Callback):
-    """Before the first step, write the input pictures, in case the disk is full, and announce slow steps."""
+    """Before the first step, writes the input pictures (in case the disk is full) and announces slow steps."""
 
     def __init__(self, cfg: DictConfig, folder: Path) -> None:
         self.cfg, self.folder = cfg, folder
         self.is_written = False
 
     def setup(self, trainer: L.Trainer, pl_module: Any, stage: str) -> None:
-        may_be_slow = pl_module.resumable and pl_module.device.type == "cpu"  # others have no gradient steps
+        may_be_slow = pl_module.resumable and pl_module.device.type == "cpu"  # other painters have no gradient steps
         if may_be_slow and self.cfg.seconds is None and not is_job():
             tell_of_slow_steps(pl_module.components.stages, pl_module.budget)
         if self.cfg.seconds is None and not is_job():
@@ -137,7 +137,7 @@ class Opening(L.Callback):
         self.write(pl_module)
 
     def write(self, painter: PaintingModule) -> None:
-        """Write the pictures, once."""
+        """Write the pictures if they have not been written yet."""
         if not self.is_written:
             for name, picture in painter.pictures.items():
                 write_picture(self.folder / f"{name}.png", picture)
@@ -152,7 +152,7 @@ def write(
     provenance: Provenance,
     start: float | None,
 ) -> Finished:
-    """Finish a painting and write its files; interruptions wait until they are written."""
+    """Finish a painting and write its files; interruptions wait until the files are written."""
     if not is_job():
         log.info("writing the page" if cfg.report else "writing the files")
     heartbeat.say("writing")

@@ -1,1 +1,1 @@
-"""Find faces with a small frozen network, and eyes of animals; loaded only when needed."""
+"""Find faces, and eyes of animals, with a small frozen network that is loaded when needed."""

@@ -1,4 +1,4 @@
-"""Find faces of any size in a picture, however heads are tilted."""
+"""Find faces of any size and tilt in a picture."""
 
 import math
 
@@ -10,24 +10,24 @@ from brushexp.pictures.face import Face
 from brushexp.pictures.faces.network import Candidates, open_network
 from brushexp.pictures.load import downsample
 
-LARGEST_SIDE = 1024  # pixels of the longer side at which a picture is searched first, and then at halves of it
-HALVED_SIDE = 512  # pixels of the longer side from which a picture is searched at half its size, too
-ENLARGED = 2  # times that a smaller picture is searched at: small faces are surer there
-TILTS = (0.0, -math.pi / 4, math.pi / 4)  # radians by which it is turned: the network knows heads up to some 30 degrees
-LEAST_SCORE = 0.8  # confidence from which a candidate is a face, if it was seen twice: docs/decisions/027-faces.md
-CERTAIN_SCORE = 0.88  # confidence from which once is enough
-SEEN_AGAIN_SCORE = 0.5  # confidence with which it must have been seen at another size or tilt
+LARGEST_SIDE = 1024  # pixels on the longer side of the first search; later searches halve it
+HALVED_SIDE = 512  # pixels on the longer side at or above which a picture is also searched at half its size
+ENLARGED = 2  # enlargement of smaller pictures, in which small faces get higher scores
+TILTS = (0.0, -math.pi / 4, math.pi / 4)  # radians of the turns; the network finds heads tilted up to 30 degrees
+LEAST_SCORE = 0.8  # minimum confidence of a face that is detected twice: docs/decisions/027-faces.md
+CERTAIN_SCORE = 0.88  # minimum confidence of a face that is detected once
+SEEN_AGAIN_SCORE = 0.5  # minimum confidence of the second detection, at another size or tilt
 ROUNDING = 1e-6  # pixels by which a canvas may be too small
-SMALLEST_SIDE = 8  # pixels of the shorter side of a picture that can hold a face
-FACES_APART = 0.5  # sides of the larger of two faces, from which their middles are those of two
+SMALLEST_SIDE = 8  # pixels on the shorter side of the smallest picture that can contain a face
+FACES_APART = 0.5  # distance of two faces above which they are different, in sides of the larger one
 
 
 def find_faces(picture: Tensor, least: float = LEAST_SCORE) -> list[Face]:
     """Find the faces in a picture (3, H, W), sRGB in [0, 1], most certain first.
 
-    It finds frontal faces and profiles from about 16 pixels, tilted by up to 45 degrees and more. The picture is
-    searched at several sizes and turned both ways; a face must be seen more than once unless it is certain (``least``
-    is the confidence needed otherwise). Of several candidates for one face the best is kept.
+    Detects frontal faces and profiles from about 16 pixels, tilted by up to 45 degrees and more. The picture is
+    searched at several sizes and turned both ways; a face must be detected more than once unless it is certain
+    (``least`` is the confidence needed otherwise). The best of several candidates for a face is kept.
     """
     if min(picture.shape[1:]) < SMALLEST_SIDE:
         return []
@@ -54,7 +54,7 @@ def find_faces(picture: Tensor, least: float = LEAST_SCORE) -> list[Face]:
 
 
 def distinct(faces: list[Face]) -> list[Face]:
-    """Keep the face with the highest score at each place by greedy suppression; highest scores come first."""
+    """Keep the face with the highest score at each place by greedy suppression; return the highest scores first."""
     kept: list[Face] = []
     for face in sorted(faces, key=lambda face: -face.score):
         if not any(is_at_one_place(face, other) for other in kept):
@@ -63,13 +63,13 @@ def distinct(faces: list[Face]) -> list[Face]:
 
 
 def is_at_one_place(one: Face, other: Face) -> bool:
-    """Tell whether two faces are so close together that they must be one."""
+    """Check whether two faces are so close together that they must be the same."""
     return math.hypot(one.x - other.x, one.y - other.y) <= FACES_APART * max(one.side, other.side)
 
 
 @torch.no_grad()
 def _search(picture: Tensor, zoom: float, tilt: float, least: float) -> list[Face]:
-    """Search a picture (3, h, w) turned by ``tilt``; faces are in pixels of the picture enlarged by ``zoom``."""
+    """Search a picture (3, h, w) turned by ``tilt``; return faces in pixels of the picture enlarged by ``zoom``."""
     candidates: Candidates = open_network()(turned(picture, tilt))
     height, width = picture.shape[1:]
     found = []
@@ -84,7 +84,7 @@ def _search(picture: Tensor, zoom: float, tilt: float, least: float) -> list[Fac
 
 
 def turned(picture: Tensor, tilt: float) -> Tensor:
-    """Rotate a picture (3, H, W) clockwise by ``tilt`` radians on a black canvas that holds all of it."""
+    """Rotate a picture (3, H, W) clockwise by ``tilt`` radians on a black canvas that contains all of it."""
     if not tilt:
         return picture
     height, width = picture.shape[1:]
@@ -96,7 +96,7 @@ def turned(picture: Tensor, tilt: float) -> Tensor:
 
 
 def turned_back(places: Tensor, tilt: float, size: tuple[int, int]) -> Tensor:
-    """Map points (N, 2: x, y) in a picture after `turned` back to the picture of ``size`` (H, W) before it."""
+    """Map points (N, 2: x, y) in the result of `turned` back to the original picture of ``size`` (H, W)."""
     if not tilt:
         return places
     height, width = size

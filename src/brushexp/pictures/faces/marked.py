@@ -1,4 +1,4 @@
-"""Read faces from a mask where the network detects none: profiles, animals, painted and hidden faces."""
+"""Read faces from a mask where the network detects none: profiles, animals, painted and partly hidden faces."""
 
 import math
 from collections.abc import Sequence
@@ -10,13 +10,13 @@ from torch import Tensor
 from brushexp.pictures.face import Face
 from brushexp.pictures.faces.detection import find_faces
 
-MARKED = 0.5  # grey value from which a pixel of the mask is marked
-MARK_AREA = 1.5  # area of a mark in squared sides of its face: a disc with a radius of 0.7 sides
+MARKED = 0.5  # grey value at or above which a pixel of the mask is marked
+MARK_AREA = 1.5  # area of a mark in squared sides of its face, for a disc with a radius of 0.7 sides
 SMALLEST_MARK = 64  # area in pixels of the smallest mark
-AROUND = 0.5  # margin around a mark that is also searched, in its longer side
-DOUBTFUL_SCORE = 0.6  # least confidence of a face in a marked place
-ROUND = 0.7  # least area of a mark that is a face by itself, relative to the ellipse of its height and width
-LONGEST = 1.6  # largest ratio of the sides of such a mark
+AROUND = 0.5  # margin around a mark that is also searched, as a fraction of the mark's longer side
+DOUBTFUL_SCORE = 0.6  # minimum confidence of a face at a marked place
+ROUND = 0.7  # smallest area of a mark that becomes a face by itself, relative to the ellipse of its height and width
+LONGEST = 1.6  # largest aspect ratio of such a mark
 
 
 def marked_faces(picture: Tensor, mask: Tensor, known: Sequence[Face] = ()) -> list[Face]:
@@ -48,7 +48,7 @@ def marked_faces(picture: Tensor, mask: Tensor, known: Sequence[Face] = ()) -> l
 
 
 def _lies_in(face: Face, mark: np.ndarray, corner: tuple[int, int]) -> bool:
-    """Tell whether the middle of a face lies in a ``mark`` (h, w), whose ``corner`` is (top, left)."""
+    """Check whether the middle of a face lies in a ``mark`` (h, w), whose ``corner`` is (top, left)."""
     y, x = math.floor(face.y) - corner[0], math.floor(face.x) - corner[1]
     return 0 <= y < mark.shape[0] and 0 <= x < mark.shape[1] and bool(mark[y, x])
 
@@ -60,7 +60,7 @@ def _shift(face: Face, shift: tuple[int, int]) -> Face:
 
 
 def _is_round(mark: np.ndarray) -> bool:
-    """Tell whether a mark (h, w) is about as round as a face: an ellipse that is not much longer than wide."""
+    """Check whether a mark (h, w) is about as round as a face: an ellipse not much longer than wide."""
     height, width = mark.shape
     is_compact = max(height, width) <= LONGEST * min(height, width)
     return is_compact and bool(mark.sum() >= ROUND * math.pi / 4 * height * width)

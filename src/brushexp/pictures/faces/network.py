@@ -11,18 +11,18 @@ from torch.nn import functional
 from brushexp.system.reading_tensors import read_safetensors
 
 WEIGHTS = Path(__file__).parent / "weights" / "yunet.safetensors"
-STEM, STAGES = 16, ((16, 32), (32, 64), (64, 64), (64, 64), (64, 64))  # channels of the convolutions of each stage
+STEM, STAGES = 16, ((16, 32), (32, 64), (64, 64), (64, 64), (64, 64))  # channels of the two units of each stage
 POOLED = (1, 2, 3)  # stages after which the sides are halved
 SEEN = (2, 3, 4)  # stages whose features are searched for faces
-STRIDES = (8, 16, 32)  # pixels from one place to the next in these features
-WIDTH = 64  # their channels
+STRIDES = (8, 16, 32)  # pixels between neighbouring places in these features
+WIDTH = 64  # channels of these features
 LANDMARKS = 5
-HEADS = {"cls": 1, "obj": 1, "bbox": 4, "kps": 2 * LANDMARKS}  # channels of each answer
+HEADS = {"cls": 1, "obj": 1, "bbox": 4, "kps": 2 * LANDMARKS}  # channels of each output
 
 
 @dataclass(frozen=True)
 class Candidates:
-    """Boxes that may hold a face, in pixels from the upper left corner of the picture."""
+    """Boxes that may contain a face, in pixels from the upper left corner of the picture."""
 
     score: Tensor  # (N,) 0 to 1
     middle: Tensor  # (N, 2: x, y)
@@ -55,7 +55,7 @@ class YuNet(nn.Module):
         """Open the network with the shipped weights, frozen."""
         network = cls()
         network.load_state_dict(read_safetensors(WEIGHTS, "reinstall brushexp"))
-        # Convolutions within channels take half the time in this format, which torch's stubs do not know.
+        # Depthwise convolutions take half the time in this format, which torch's type stubs lack.
         network.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
         return network.eval().requires_grad_(False)
 
@@ -63,7 +63,7 @@ class YuNet(nn.Module):
         """Score every place of a picture (3, H, W), sRGB in [0, 1]; most candidates score near 0."""
         height, width = picture.shape[1:]
         largest = STRIDES[-1]
-        padded = functional.pad(255 * picture.flip(0), (0, -width % largest, 0, -height % largest))  # it knows BGR
+        padded = functional.pad(255 * picture.flip(0), (0, -width % largest, 0, -height % largest))  # its input is BGR
         parts = []
         for level, (stride, features) in enumerate(zip(STRIDES, self.features(padded[None]), strict=True)):
             answers = {head: self.get_submodule(f"{head}{level}")(features)[0] for head in HEADS}
@@ -82,14 +82,14 @@ class YuNet(nn.Module):
             if number in POOLED:
                 x = functional.max_pool2d(x, 2)
         coarser = torch.zeros(())
-        for level in reversed(range(len(STRIDES))):  # each level hears of the coarser one
+        for level in reversed(range(len(STRIDES))):  # add the features of the coarser level to each level
             seen[level] = self.get_submodule(f"lateral{level}")(seen[level] + coarser)
             coarser = functional.interpolate(seen[level], scale_factor=2)
         return seen
 
 
 class Unit(nn.Module):
-    """A convolution across channels and one within each channel, then a rectifier, except in output layers."""
+    """A convolution across channels and one within each channel, followed by a rectifier except in output layers."""
 
     def __init__(self, channels: int, answers: int, *, rectify: bool = True) -> None:
         super().__init__()
@@ -113,4 +113,4 @@ def _decoded(answers: dict[str, Tensor], stride: int) -> tuple[Tensor, Tensor, T
     return score, stride * (place + box[:, :2]), stride * box[:, 2:].exp(), stride * (place[:, None] + landmarks)
 
 
-open_network = cache(YuNet.trained)  # once a process
+open_network = cache(YuNet.trained)  # once per process

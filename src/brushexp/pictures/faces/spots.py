@@ -1,4 +1,4 @@
-"""Find small dark spots that stand out, such as the eyes of animals."""
+"""Find conspicuous small dark spots, such as the eyes of animals."""
 
 import math
 from dataclasses import dataclass
@@ -9,15 +9,15 @@ from torch.nn import functional
 
 from brushexp.pictures.load import BRIGHTNESS, downsample
 
-SIDE = 512  # pixels of the longer side at which spots are sought
-SIGMAS = (0.003, 0.0045, 0.0068, 0.01, 0.015)  # longer sides, deviations of the Gaussians that spots are compared with
-AROUND = 4.0  # sigmas, deviation of the Gaussian over which a spot is compared with other detail
-CALM_DETAIL = 0.01  # strength of detail around a spot below which there is none
+SIDE = 512  # pixels on the longer side at which spots are sought
+SIGMAS = (0.003, 0.0045, 0.0068, 0.01, 0.015)  # standard deviations of the Gaussians for spots, in longer sides
+AROUND = 4.0  # standard deviation, in sigmas, of the Gaussian that measures the detail around a spot
+CALM_DETAIL = 0.01  # strength below which detail around a spot is ignored
 WEAKEST_SPOT = 1e-3  # strength of the weakest spot
-SPOTS_APART = 6.0  # sigmas of the larger of two spots, from which they are two
-SPOT_RADIUS = 3.5  # sigmas, radius of a spot with what is just around it
-TINY = 1e-9  # no division by zero where luma is even
-MOST_SPOTS = 4  # most that are found in a picture
+SPOTS_APART = 6.0  # smallest distance between two spots, in sigmas of the larger one
+SPOT_RADIUS = 3.5  # sigmas, radius of a spot with its immediate surroundings
+TINY = 1e-9  # prevents division by zero where luma is constant
+MOST_SPOTS = 4  # maximum number of spots in a picture
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,8 @@ def find_spots(picture: Tensor, attended: Tensor) -> list[Spot]:
     """Find up to `MOST_SPOTS` small dark spots in a picture (3, H, W), weighted by ``attended`` (H, W), 0 to 1.
 
     A spot is a maximum, over place and size, of the smaller eigenvalue of the scale-normalised Hessian of luma
-    (Lindeberg, 1998), so it is dark and round. Its strength is divided by that of the surrounding detail, so it stands
-    alone, and multiplied by the attention, so it lies where people look first.
+    (Lindeberg, 1998), so it is dark and round. Its strength is divided by the strength of the surrounding detail, which
+    favours isolated spots, and multiplied by the attention, which favours places where people look first.
     """
     from scipy.ndimage import gaussian_filter, maximum_filter  # noqa: PLC0415  (slow to import)
 
@@ -50,7 +50,7 @@ def find_spots(picture: Tensor, attended: Tensor) -> list[Spot]:
         aslant = sigma**2 * gaussian_filter(luma, sigma, order=(1, 1))
         mean = (across + down) / 2
         apart = np.hypot((across - down) / 2, aslant)
-        least = (mean - apart).clip(0)  # eigenvalue: how much darker than its surroundings, in any direction
+        least = (mean - apart).clip(0)  # eigenvalue: contrast to the surroundings, in any direction
         roundness = np.sqrt(least / (mean + apart).clip(TINY))
         busy = np.sqrt(gaussian_filter((2 * mean) ** 2, AROUND * sigma))
         strengths.append(weight * least**2 * roundness / (busy + CALM_DETAIL))

@@ -1,1 +1,1 @@
-"""Blends: strokes in depth order -> the picture. Pick one: ``blend=tiled``."""
+"""Blends composite strokes in depth order into a picture; choose one with ``blend=tiled``."""

@@ -12,7 +12,7 @@ from brushexp.plugins.color.base import ColorSpace
 
 
 class Blend(ABC):
-    """Composites strokes: out = sum_n a_n c_n prod_{i above n} (1 - a_i), plus the background.
+    """Composites strokes over the background: out = sum_n a_n c_n prod_{i above n} (1 - a_i) + background term.
 
     >>> from brushexp.registry import build_named
     >>> from brushexp.strokes.prior import sample_prior
@@ -23,7 +23,7 @@ class Blend(ABC):
     """
 
     cost: ClassVar[str] = "not measured"  # time of a step relative to ``tiled``, at 1024 px and 10,000 strokes
-    exact: ClassVar[str] = "yes"  # or what it leaves out
+    exact: ClassVar[str] = "yes"  # "yes", or what the blend leaves out
     runs_on: ClassVar[str] = "any device, any precision"
     layered: ClassVar[bool] = True  # whether compositing in two passes gives the same picture as in one
 
@@ -32,7 +32,7 @@ class Blend(ABC):
         return {"cost": cls.cost, "exact": cls.exact, "runs on": cls.runs_on}
 
     def check(self, count: int, size: Size) -> None:  # noqa: B027  (most hold anything)
-        """Refuse (UserError) ``count`` strokes on a canvas of ``size`` (H, W) if they need too much memory."""
+        """Refuse (UserError) ``count`` strokes on a canvas of ``size`` (H, W) that need too much memory."""
 
     @abstractmethod
     def __call__(
@@ -42,17 +42,17 @@ class Blend(ABC):
 
         Args:
             layers: layers of N strokes.
-            front_to_back: (N,) indices of the strokes, uppermost first.
+            front_to_back: (N,) indices of the strokes, top stroke first.
             size: height and width in pixels; pixel (row, column) lies at (column + 0.5, row + 0.5).
             background: (3,) colour of the bare canvas; the picture has the precision of ``layers``, not of the
-            background.
+                background.
             target: (3, H, W); if given, ``accuracy`` is measured against it in the same pass.
         """
 
     def importance(
         self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor, weight: Tensor
     ) -> Tensor | None:
-        """Compute how much (N,) the squared error grows without each stroke; None if there is no fast way.
+        """Compute by how much (N,) the squared error grows without each stroke; None if there is no fast method.
 
         The arguments are those of ``__call__``; ``weight`` (H, W) weights the error at each pixel.
         """
@@ -63,8 +63,8 @@ class Blend(ABC):
 class Compositor:
     """Composites strokes in a colour space: encodes their colours, blends them, and decodes the picture.
 
-    The accuracy of a stroke refers to its own colour, not to composited colours, so it is the same in every space. Its
-    importance is only known in RGB, because errors in other channels rank strokes differently.
+    The accuracy of a stroke refers to its own colour, not to composited colours, so it is the same in every space.
+    Importance is computed only in RGB, because errors in other channels rank strokes differently.
     """
 
     blend: Blend

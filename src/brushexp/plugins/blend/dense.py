@@ -8,12 +8,12 @@ from brushexp.errors import UserError
 from brushexp.plugins.blend.base import Blend, match_dtype, pixel_centres
 from brushexp.registry import register
 
-LIMIT = 4e8  # stroke-pixel pairs: above this the intermediate tensors take tens of gigabytes
+LIMIT = 4e8  # stroke-pixel pairs; beyond this, intermediate tensors take tens of gigabytes
 
 
 @register("blend", "dense")
 class Dense(Blend):
-    """Blends all strokes at all pixels in plain PyTorch, in any dtype: slow, simple, the reference for tests."""
+    """Blends all strokes at all pixels in plain PyTorch, with any dtype: slow, simple, and the reference for tests."""
 
     cost = "grows with strokes times pixels"
 
@@ -42,7 +42,7 @@ class Dense(Blend):
 
 
 def over(alpha: Tensor, color: Tensor) -> tuple[Tensor, Tensor]:
-    """Composite K strokes, uppermost first ("over", Porter and Duff, 1984).
+    """Composite K strokes, top stroke first ("over", Porter and Duff, 1984).
 
     Alpha (T, K, P) and color (T, K, P or 1, C) give the picture (T, P, C) and the light that reaches the background
     (T, P).

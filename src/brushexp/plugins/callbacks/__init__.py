@@ -1,1 +1,1 @@
-"""Callbacks: what happens beside the steps of a fit. Pick any number: ``callbacks=[timer,learning_rate_monitor]``."""
+"""Callbacks act between the steps of a fit; choose several with ``callbacks=[timer,learning_rate_monitor]``."""

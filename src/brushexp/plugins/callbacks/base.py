@@ -14,8 +14,8 @@ class Callback(ABC):
     """A Lightning callback that acts during a painting or the training of a network.
 
     It may use every hook of https://lightning.ai/docs/pytorch/stable/extensions/callbacks.html. The module has
-    ``progress`` (0 to 1), ``state_line()`` and ``global_step``; the module of a painting also has ``latest()``, the
-    picture.
+    ``progress`` (0 to 1), ``state_line()`` and ``global_step``; the module of a painting also has ``latest()``, which
+    returns the picture.
 
     >>> class Steps(Callback):
     ...     def open(self, folder):

@@ -1,1 +1,1 @@
-"""Changes: what is different about one painting. Pick several: ``'change=[wet,guides]'``."""
+"""Changes make one painting differ from others; choose several with ``'change=[wet,guides]'``."""

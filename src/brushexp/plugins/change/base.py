@@ -16,24 +16,24 @@ from brushexp.strokes.catalogue import Strokes
 
 @dataclass(frozen=True)
 class PaintingState:
-    """A painting at one moment, as changes see it; read-only."""
+    """The state of a painting at one moment, for changes; read-only."""
 
     target: Tensor  # (3, H, W) in [0, 1], target of the steps
     focus: Tensor | None  # (H, W) weights of the pixels, of mean 1; None for equal weights
     ground: Tensor  # (3,) RGB of the bare canvas
-    renderer: Renderer  # draws the strokes now
+    renderer: Renderer  # current renderer of the strokes
     blend: Compositor
-    step: int  # steps that are done
-    steps: int  # steps in all; a run with a time limit corrects it
+    step: int  # number of steps taken
+    steps: int  # planned number of steps; revised in a run with a time limit
     generator: torch.Generator  # source of all randomness in the steps
     strokes: Callable[[], Strokes]  # returns the N strokes without gradient; `Change.limit` must not call it
-    order: Callable[[Strokes], Tensor]  # strokes -> their indices (N,), uppermost first
+    order: Callable[[Strokes], Tensor]  # strokes -> their indices (N,), top stroke first
     front_to_back: Tensor  # (N,) the current order, which is not renewed at every step
     draw: Callable[[Strokes, Tensor], Tensor]  # strokes, front to back -> whole picture (3, H, W), without gradient
     zoom: float = 1.0  # pixels of the painting per pixel of the target, which may be smaller
-    is_whole: bool = True  # whether the current step looks at the whole canvas
-    is_coarse: bool = False  # whether it does so at half the size
-    is_over: bool = False  # whether no step follows, even if the run ends before its plan
+    is_whole: bool = True  # whether the current step covers the whole canvas
+    is_coarse: bool = False  # whether the current step works at half the size
+    is_over: bool = False  # whether no further step follows, even if the run ends early
     is_untouched: bool = False  # whether the strokes come from a catalogue and no step moves them
 
     @property
@@ -43,21 +43,21 @@ class PaintingState:
 
     @property
     def progress(self) -> float:
-        """Fraction of all steps that are done, 0 to 1."""
+        """Completed fraction of all steps, 0 to 1."""
         return self.step / self.steps if self.steps else 1.0
 
 
 class Change:
     """Changes how one painting is made; a painting may have several changes. All methods are optional.
 
-    The painter asks, in this order:
+    The painter calls, in this order:
 
     - `settings` and `check` before anything runs: adapt the settings, and check whether they fit;
     - `target`, `ground` and `order` once: change what is painted, on what, and which stroke lies on top;
     - `begin` once: change the initial strokes;
     - `aim` before each step: change the target and ground of this step;
     - `limit` after each step: bring the moved strokes within limits;
-    - `end` once, after the last step: change the finished strokes. Films skip it, because their strokes move on;
+    - `end` once, after the last step: change the finished strokes. Films skip it, because their strokes keep moving;
     - `enlarge` once, after `end`: correct strokes that were scaled from the target to the painting.
 
     Changes apply by ascending `rank`, so the highest rank has the last word; equal ranks apply in the order of names.
@@ -71,8 +71,8 @@ class Change:
     """
 
     rank: ClassVar[int] = 0
-    only_ends: ClassVar[bool] = False  # whether `end` is all it does; films then skip the change
-    for_all_painters: ClassVar[bool] = False  # whether `end` also applies to painters other than gradient
+    only_ends: ClassVar[bool] = False  # whether the change only implements `end`; films then skip it
+    for_all_painters: ClassVar[bool] = False  # whether `end` also applies to painters other than ``gradient``
 
     def settings(self, cfg: DictConfig) -> DictConfig:
         """Return the settings for the painting, or raise a UserError if it cannot be painted."""
@@ -90,7 +90,7 @@ class Change:
         return color
 
     def order(self, order: Order) -> Order:
-        """Return the order that decides which stroke lies on top."""
+        """Return the order, which decides which stroke lies on top."""
         return order
 
     def begin(self, strokes: Strokes, state: PaintingState) -> Strokes:
@@ -98,23 +98,23 @@ class Change:
         return strokes
 
     def aim(self, target: Tensor, ground: Tensor, state: PaintingState) -> tuple[Tensor, Tensor]:
-        """Return the target (3, H, W) and the ground (3,) of the next step; the same tensors if nothing changes."""
+        """Return the target (3, H, W) and ground (3,) of the next step; the same tensors mean no change."""
         return target, ground
 
     def limit(self, strokes: Strokes, before: Strokes | None, rows: Tensor | None, state: PaintingState) -> Strokes:
         """Bring A strokes, ``rows`` (A,) of all N, within limits; ``rows`` is None for all strokes.
 
-        The strokes were ``before`` the step; None without a step. Strokes already within the limits do not change,
-        except by rounding.
+        ``before`` are the same strokes before the step; None without a step. Strokes that are already within the limits
+        change only by rounding.
         """
         return strokes
 
     def end(self, strokes: Strokes, front_to_back: Tensor, state: PaintingState) -> tuple[Strokes, Tensor]:
-        """Return the finished strokes and their order: the N strokes first, then added ones."""
+        """Return the finished strokes and their order: the N strokes first, then any added strokes."""
         return strokes, front_to_back
 
     def enlarge(self, strokes: Strokes) -> Strokes:
-        """Return the N finished strokes in pixels of the painting, to which they were scaled from the target."""
+        """Return the N finished strokes, which were scaled from the target to the pixels of the painting."""
         return strokes
 
     def state_dict(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Vary the colours of finished strokes, as if the paint for each stroke were mixed anew."""
+"""Vary the colours of finished strokes, as if a painter mixed the paint anew for each stroke."""
 
 import logging
 import math
@@ -19,28 +19,28 @@ from brushexp.strokes.bezier import half_width_of
 from brushexp.strokes.catalogue import Strokes
 
 log = logging.getLogger(__name__)
-LIGHTNESS_DEVIATION = 4.0  # L*: of lightness, at an amount of 1
-COLOR_DEVIATION = 13.0  # a*, b*: of colour, at an amount of 1
-BY_LIGHT = 1.7  # how far colours go by their light, in deviations by chance
-CELLS = 33  # of the longer side, over which colours go the same way, and light is compared
-SHARED = 0.4  # share of the variance that the strokes of a place have in common
-MOST_SHARED = 1.8  # deviations: no place goes farther
-RELIEF = 15.0  # L* above or below its surroundings at which a colour goes as far by its light as any does
-WARM = np.array([0.42, 0.91])  # direction in a*, b* in which greys become warmer
-RED = np.array([0.91, -0.42])  # and redder
-MOST_TURN = 0.4  # how far a colour goes round the hues, in its chroma
-MOST_FADE = 0.25  # and how far it becomes purer or greyer
-CHROMATIC = 25.0  # chroma from which on a colour has none of a grey
-BROAD = 0.6  # quantile of widths from which on strokes vary fully
-SMALLEST_SHARE = 0.25  # of the deviation, of the smallest strokes
-DARK, DARKEST_SHARE = 50.0, 0.3  # L* below which colours vary less, down to this share
-PALE, PALE_SLOPE = 85.0, 0.05  # L* above which colours vary less, by so much for each L*, for ten of them
+LIGHTNESS_DEVIATION = 4.0  # standard deviation of L* at an amount of 1
+COLOR_DEVIATION = 13.0  # standard deviation of a* and b* at an amount of 1
+BY_LIGHT = 1.7  # largest shift due to light, in standard deviations of the random shift
+CELLS = 33  # number of cells along the longer side that share a random shift and an average lightness
+SHARED = 0.4  # share of the variance that nearby strokes have in common
+MOST_SHARED = 1.8  # largest common shift, in standard deviations
+RELIEF = 15.0  # contrast to the surroundings, in L*, at which the shift due to light is largest
+WARM = np.array([0.42, 0.91])  # direction in a*, b* that makes greys warmer
+RED = np.array([0.91, -0.42])  # direction in a*, b* that makes greys redder
+MOST_TURN = 0.4  # largest shift in hue, relative to chroma
+MOST_FADE = 0.25  # largest change in chroma, relative to chroma
+CHROMATIC = 25.0  # chroma at or above which a colour is not treated as grey
+BROAD = 0.6  # quantile of the widths at or above which strokes vary fully
+SMALLEST_SHARE = 0.25  # factor on the deviation of the smallest strokes
+DARK, DARKEST_SHARE = 50.0, 0.3  # L* below which colours vary less, and the smallest factor
+PALE, PALE_SLOPE = 85.0, 0.05  # L* above which colours vary less, and the decrease per L*, for up to ten L*
 
 
 @register("change", "variety")
 @dataclass(kw_only=True)
 class Variety(Change):
-    """Broken colour: varies the colour of each finished stroke, warmer in the light and cooler in the shade.
+    """Varies the colour of each finished stroke ("broken colour"), warmer in the light and cooler in the shade.
 
     Goals such as psnr= refer to the steps; this change then costs some of the PSNR.
 
@@ -48,7 +48,7 @@ class Variety(Change):
         amount: variation from the best-fitting colour towards warm and cool, 0 to 1.
     """
 
-    rank = -10  # whatever else is done to finished strokes is done to their colours
+    rank = -10  # the change precedes all other changes of finished strokes
     only_ends = True
 
     amount: Annotated[float, between(0, 1)] = 0.0
@@ -59,7 +59,7 @@ class Variety(Change):
             log.warning("psnr=%g is the goal of the steps, and %s", cfg.psnr, taken)
 
     def end(self, strokes: Strokes, front_to_back: Tensor, state: PaintingState) -> tuple[Strokes, Tensor]:
-        if state.is_untouched:  # their colours have been broken
+        if state.is_untouched:  # a catalogue's colours have already been varied
             return strokes, front_to_back
         return break_colors(strokes, state, self.amount), front_to_back
 
@@ -69,11 +69,12 @@ def break_colors(strokes: Strokes, state: PaintingState, amount: float) -> Strok
     """Vary the colours of N strokes in CIELAB by an ``amount``, 0 to 1, so that they differ from their neighbours'.
 
     Strokes lighter than their surroundings become warmer, darker ones cooler. In addition, colours vary at random,
-    partly in common with nearby strokes: greys towards warm and cool, hues towards neighbouring hues. Small strokes,
-    near-black and near-white ones, and those in the focus vary less.
+    partly together with nearby strokes: greys towards warm and cool, hues towards neighbouring hues. Small strokes,
+    near-black and near-white strokes, and strokes in the focus vary less.
 
     Source: the impressionists' "broken colour", after Chevreul (1839); Hertzmann (1998) varies hue, saturation and
-    value of each stroke. Differs: it depends on light and place, and comes at the end, because steps would undo it.
+    value of each stroke. Differs from both: the variation depends on light and place, and is added at the end, because
+    steps would undo it.
     """
     if not amount or not len(strokes):
         return strokes
@@ -88,7 +89,7 @@ def break_colors(strokes: Strokes, state: PaintingState, amount: float) -> Strok
     redder = 0.5 * COLOR_DEVIATION * deviation * aside[1]
 
     chroma = np.hypot(lab[:, 1], lab[:, 2])
-    grey = 1 - (chroma / CHROMATIC).clip(0, 1)  # greys go any way, hues to their neighbours
+    grey = 1 - (chroma / CHROMATIC).clip(0, 1)  # greys may shift in any direction, hues only to neighbouring hues
     free = COLOR_DEVIATION * amount * grey
     purer = lab[:, 1:] / chroma[:, None].clip(1e-9)
     warmer_hue = np.stack([-purer[:, 1], purer[:, 0]], 1)
@@ -103,11 +104,11 @@ def break_colors(strokes: Strokes, state: PaintingState, amount: float) -> Strok
 
 @dataclass(frozen=True)
 class Places:
-    """Properties of the picture at the places of N strokes."""
+    """Properties of the picture at the positions of N strokes."""
 
-    lightness: np.ndarray  # (N,) L* around
-    focus: np.ndarray  # (N,) 1 or more
-    chance: np.ndarray  # (2, N) that the strokes of a place have in common, of deviation 1
+    lightness: np.ndarray  # (N,) mean L* of the surroundings
+    focus: np.ndarray  # (N,) weight of the focus, 1 or more
+    chance: np.ndarray  # (2, N) random shifts that nearby strokes share, of standard deviation 1
 
 
 def _sample_places(strokes: Strokes, state: PaintingState) -> Places:
@@ -125,13 +126,13 @@ def _sample_places(strokes: Strokes, state: PaintingState) -> Places:
 
 
 def _share_by_width(strokes: Strokes) -> np.ndarray:
-    """Compute the strength of variation (N,) by width: full for broad strokes, least for details."""
+    """Compute the strength of variation (N,) from the width: full for broad strokes, smallest for details."""
     width = half_width_of(strokes).double().cpu().numpy()
     return np.asarray((width / np.quantile(width, BROAD).clip(1e-9)).clip(SMALLEST_SHARE, 1))
 
 
 def _share_by_lightness(lightness: np.ndarray) -> np.ndarray:
-    """Compute the strength of variation (N,) by L* (N,): least for near-black and near-white colours."""
+    """Compute the strength of variation (N,) from L* (N,): smallest for near-black and near-white colours."""
     return np.asarray((lightness / DARK).clip(DARKEST_SHARE, 1) * (1 - PALE_SLOPE * (lightness - PALE).clip(0, 10)))
 
 

@@ -1,1 +1,1 @@
-"""Colour spaces in which paint is composited. Pick one: ``color=rgb``."""
+"""Colour spaces are where paint is composited; choose one with ``color=rgb``."""

@@ -11,7 +11,7 @@ class ColorSpace(ABC):
 
     Colours of strokes are encoded in C channels, and the finished picture is decoded from them; everything between is
     the same for every space. Black is 0 and white is 1 in each channel, so mixing a colour with white or black, as
-    textured strokes do, works in every space. Both functions are differentiable and inverse to each other, so that
+    textured strokes do, works in every space. Both functions are differentiable and inverses of each other, so that
     opaque paint keeps its colour.
 
     >>> import torch
@@ -28,7 +28,7 @@ class ColorSpace(ABC):
     cost: ClassVar[str] = "not measured"  # time of a step relative to ``rgb``, at 1024 px and 10,000 strokes
     mixes: ClassVar[str] = "as its channels say"  # mixture of equal parts of yellow and blue
 
-    is_rgb: ClassVar[bool] = False  # whether channels are the colours themselves
+    is_rgb: ClassVar[bool] = False  # whether the channels are the colours themselves
 
     @classmethod
     def facts(cls) -> dict[str, str]:

@@ -1,1 +1,1 @@
-"""Density policies: when strokes are added and removed. Pick one: ``density=fixed``."""
+"""Density policies decide when to add and remove strokes; choose one with ``density=fixed``."""

@@ -1,4 +1,4 @@
-"""Find marks that stand alone: they differ from everything around them and belong to no line or crowd of marks."""
+"""Find isolated marks, which differ from everything around them and belong to no line or group of marks."""
 
 import numpy as np
 import torch
@@ -10,24 +10,24 @@ from brushexp.strokes.catalogue import Strokes
 
 Array = np.ndarray
 INSIDE, BESIDE = 7, 5  # number of sample points along a stroke, and along each of its sides
-BEYOND = (1.3, 1.5)  # distance from the curve to the points around a stroke: half widths, plus pixels
-OUT = 0.05  # least contrast of a stroke that stands out, 0 to 1
-ALIKE = 0.5  # share of the contrast within which a point has the colour of the stroke
-TOUCHING = 0.4  # largest share of points with its colour around a stroke that stands out
-BROADEST = 1.25  # typical widths; a broader stroke is not a spot or tick
-SEEN = 0.4  # least visible share of a stroke
-REACH = 2.5  # typical widths, largest distance between marks of one group
-ONE_COLOR = 0.15  # largest difference of a channel between marks of one group, 0 to 1
-CROWD = 5  # number of marks from which a group is a line, foliage or hatching
+BEYOND = (1.3, 1.5)  # distance of sample points around a stroke from its curve: half widths, plus pixels
+OUT = 0.05  # smallest contrast of a stroke that stands out, 0 to 1
+ALIKE = 0.5  # fraction of the contrast within which a point has the colour of the stroke
+TOUCHING = 0.4  # largest share of surrounding points in the stroke's colour if it stands out
+BROADEST = 1.25  # typical widths; broader strokes are not spots or ticks
+SEEN = 0.4  # smallest visible share of a stroke
+REACH = 2.5  # largest distance between marks of a group, in typical widths
+ONE_COLOR = 0.15  # largest difference of a channel between marks of a group, 0 to 1
+CROWD = 5  # smallest number of marks in a line, foliage or hatching
 
 
 def find_lone_marks(strokes: Strokes, image: Tensor, target: Tensor, least: float) -> Tensor:
-    """Tell which strokes (N,) stand alone in a picture (3, H, W) without a cause in the ``target`` (3, H, W).
+    """Find strokes (N,) that stand alone in a picture (3, H, W) without a cause in the ``target`` (3, H, W).
 
-    The contrast of a stroke is the median difference of the pixels around it from its colour. A stroke stands out if it
-    is visible, not broad, away from the edges of the picture, and at most 40 % of the pixels around it differ by less
-    than half of its contrast. It stands alone if fewer than five such strokes lie close together, as in a spot or tick.
-    The target has a cause for it if it differs there from its surroundings by at least ``least`` (0 to 1), in the same
+    The contrast of a stroke is the median difference between its colour and the pixels around it. A stroke stands out
+    if it is visible, not broad, away from the edges of the picture, and at most 40 % of the pixels around it differ by
+    less than half of its contrast. It stands alone if fewer than five such strokes lie close together, as in a spot or
+    tick. The target is a cause if it differs there from its surroundings by at least ``least`` (0 to 1), in the same
     direction of colour.
     """
     painting, aim = (picture.detach().cpu().double().numpy() for picture in (image, target))
@@ -39,9 +39,9 @@ def find_lone_marks(strokes: Strokes, image: Tensor, target: Tensor, least: floa
     apart = np.abs(around - color).max(2)
     contrast = np.median(apart, axis=0)
     is_seen = (np.abs(seen - color).max(2) < ALIKE * contrast).mean(0) > SEEN
-    is_small = (half <= BROADEST * half.median()).numpy()  # a broad stroke hides the ground
+    is_small = (half <= BROADEST * half.median()).numpy()  # broad strokes cover the ground
     height, width = painting.shape[1:]
-    is_within = ((ring >= 0) & (ring < (width, height))).all((0, 2))  # nothing is known beyond the edge
+    is_within = ((ring >= 0) & (ring < (width, height))).all((0, 2))  # nothing is known beyond the edges
     stands_out = is_small & is_within & is_seen & (contrast > OUT) & ((apart < ALIKE * contrast).mean(0) < TOUCHING)
     direction = color - np.median(around, axis=0)
     direction /= np.linalg.norm(direction, axis=1, keepdims=True).clip(1e-9)
@@ -61,7 +61,7 @@ def _points(curve: Tensor, count: int) -> Array:
 
 
 def _ring(curve: Tensor, half: Tensor) -> Array:
-    """Compute points (P, N, 2) just outside strokes: beside them, and beyond their ends."""
+    """Compute points (P, N, 2) just outside the strokes, along their sides and beyond their ends."""
     middle = _points(curve, BESIDE)
     tangent = np.gradient(middle, axis=0)
     tangent /= np.linalg.norm(tangent, axis=2, keepdims=True).clip(1e-9)
@@ -80,7 +80,7 @@ def _sample(picture: Array, places: Array) -> Array:
 def _size_of_groups(points: Array, color: Array, reach: float) -> Array:
     """Count the marks (n,) in the group of each mark.
 
-    Marks belong to one group if their points (P, n, 2) lie within ``reach`` pixels and their colours (n, 3) are alike.
+    Marks belong to a group if their points (P, n, 2) lie within ``reach`` pixels and their colours (n, 3) are alike.
     """
     from scipy.sparse import coo_array  # noqa: PLC0415  (slow to import)
     from scipy.sparse.csgraph import connected_components  # noqa: PLC0415

@@ -12,32 +12,32 @@ from brushexp.plugins.density.base import DensificationState
 from brushexp.strokes.bezier import strokes_along
 from brushexp.strokes.catalogue import Strokes
 
-SIDE_RATIO = 1.5  # of the sides of two patches that follow each other
+SIDE_RATIO = 1.5  # ratio of the sides of successive patch sizes
 SMALLEST_SIDE = 2.0  # pixels of a patch
-LARGEST_SHARE = 0.5  # of the picture's shorter side, which the largest patch has
-ASPECTS = ((1.0, 1.0), (3.0, 1.0), (1.0, 3.0))  # width and height of patches, in their sides
-SQUARE = 1.5  # ratio of its sides below which a patch counts as a square
-ELONGATION = 1.3  # length of the stroke of a square patch, in the side, along the edges of the picture
+LARGEST_SHARE = 0.5  # side of the largest patch, as a fraction of the picture's shorter side
+ASPECTS = ((1.0, 1.0), (3.0, 1.0), (1.0, 3.0))  # width and height of patches, relative to their side
+SQUARE = 1.5  # aspect ratio below which a patch counts as square
+ELONGATION = 1.3  # length of the stroke of a square patch, relative to its side, along the edges of the picture
 STRUCTURE = 1.5  # pixels over which the direction of edges is measured
-STRIDE = 1 / 6  # distance between places at which a patch is tried, in its side
+STRIDE = 1 / 6  # distance between the places at which a patch is tried, relative to its side
 OPACITY = 0.95
-NOISE = 1e-6  # gain that rounding errors may make
-CANDIDATES = 200  # patches of each size from which strokes are chosen, more than are wanted
-OVERLAP = 0.3  # share of a patch that may lie on better ones
-ROOM = 2.0  # window of a new stroke, in its length
-SMALLEST_WINDOW = 16.0  # pixels
+NOISE = 1e-6  # largest gain due to rounding errors
+CANDIDATES = 200  # number of candidates of each size, in addition to the wanted number
+OVERLAP = 0.3  # largest share of a patch that may overlap better patches
+ROOM = 2.0  # window of a new stroke, relative to its length
+SMALLEST_WINDOW = 16.0  # smallest window of a new stroke, pixels
 
 Array = np.ndarray
 
 
 @dataclass(frozen=True)
 class Patches:
-    """M rectangles of one colour, and how much each lowers the squared error."""
+    """M rectangles of one colour each, and the gain of each: the decrease in squared error."""
 
-    top: Array  # (M,) whole pixels, as below
-    bottom: Array  # (M,) of the first row below the patch
-    left: Array  # (M,)
-    right: Array  # (M,) of the first column beside the patch
+    top: Array  # (M,) first row; all in pixels
+    bottom: Array  # (M,) first row below the patch
+    left: Array  # (M,) first column
+    right: Array  # (M,) first column to the right of the patch
     gain: Array  # (M,)
 
     def __getitem__(self, chosen: Array) -> "Patches":
@@ -50,10 +50,10 @@ class Patches:
 
 
 def proposals(state: DensificationState, most: int, least: float) -> tuple[Strokes, Tensor]:
-    """Propose at most ``most`` strokes that each gain more than ``least``, best first, with their gains (M,).
+    """Propose at most ``most`` strokes, each with a gain above ``least``, best first; also return their gains (M,).
 
-    The gain is the decrease of the squared error, summed over pixels and channels and weighted by the focus, if a
-    rectangle of the stroke's size is painted in the target's mean colour.
+    The gain is the decrease in squared error, summed over pixels and channels and weighted by the focus, if a rectangle
+    of the stroke's size is painted in the target's mean colour.
     """
     like = state.strokes.position
     if most < 1:
@@ -67,11 +67,11 @@ def proposals(state: DensificationState, most: int, least: float) -> tuple[Strok
 
 
 def patches_of(target: Array, error: Array, weight: Array, most: int, least: float) -> Patches:
-    """Find patches that gain more than ``least``: the best of each size, at most one per cell of a lattice.
+    """Find the best patches of each size with a gain above ``least``, at most one per cell of a lattice.
 
     A patch of the target's mean colour replaces the error (H, W), a sum over channels, by the variance of the target
-    (C, H, W), both weighted by (H, W). So the gain follows from sums over rectangles, which come from a summed-area
-    table (Crow, 1984). Each size is tried at every place of a lattice, `STRIDE` of its side apart.
+    (C, H, W), both weighted by (H, W). So the gain follows from sums over rectangles, which a summed-area table
+    provides (Crow, 1984). Each size is tried at the points of a lattice with a spacing of `STRIDE` sides.
     """
     size = target.shape[1:]
     maps = np.concatenate([(error - np.square(target).sum(0))[None], target, np.ones_like(target[:1])]) * weight
@@ -104,7 +104,7 @@ def _spans(length: int, extent: int, stride: int) -> tuple[Array, Array]:
 
 
 def _apart(patches: Patches, most: int, size: tuple[int, ...]) -> Array:
-    """Choose at most ``most`` patches with the largest gains that hardly overlap."""
+    """Choose at most ``most`` patches with the largest gains and little overlap."""
     taken = np.zeros(size, bool)
     chosen: list[int] = []
     for number in np.argsort(-patches.gain, kind="stable").tolist():
@@ -118,7 +118,7 @@ def _apart(patches: Patches, most: int, size: tuple[int, ...]) -> Array:
 
 
 def _strokes(patches: Patches, target: Array, like: Tensor) -> Strokes:
-    """Make strokes from patches; square ones follow the edges of the picture."""
+    """Convert patches to strokes; strokes of square patches follow the edges of the picture."""
     height, width = patches.bottom - patches.top, patches.right - patches.left
     long, thick = np.maximum(height, width), np.minimum(height, width)
     row, column = (patches.bottom + patches.top) // 2, (patches.right + patches.left) // 2

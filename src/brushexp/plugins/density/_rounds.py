@@ -1,4 +1,4 @@
-"""Add and remove strokes in rounds; the policy decides what to add and what to replace."""
+"""Add and remove strokes in rounds; a policy decides what to add and what to replace."""
 
 import math
 from abc import abstractmethod
@@ -12,17 +12,17 @@ from brushexp.plugins.density.base import DensificationState, DensificationUpdat
 from brushexp.strokes.catalogue import Strokes
 
 CHANNELS = 3
-MIN_SHARE = 1e-3  # least share of the strokes to begin with
-STEPS_BETWEEN_ROUNDS = 8  # least steps in which new strokes find their place
-TOP = 0.3  # share of the rounds after which a surplus of strokes is largest
+MIN_SHARE = 1e-3  # smallest initial share of the strokes
+STEPS_BETWEEN_ROUNDS = 8  # minimum number of steps for new strokes to settle
+TOP = 0.3  # share of the rounds after which the surplus of strokes is largest
 
 
 @dataclass(kw_only=True)
 class Rounds(Density):
-    """Starts with fewer strokes; each round drops useless strokes, adds others and moves the weakest.
+    """Starts with fewer strokes; each round drops useless strokes, adds new ones and moves the weakest.
 
     A stroke is useless if removing it increases the squared error by no more than ``tolerance`` at one pixel. With a
-    ``surplus`` there are more strokes on the way than in the end, and each round drops a few of the least important.
+    ``surplus``, there are more strokes in between than at the end, and later rounds drop the least important.
     """
 
     start: Annotated[float, between(MIN_SHARE, 1)] = 0.7
@@ -31,19 +31,19 @@ class Rounds(Density):
     moved: Annotated[float, between(0, 0.5)] = 0.1
     tolerance: Annotated[float, between(0, 1)] = 0.004
     surplus: Annotated[float, between(0, 3)] = 0.0
-    _round: int = field(default=0, init=False)  # number of the last one
-    _first: int = field(default=0, init=False)  # strokes at the beginning
+    _round: int = field(default=0, init=False)  # number of the last round
+    _first: int = field(default=0, init=False)  # initial number of strokes
     uses_importance = True
 
     @abstractmethod
     def replaced(self, state: DensificationState, missing: int, weakest: Tensor) -> tuple[Strokes, int]:
-        """Return new strokes, at most ``missing`` plus the number replaced, and how many of the weakest they replace.
+        """Return new strokes, at most ``missing`` plus those replaced, and how many of the weakest they replace.
 
         ``weakest`` (M,) holds the importance of the strokes that may be replaced, least important first.
         """
 
     def is_good_enough(self, state: DensificationState) -> bool:
-        """Tell whether to skip a round because the picture is good enough."""
+        """Return whether to skip a round because the picture is good enough."""
         return False
 
     def first(self, budget: int, steps: int) -> int:
@@ -85,7 +85,7 @@ class Rounds(Density):
         return DensificationUpdate(keep, new) if len(new) or not keep.all() else None
 
     def _goal(self, current: int, rounds: int, budget: int) -> int:
-        """Return the number of strokes allowed after a round."""
+        """Return the number of strokes that are allowed after a round."""
         most = max(self._first, round((1 + self.surplus) * budget))
         top = round(TOP * rounds) if self.surplus else rounds
         if current <= top:

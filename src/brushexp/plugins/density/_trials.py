@@ -1,4 +1,4 @@
-"""Try whether a painting that is good enough can do with fewer strokes."""
+"""Test whether a painting that is good enough needs fewer strokes."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,27 +11,27 @@ from brushexp.plugins.density.base import DensificationState, DensificationUpdat
 from brushexp.strokes.catalogue import Strokes
 
 FIRST_SHARE = 0.1  # share of the strokes that the first trial leaves out; half as many after each failure
-LEAST_SHARE = 0.01  # least share of the strokes that a trial leaves out
-MOST_FAILURES = 4  # trials in a row that may fail
+LEAST_SHARE = 0.01  # smallest share of the strokes that a trial leaves out
+MOST_FAILURES = 4  # largest number of consecutive trials that may fail
 
 
 @dataclass
 class Trials:
-    """Leaves strokes out for trial, and restores the best painting so far if the others do not make up for them.
+    """Leaves out strokes as a trial, and restores the best painting so far if the others do not make up for them.
 
-    The best painting is the one with the fewest strokes that is good enough: ``strokes`` (N,), from the bottom to the
-    top, and the ``importance`` (N,) of each; both are None before there is one.
+    The best painting is good enough with the fewest strokes: ``strokes`` (N,), bottom stroke first, and the
+    ``importance`` (N,) of each; both are None before any painting is good enough.
     """
 
     strokes: Strokes | None = field(default=None)
     importance: Tensor | None = field(default=None)
-    failures: int = field(default=0)  # trials in a row after which the painting was not good enough
+    failures: int = field(default=0)  # number of consecutive failed trials
 
     def next(self, state: DensificationState, slack: float, steps: int | None) -> DensificationUpdate | None:
-        """Return the next trial, the best painting if there are no more, or None if ``state`` is that painting.
+        """Return the next trial; after the last one, the best painting, or None if ``state`` already is this painting.
 
-        A painting is good enough if its squared error may grow by ``slack``, 0 or more; the first one must be. A trial
-        takes the painting to ``steps``, None if there are none left.
+        A painting is good enough if its squared error may grow by a ``slack`` of 0 or more; the first painting must be.
+        A trial extends the painting to ``steps``, or is impossible if that is None.
         """
         if slack >= 0:
             return self._from_best(state, slack, steps)
@@ -43,7 +43,7 @@ class Trials:
             rest, steps = torch.arange(n, device=device), None
         else:
             count = _count(n, self.failures)
-            tried = sum(_count(n, failed) == count for failed in range(self.failures)) * count  # these were as few
+            tried = sum(_count(n, failed) == count for failed in range(self.failures)) * count  # as small as this one
             ranks = self.importance.argsort(stable=True)
             spared = min(tried, n - count)
             rest = torch.cat([ranks[:spared], ranks[spared + count :]]).sort().values
@@ -52,7 +52,7 @@ class Trials:
         )
 
     def _from_best(self, state: DensificationState, slack: float, steps: int | None) -> DensificationUpdate | None:
-        """Remember a painting that is good enough, and leave out the first strokes."""
+        """Store a painting that is good enough, and leave out the least important strokes."""
         importance, n = state.importance(), len(state.strokes)
         upward = torch.arange(n) if state.front_to_back is None else state.front_to_back.flip(0)
         self.strokes, self.importance = state.strokes[upward].map(Tensor.clone), importance[upward]
@@ -83,5 +83,5 @@ class Trials:
 
 
 def _count(n: int, failures: int) -> int:
-    """Return how many of ``n`` strokes a trial leaves out."""
+    """Return how many of ``n`` strokes a trial leaves out after some ``failures``."""
     return max(1, round(LEAST_SHARE * n), round(FIRST_SHARE * n / 2**failures))

@@ -9,17 +9,17 @@ from brushexp.pictures.structure import along_edges, structure_tensor, worst_of_
 from brushexp.plugins.density.base import DensificationState
 from brushexp.strokes.catalogue import Strokes
 
-BLUR = 0.45  # blur of the error, in sizes of a new stroke
-SPACING = 2.5  # least distance of new strokes, roughly, in their sizes
-LENGTH, THICKNESS = 1.4, 0.8  # of a new stroke, in its size, as the initialisers have it
+BLUR = 0.45  # blur of the error, relative to the size of a new stroke
+SPACING = 2.5  # approximate minimum distance between new strokes, relative to their size
+LENGTH, THICKNESS = 1.4, 0.8  # dimensions of a new stroke relative to its size, as in the initialisers
 OPACITY = 0.95
-STRUCTURE = 1.5  # pixels over which the picture's direction is measured
+STRUCTURE = 1.5  # pixels over which the direction of the picture is measured
 
 
 def new_strokes(state: DensificationState, n: int, size: float, tolerance: float) -> Strokes:
-    """Make at most ``n`` strokes at the worst places, worst first, at most one per cell of a lattice.
+    """Make at most ``n`` strokes at the places of largest error, largest first, at most one per cell of a lattice.
 
-    They have the target's colour and follow its edges; ``size`` and ``tolerance`` are as in density=adaptive.
+    The strokes have the target's colour and follow its edges; ``size`` and ``tolerance`` are as in density=adaptive.
     """
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (--help does not need it)
 

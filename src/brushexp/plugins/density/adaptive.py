@@ -1,4 +1,4 @@
-"""Add strokes where the error is largest, and remove the least important ones."""
+"""Add strokes where the error is largest, and remove the least important strokes."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -12,16 +12,16 @@ from brushexp.plugins.density.base import DensificationState
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 
-MIN_PITCHES = 1e-3  # least size of a new stroke
+MIN_PITCHES = 1e-3  # smallest size of a new stroke, in pitches
 
 
 @register("density", "adaptive")
 @dataclass(kw_only=True)
 class Adaptive(Rounds):
-    """Starts with fewer strokes, adds small ones where the error is largest, and moves the least important ones there.
+    """Starts with fewer strokes, adds small strokes where the error is largest, and moves the least important there.
 
-    Each round removes hidden strokes and those whose removal increases the squared error least, and adds new ones at
-    the worst places, in the picture's colour and along its edges.
+    Each round removes hidden strokes and the strokes whose removal increases the squared error least, and adds new
+    strokes at the worst places, in the picture's colour and along its edges.
 
     Source: GaussianImage++ (2025), which adds at the worst pixels, and 3D Gaussian splatting (Kerbl et al., 2023),
     which alternates adding and removing. Differs from both: it removes by importance, not by opacity, and continues to
@@ -34,7 +34,7 @@ class Adaptive(Rounds):
         moved: share of the strokes that each round moves elsewhere, 0 to 0.5.
         size: size of new strokes, in pitches (mean distances between strokes).
         tolerance: error (root mean square over a stroke, 0 to 1) below which a place needs no more strokes.
-        surplus: share of extra strokes on the way, 0 to 3; the least important are removed before the end.
+        surplus: share of extra strokes in between, 0 to 3; the least important are removed before the end.
         psnr: PSNR in dB above which no strokes are added; null for none.
     """
 

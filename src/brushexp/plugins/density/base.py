@@ -14,26 +14,26 @@ from brushexp.strokes.catalogue import Strokes
 class DensificationState:
     """The whole painting after a step.
 
-    ``importance()`` measures how much the squared error, summed over pixels and channels and weighted by the focus,
-    would grow without each stroke (N,). It takes about as long as five steps.
+    ``importance()`` measures by how much the squared error, summed over pixels and channels and weighted by the focus,
+    would grow without each stroke (N,). It takes as long as about five steps.
     """
 
-    image: Tensor  # (3, H, W) as it was last painted, display-referred RGB in [0, 1]
+    image: Tensor  # (3, H, W) as last painted, display-referred RGB in [0, 1]
     target: Tensor  # (3, H, W)
     focus: Tensor | None  # (H, W) weights of the pixels, of mean 1; None for equal weights
     strokes: Strokes  # the N strokes, without gradient
-    budget: int  # strokes that the painting may have in the end
-    step: int  # steps that are done, 1 or more
-    steps: int  # steps in all; a run with a time limit corrects it
+    budget: int  # largest final number of strokes
+    step: int  # number of steps taken, 1 or more
+    steps: int  # planned number of steps; revised in a run with a time limit
     importance: Callable[[], Tensor]
-    psnr: float | None = None  # PSNR in dB that the painting should reach; None for no goal
-    may_replan: bool = True  # whether an update may change the number of steps, which a time limit forbids
-    front_to_back: Tensor | None = None  # (N,) indices of the strokes, uppermost first; None if the last is uppermost
+    psnr: float | None = None  # PSNR in dB to reach; None for no goal
+    may_replan: bool = True  # whether an update may change the number of steps; a time limit forbids it
+    front_to_back: Tensor | None = None  # (N,) indices, top stroke first; None if the last is on top
 
 
 @dataclass(frozen=True)
 class DensificationUpdate:
-    """A change of the set of strokes: which of the current ones to keep (N,), bool, and new ones.
+    """A change of the set of strokes: which current strokes to keep (N,), bool, and which strokes to add.
 
     ``steps`` is the new total number of steps, if the change alters the plan.
     """
@@ -44,7 +44,7 @@ class DensificationUpdate:
 
 
 class Density(ABC):
-    """Adds strokes where the picture needs them and removes others (densification and pruning).
+    """Adds strokes where the picture needs them, and removes others (densification and pruning).
 
     >>> import torch
     >>> class Halve(Density):
@@ -56,23 +56,23 @@ class Density(ABC):
     tensor([ True, False])
     """
 
-    chooses_number: bool = False  # whether it chooses the number of strokes, up to a budget
-    uses_importance: bool = False  # whether `revise` asks for the importance of strokes, whose code is then precompiled
+    chooses_number: bool = False  # whether the policy chooses the number of strokes, up to a budget
+    uses_importance: bool = False  # whether `revise` calls ``importance()``, whose code is then compiled in advance
 
     @classmethod
     def facts(cls) -> dict[str, str]:
-        return {"cost": "five steps a round" if cls.uses_importance else "none", "needs": "the picture as last seen"}
+        return {"cost": "five steps a round" if cls.uses_importance else "none", "needs": "the picture as last painted"}
 
     def first(self, budget: int, steps: int) -> int:
         """Return the initial number of strokes, 1 to ``budget``, for a painting of ``steps`` steps."""
         return budget
 
     def idle_reason(self, steps: int) -> str:
-        """Say why the policy changes no stroke in a painting of ``steps`` steps, following its name; "" if it does."""
+        """Explain, after the policy's name, why it changes no stroke in a painting of ``steps`` steps; otherwise ""."""
         return ""
 
     def due(self, step: int, steps: int) -> bool:
-        """Tell whether to call `revise` after step number ``step`` (from 1) of ``steps``."""
+        """Return whether to call `revise` after step number ``step`` (from 1) of ``steps``."""
         return True
 
     def conclude(self, state: DensificationState) -> None:  # noqa: B027
@@ -81,7 +81,7 @@ class Density(ABC):
     def findings(self) -> dict[str, Any]:
         """Return the findings of `conclude`, by name as in metrics.json.
 
-        ``verdict`` is a sentence for people; ``strokes_psnr`` pairs numbers of strokes with their PSNR in dB.
+        ``verdict`` is a sentence for readers; ``strokes_psnr`` pairs numbers of strokes with their PSNR in dB.
         """
         return {}
 

@@ -1,4 +1,4 @@
-"""Remove hairlines, strokes that cross all their neighbours, and marks that stand alone."""
+"""Remove hairlines, strokes that cross all their neighbours, and isolated marks."""
 
 import math
 from dataclasses import dataclass, field
@@ -16,24 +16,25 @@ from brushexp.strokes.bezier import half_width_of, length_of, shape_of
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.measures import area_of, direction_of, mean_direction, neighbours_of
 
-MIN_COHERENCE = 0.5  # least length of the neighbours' mean direction; ten in disorder have about 0.28
+MIN_COHERENCE = 0.5  # shortest mean direction of the neighbours; ten random directions give about 0.28
 
 
 @register("density", "strays")
 @dataclass(kw_only=True)
 class Strays(Density):
-    """Removes hairlines, strokes that cross all their neighbours, and lone marks, if the picture hardly needs them.
+    """Removes hairlines, strokes that cross all their neighbours, and isolated marks, if the picture hardly needs them.
 
-    It does so once, before the last steps, which then close the gaps. How much the picture needs a stroke is the growth
-    of the squared error without it, relative to the stroke's area. A lone mark, such as a spot or a tick, is kept in
-    the focus, and where the picture itself differs from its surroundings.
+    This happens once, before the last steps, which then close the gaps. The need for a stroke is the growth of the
+    squared error without it, relative to the stroke's area. An isolated mark, such as a spot or a tick, stays if it
+    lies in the focus, or where the picture itself differs from its surroundings.
 
     Args:
         after: share of the steps after which strays are removed.
         thin: thickness in pixels below which a stroke is a hairline.
-        askew: angle in degrees to the mean direction of its ten nearest above which a stroke crosses them.
-        missed: root mean square error, 0 to 1, that removing a stray may add under it.
-        lone: least difference of the picture from its surroundings, 0 to 1, that justifies a lone mark; 0 keeps all.
+        askew: angle in degrees to the mean direction of its ten nearest strokes above which a stroke crosses them.
+        missed: root mean square error, 0 to 1, that the removal of a stray may add to its area.
+        lone: smallest difference of the picture from its surroundings, 0 to 1, that justifies an isolated mark; 0 keeps
+            all marks.
     """
 
     after: Annotated[float, between(0, 1)] = 0.7
@@ -53,7 +54,7 @@ class Strays(Density):
         direction = direction_of(shape)
         around = mean_direction(direction, neighbours_of(strokes, shape))
         strength = around.norm(dim=1)
-        cosine = (direction * around).sum(1) / strength.clamp_min(torch.finfo(around.dtype).tiny)  # of twice the angle
+        cosine = (direction * around).sum(1) / strength.clamp_min(torch.finfo(around.dtype).tiny)  # twice the angle
         crossing = (strength > MIN_COHERENCE) & (cosine < math.cos(math.radians(2 * self.askew)))
         stray = (width < self.thin) | crossing
         if stray.any():
@@ -72,7 +73,7 @@ class Strays(Density):
 
 
 def _in_focus(strokes: Strokes, focus: Tensor | None) -> Tensor:
-    """Tell which strokes (N,) lie where a ``focus`` (H, W) is closer to its maximum than to its minimum."""
+    """Find strokes (N,) that lie where a ``focus`` (H, W) is closer to its maximum than to its minimum."""
     if focus is None:
         return torch.zeros_like(strokes.opacity, dtype=torch.bool)
     x, y = (strokes.position[:, k].long().clamp(0, focus.shape[1 - k] - 1) for k in range(2))

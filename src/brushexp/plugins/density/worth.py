@@ -1,4 +1,4 @@
-"""Choose the number of strokes by what they are worth in bits."""
+"""Choose the number of strokes so that each is worth its bits."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -15,54 +15,54 @@ from brushexp.plugins.density.base import DensificationState, DensificationUpdat
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 
-BITS = 150  # bits of a stroke, rounded and packed: metric=bits finds 143 for each of 106 strokes of look=plain
-FEWEST, FIRST = 4, 16  # initial number of strokes: with enough steps for growth, and at most
+BITS = 150  # bits of a stroke, rounded and packed; metric=bits measures 143 for each of 106 strokes of look=plain
+FEWEST, FIRST = 4, 16  # initial number of strokes if there are enough steps for growth, and its maximum
 ROUND = 10  # steps between two rounds
 BATCH = 3  # number of strokes that every round may add
 GROWTH = 0.5  # share of the strokes that a round of growth may add
-PROMISE = 0.5  # least gain of a proposal, in the price of a stroke, because steps improve it
-SWAP = 0.3  # importance below which a stroke is removed, in the gain of the worst accepted proposal
-GROWN = 0.03  # share of the strokes; growth ends when rounds add fewer
-PATIENCE = 2  # number of such rounds in a row that end growth
+PROMISE = 0.5  # smallest gain of a proposal, relative to the price of a stroke, because steps improve it
+SWAP = 0.3  # importance below which a stroke is removed, relative to the gain of the worst accepted proposal
+GROWN = 0.03  # share of the strokes; growth ends when rounds add less
+PATIENCE = 2  # number of such consecutive rounds that end growth
 GROWING = 0.45  # largest share of the steps for growth
-SETTLING = 120  # least number of steps after growth
+SETTLING = 120  # minimum number of steps after growth
 SETTLED = 2.5  # factor by which these steps lower the squared error
 REMOVED = 0.1  # share of the strokes that a later round may remove
 ADDED = 0.15  # share of the strokes that a later round may add
-ADDING = 0.75  # share of the steps after which no strokes are added, without a PSNR to reach
+ADDING = 0.75  # share of the steps after which no strokes are added, unless there is a PSNR to reach
 LATEST = 0.9  # share of the steps after which no strokes are added or removed until the last step
 EXTRA = 60  # steps after a correction or a trial at the end
-LONGEST = 2.0  # most steps including those of corrections and trials, in planned steps
-RECOVERED = 0.3  # share of the removed importance for which the other strokes compensate
-MARGIN = 0.01  # dB above the given PSNR
+LONGEST = 2.0  # largest number of steps including corrections and trials, relative to the planned steps
+RECOVERED = 0.3  # share of the removed importance for which the remaining strokes compensate
+MARGIN = 0.01  # dB above the PSNR to reach
 ROUNDING = 1 / 12 / 255**2  # mean squared error of rounding to 8 bits
-HUNDRED = 100  # further strokes whose gain the verdict states
+HUNDRED = 100  # number of further strokes whose gain the verdict states
 POINTS = 12  # points of the curve without the least important strokes
 
 
 @register("density", "worth")
 @dataclass(kw_only=True)
 class Worth(Density):
-    """Finds how many strokes the picture needs: as many as are worth their bits, or as few as reach a given PSNR.
+    """Finds how many strokes the picture needs: as many as are worth their bits, or the fewest that reach a given PSNR.
 
     The painting minimises distortion + price * rate. Distortion is the squared error, summed over pixels and channels
     and weighted by the focus; the rate is 150 bits per stroke.
 
     - It starts with 4 strokes, or up to 16 if there are few steps. Every 10 steps it proposes strokes of all sizes
-      where they lower the error most, adds up to half as many as there are, and removes those whose removal costs less
+      where they lower the error most, adds up to half as many as exist, and removes strokes whose removal costs less
       than their price.
     - When rounds add almost nothing, growth ends, and as many steps again follow. Strokes no longer worth their price
       are removed.
     - With ``psnr=`` the price follows from the PSNR: growth ends when the remaining steps should reach it; later rounds
-      remove the least important strokes while the rest is good enough, and add some if it is not. At the end, strokes
-      are added until the PSNR is reached, each time with 60 more steps. Then it removes a tenth as a trial, and
-      restores it if the rest misses the PSNR 60 steps later. After a failed trial it removes half as many, up to four
-      times.
+      remove the least important strokes while the others are good enough, and add some if they are not. At the end,
+      strokes are added until the PSNR is reached, each time with 60 more steps. Then a trial removes a tenth of the
+      strokes, and they are restored if the others miss the PSNR 60 steps later. After a failed trial it removes half as
+      many, up to four times.
 
-    ``strokes=`` or ``max_strokes=`` limits the number of strokes, otherwise one per 16 pixels; ``steps=`` limits the
-    number of steps, which corrections and trials may double.
+    ``strokes=`` or ``max_strokes=`` limits the number of strokes (the default limit is one per 16 pixels); ``steps=``
+    limits the number of steps, which corrections and trials may double.
 
-    Source: rate-distortion optimisation with a Lagrange multiplier (Shoham and Gersho, 1988), for strokes.
+    Source: rate-distortion optimisation with a Lagrange multiplier (Shoham and Gersho, 1988), applied to strokes.
 
     Args:
         price: squared error that each bit must save, summed over pixels and channels in [0, 1].
@@ -70,11 +70,11 @@ class Worth(Density):
 
     price: Annotated[float, at_least(0)] = 1e-3
     _limit: int = field(default=0, init=False)  # planned steps
-    _grown: int = field(default=0, init=False)  # step at which growth ended; 0 before
-    _is_cut_short: bool = field(default=False, init=False)  # whether growth ended for lack of steps
-    _idle: int = field(default=0, init=False)  # rounds in a row that added almost nothing
-    _trials: Trials = field(default_factory=Trials, init=False)  # of fewer strokes, at the end
-    _history: list[tuple[int, float]] = field(default_factory=list, init=False)  # strokes and dB at each round
+    _grown: int = field(default=0, init=False)  # step at which growth ended; 0 until then
+    _is_cut_short: bool = field(default=False, init=False)  # whether lack of steps ended growth
+    _idle: int = field(default=0, init=False)  # number of consecutive rounds that added almost nothing
+    _trials: Trials = field(default_factory=Trials, init=False)  # trials with fewer strokes, at the end
+    _history: list[tuple[int, float]] = field(default_factory=list, init=False)  # strokes and PSNR at each round
     _findings: dict[str, Any] = field(default_factory=dict, init=False)
     _reason: str = field(default="", init=False)
     chooses_number = True
@@ -94,7 +94,7 @@ class Worth(Density):
         return step % ROUND == 0 or step >= steps
 
     def revise(self, state: DensificationState) -> DensificationUpdate | None:
-        if not self._limit or not state.may_replan:  # a time limit corrects the number of steps
+        if not self._limit or not state.may_replan:  # a time limit revises the number of steps
             self._limit = state.steps
         self._history.append((len(state.strokes), _psnr_of(_mean_error(state))))
         if state.step >= state.steps:
@@ -106,7 +106,7 @@ class Worth(Density):
         return self._settle(state) if state.psnr is None else self._approach(state, state.psnr)
 
     def _grow(self, state: DensificationState) -> DensificationUpdate:
-        """Add as many of the best proposals as allowed, and remove strokes not worth their price."""
+        """Add as many of the best proposals as allowed, and remove strokes that are not worth their price."""
         n, importance = len(state.strokes), state.importance()
         most = min(state.budget - n, max(BATCH, round(GROWTH * n)))
         if state.psnr is None:
@@ -128,21 +128,21 @@ class Worth(Density):
         return DensificationUpdate(keep, new, steps if state.may_replan else None)
 
     def _settle(self, state: DensificationState) -> DensificationUpdate:
-        """Remove strokes no longer worth their price, and for a while add proposals that are."""
+        """Remove strokes that are no longer worth their price; in early rounds, add proposals that are."""
         n, price = len(state.strokes), BITS * self.price
         most = min(state.budget - n, max(BATCH, round(ADDED * n))) if state.step < ADDING * state.steps else 0
         new, _ = proposals(state, most, price)
         return DensificationUpdate(_worth_more(state.importance(), price), new)
 
     def _approach(self, state: DensificationState, psnr: float) -> DensificationUpdate:
-        """Add or remove strokes so that the remaining steps should end at the given PSNR."""
+        """Add or remove strokes so that the remaining steps are expected to end at the given PSNR."""
         left = min(1.0, 2 * (1 - state.step / state.steps))
         expected = _total_error(state) / (1 + (SETTLED - 1) * left)
         slack = _allowed(state, psnr) - expected
         return self._more(state, -slack) if slack < 0 else self._fewer(state, slack / (1 - RECOVERED))
 
     def _correct(self, state: DensificationState) -> DensificationUpdate | None:
-        """Add strokes if the painting is not good enough, try with fewer if it is, or finish."""
+        """Add strokes if the painting is not good enough, try fewer if it is, or finish."""
         assert state.psnr is not None
         slack = _allowed(state, state.psnr) - _total_error(state)
         steps = state.step + EXTRA if state.step + EXTRA <= LONGEST * self._limit else None
@@ -228,7 +228,7 @@ def _mean_error(state: DensificationState) -> float:
 
 
 def _psnr_of(mean_squared_error: float) -> float:
-    """Compute the PSNR in dB after rounding to 8 bits; 59 dB at most."""
+    """Compute the PSNR in dB after rounding to 8 bits, at most 59 dB."""
     return psnr_of(mean_squared_error + ROUNDING)
 
 
@@ -242,7 +242,7 @@ def _allowed(state: DensificationState, psnr: float) -> float:
 
 
 def _worth_more(importance: Tensor, price: float) -> Tensor:
-    """Tell which strokes (N,) are worth more than their price; the most important one always is."""
+    """Return which strokes (N,) are worth more than their price; the most important one always is."""
     keep = importance > price
     if len(keep):
         keep[importance.argmax()] = True
@@ -250,6 +250,6 @@ def _worth_more(importance: Tensor, price: float) -> Tensor:
 
 
 def _as_many_as_gain(missing: float, new: Strokes, gain: Tensor) -> tuple[Strokes, Tensor]:
-    """Take the first proposals whose gains add up to what is ``missing``, or all of them."""
+    """Select the first proposals whose gains add up to ``missing``, or all of them."""
     count = 0 if missing <= 0 else int((gain.cumsum(0) < missing).sum()) + 1
     return new[:count], gain[:count]

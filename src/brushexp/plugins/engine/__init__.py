@@ -1,1 +1,1 @@
-"""Brush simulators: stroke parameters -> a picture of one stroke. Pick one: ``engine=...``."""
+"""Brush simulators turn stroke parameters into a picture of one stroke; choose one with ``engine=...``."""

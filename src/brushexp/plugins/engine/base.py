@@ -11,14 +11,14 @@ from torch import Tensor
 class Simulated:
     """Pictures and heights of n strokes, each on its own canvas."""
 
-    images: Tensor  # (n, 4, S, S) float32 RGBA in [0, 1], straight alpha; without paint, the colour of the stroke
-    heights: Tensor  # (n, S, S) float32 >= 0, how much paint lies there; 1 is about what covers the canvas
+    images: Tensor  # (n, 4, S, S) float32 RGBA in [0, 1], straight alpha; pixels without paint have the stroke's colour
+    heights: Tensor  # (n, S, S) float32 >= 0, amount of paint; 1 is about enough to cover the canvas
 
 
 class Engine(ABC):
     """Simulates the mark of one stroke on an empty canvas.
 
-    Points of the curve are in half-windows from the window's centre (-1 and 1 are its edges), the width is in windows.
+    Points of the curve are in half-windows from the window's centre (-1 and 1 are its edges); the width is in windows.
     So an engine with a larger window draws the same strokes larger.
 
     >>> from brushexp.registry import build_named
@@ -29,7 +29,7 @@ class Engine(ABC):
     """
 
     window: int  # S, pixels on the side of a picture
-    has_heights: ClassVar[bool] = False  # whether ``heights`` says more than alpha does
+    has_heights: ClassVar[bool] = False  # whether ``heights`` contains more than alpha
     is_random: ClassVar[bool] = True  # whether two strokes with the same parameters differ
 
     @classmethod
@@ -43,7 +43,7 @@ class Engine(ABC):
     def __call__(self, parameters: Tensor, *, seed: int, first: int = 0) -> Simulated:
         """Paint strokes number ``first`` to ``first + n - 1``.
 
-        Stroke i depends only on its parameters, ``seed`` and its own number, never on n or the number of threads.
+        Stroke i depends only on its parameters, ``seed`` and its own number, and not on n or the number of threads.
         ``parameters`` (n, 10) in [-1, 1] have the format of `strokes.prior.parameters_of`, but all finite values are
         drawn; ``seed`` is 0 to 2**64 - 1.
         """

@@ -1,1 +1,1 @@
-"""Exporters: painting -> files. Pick several: ``task=export catalogue=catalogue.h5 to=svg,json``."""
+"""Exporters write a painting to files; choose several with ``task=export catalogue=catalogue.h5 to=svg,json``."""

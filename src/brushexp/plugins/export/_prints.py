@@ -1,4 +1,4 @@
-"""Prepare pictures for print and pack chunks of PNG files (ISO/IEC 15948), for several exporters."""
+"""Prepare pictures for print, and pack chunks of PNG files (ISO/IEC 15948), for several exporters."""
 
 import re
 import struct
@@ -19,23 +19,23 @@ from brushexp.system.files import to_bytes
 Compression = Annotated[int, between(1, 9)]
 CM = 2.54  # centimetres in an inch
 MM = 25.4  # millimetres in an inch
-WHITE = 255  # of paper
-DPI = 300.0  # pixels per inch of a size on paper, by default
+WHITE = 255  # level of white paper
+DPI = 300.0  # default resolution of a print, pixels per inch
 THREADS_PER_CM = 14  # threads of painters' linen
-THREAD_PIXELS = 4.0  # pixels from thread to thread where the picture has no size on paper
+THREAD_PIXELS = 4.0  # pixels between threads if the picture has no print size
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
 DEPTH, RGB, RGBA = 8, 2, 6  # bits of a channel, and numbers of the PNG colour types
-SUB, UP = 1, 2  # numbers of the PNG filters that store the difference from the pixel before, or above
+SUB, UP = 1, 2  # numbers of the PNG filters that store differences from the previous pixel, and from the pixel above
 
 
 @dataclass(kw_only=True)
 class PrintExporter(Exporter):
-    """Base of exporters of pictures with a size on paper; its fields are their options.
+    """Base class of exporters of pictures with a print size; its fields are their options.
 
     Args:
-        size_cm: maximum width and height in cm, such as 60x40; the picture is as large as fits; null = as many pixels
-            as ``resolution``.
-        dpi: pixels per inch, written into the file; null = 300 if there is a size on paper.
+        size_cm: maximum width and height in cm, such as 60x40; the picture is as large as possible; null = as many
+            pixels as ``resolution``.
+        dpi: pixels per inch, written into the file; null = 300 if ``size_cm`` is set.
         weave: strength of the canvas threads under the light, 0 to 1.
     """
 
@@ -51,11 +51,11 @@ class PrintExporter(Exporter):
 
     @property
     def density(self) -> float | None:
-        """Pixels per inch that the file states; None if it states none."""
+        """Pixels per inch written into the file; None for no entry."""
         return self.dpi or (None if self.size_cm is None else DPI)
 
     def scale_to_paper(self, job: ExportJob) -> ExportJob:
-        """Scale the painting to its size on paper; refuse (UserError) too many pixels."""
+        """Scale the painting to its print size; refuse (UserError) too many pixels."""
         if self.size_cm is None:
             return job
         width, height = (float(side) for side in self.size_cm.split("x"))
@@ -70,10 +70,10 @@ class PrintExporter(Exporter):
 class Sheet:
     """A picture's place on its paper, in pixels."""
 
-    job: ExportJob  # draws the picture at its size on paper, perhaps more of it than is shown
-    shown: tuple[int, int]  # height and width of what is shown, the middle of the picture
+    job: ExportJob  # draws the picture at its print size, including any part that is cropped
+    shown: tuple[int, int]  # height and width of the visible part, the middle of the picture
     margin: int  # white paper on every side
-    bleed: int  # beyond the edges, to be cut off
+    bleed: int  # area beyond the edges, to be cut off
 
     @property
     def size(self) -> tuple[int, int]:
@@ -85,13 +85,14 @@ class Sheet:
 
 @dataclass(kw_only=True)
 class SheetExporter(PrintExporter):
-    """Base of exporters of pictures on a sheet of paper; its fields are their options.
+    """Base class of exporters of pictures on a sheet of paper; its fields are their options.
 
     Args:
-        fill: whether the picture fills ``size_cm``, cropped on two sides; false = the whole picture, as large as fits.
+        fill: whether the picture fills ``size_cm``, cropped on two sides; false = the whole picture, as large as
+            possible.
         margin: white paper on every side in mm, within ``size_cm``.
         bleed: mirrored edge of the picture in mm, beyond ``size_cm`` on every side, to be trimmed by the printer;
-            usually 3. With a margin it is white.
+            usually 3. With a margin, the bleed is white.
     """
 
     fill: bool = False
@@ -105,7 +106,7 @@ class SheetExporter(PrintExporter):
 
     @property
     def density(self) -> float | None:
-        """Pixels per inch that the file states; None if it states none."""
+        """Pixels per inch written into the file; None for no entry."""
         return super().density or (DPI if self.margin or self.bleed else None)
 
     def sheet(self, job: ExportJob) -> Sheet:
@@ -133,7 +134,7 @@ class SheetExporter(PrintExporter):
     def rows(self, sheet: Sheet, *, transparent: bool = False) -> Iterator[np.ndarray]:
         """Paint the sheet from top to bottom in bands (h, W, 3) uint8, over white.
 
-        If ``transparent``, and the painting is, bands are (h, W, 4) with straight alpha.
+        If ``transparent`` and the painting has alpha, bands are (h, W, 4) with straight alpha.
         """
         picture = crop(self._picture_rows(sheet.job, transparent=transparent), sheet.job.size, sheet.shown)
         if sheet.margin:
@@ -160,7 +161,7 @@ class SheetExporter(PrintExporter):
         yield packer.flush()
 
     def add_weave(self, band: torch.Tensor, top: int, job: ExportJob) -> torch.Tensor:
-        """Add lit canvas threads to rows (3, h, W) of the picture, starting at row ``top``."""
+        """Add lit canvas threads to rows (3, h, W) of the picture, from row ``top``."""
         if not self.weave:
             return band
         pitch = (self.density or 0) / CM / THREADS_PER_CM or THREAD_PIXELS
@@ -198,7 +199,7 @@ def add_white(bands: Iterator[np.ndarray], count: int) -> Iterator[np.ndarray]:
 
 
 def mirror(bands: Iterator[np.ndarray], count: int) -> Iterator[np.ndarray]:
-    """Extend a picture in bands (h, W, C) by its mirror image, ``count`` pixels on every side.
+    """Extend a picture in bands (h, W, C) with its mirror image, ``count`` pixels on every side.
 
     >>> picture = np.arange(6).reshape(3, 2, 1)
     >>> np.concatenate([*mirror(iter([picture[:2], picture[2:]]), 1)])[..., 0].tolist()
@@ -251,9 +252,9 @@ def header(width: int, height: int, kind: int) -> bytes:
 
 
 def bitmap(pixels: np.ndarray) -> bytes:
-    """Pack pixels (H, W, 4) uint8 with straight alpha as a PNG; Pillow is too slow for thousands of them.
+    """Pack pixels (H, W, 4) uint8 with straight alpha as a PNG; Pillow is too slow for thousands of pictures.
 
-    Differences are taken along the longer side, along which the texture of a stroke runs.
+    Differences are computed along the longer side, the direction of a stroke's texture.
     """
     height, width, channels = pixels.shape
     bytes_of = np.ascontiguousarray(pixels).reshape(height, -1)
@@ -264,6 +265,6 @@ def bitmap(pixels: np.ndarray) -> bytes:
         rows[:, 1 + channels :] -= bytes_of[:, :-channels]
     else:
         rows[1:, 1:] -= bytes_of[:-1]
-    packer = zlib.compressobj(strategy=zlib.Z_RLE)  # as small as by default, in a quarter of the time
+    packer = zlib.compressobj(strategy=zlib.Z_RLE)  # as small as by default, but four times as fast
     data = packer.compress(rows.data) + packer.flush()
     return SIGNATURE + header(width, height, RGBA) + chunk(b"IDAT", data) + chunk(b"IEND", b"")

@@ -1,4 +1,4 @@
-"""Draw a bitmap of every single stroke with its renderer, and find its place on the canvas."""
+"""Draw a bitmap of every stroke with its renderer, and find the place of each on the canvas."""
 
 import math
 from collections.abc import Iterator
@@ -12,9 +12,9 @@ from brushexp.plugins.export.base import ExportJob
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import Strokes
 
-SHEET_WIDTH = 4096  # pixels of a row of the sheet
+SHEET_WIDTH = 4096  # width of the sheet, pixels
 GAP = 1  # pixels between bitmaps
-MOST_PIXELS = 6e6  # pixels of the largest sheet, about 5 MB in an SVG
+MOST_PIXELS = 6e6  # number of pixels of the largest sheet, about 5 MB in an SVG
 Array = np.ndarray
 
 
@@ -23,13 +23,13 @@ class Sprites:
     """Bitmaps of the visible strokes of a painting, bottom first, side by side on a sheet."""
 
     sheet: Array  # (h, SHEET_WIDTH, 4) uint8: RGBA, straight alpha
-    number: Array  # (N,) of each stroke in the catalogue
-    boxes: Array  # (N, 4) left, top, width and height in the sheet, pixels
+    number: Array  # (N,) index of each stroke in the catalogue
+    boxes: Array  # (N, 4) left, top, width and height in the sheet, in pixels
     places: Array  # (N, 2) left and top on the canvas, in pixels of the sheet
-    zoom: float  # pixels of the sheet for each of the canvas
+    zoom: float  # pixels of the sheet per pixel of the canvas
 
     def bitmaps(self, number: Array | None = None) -> Iterator[tuple[int, tuple[int, int], Array]]:
-        """Yield number, place and pixels (h, w, 4) of each visible stroke, of all or of ``number`` (n,), in order."""
+        """Yield index, place and pixels (h, w, 4) of each visible stroke, of all or of ``number`` (n,), in order."""
         row = {stroke: k for k, stroke in enumerate(self.number.tolist())}
         for stroke in row if number is None else number.tolist():
             if stroke in row:
@@ -39,16 +39,16 @@ class Sprites:
 
 
 def has_sprites(job: ExportJob) -> bool:
-    """Tell whether strokes have a texture and are fast to draw."""
+    """Check whether strokes have a texture and are fast to draw."""
     return job.renderer.warm_up is None and not isinstance(job.renderer(job.strokes[:0]), Profile)
 
 
 @torch.no_grad()
 def draw_sprites(job: ExportJob) -> Sprites:
-    """Draw every stroke once, all in one pass of a blend; they do not touch, so the blend does not mix them.
+    """Draw every stroke once, in a single pass of a blend; they do not touch, so the blend does not mix them.
 
-    On black, a blend shows the contribution of a stroke; on white, also the light it lets through. Strokes are drawn
-    smaller if the sheet would exceed ``MOST_PIXELS``.
+    On black, a blend shows the contribution of a stroke; on white, also the light that it transmits. Strokes are drawn
+    at a smaller size if the sheet would exceed ``MOST_PIXELS``.
     """
     strokes = job.strokes
     boxes = _boxes(job, strokes)
@@ -57,7 +57,7 @@ def draw_sprites(job: ExportJob) -> Sprites:
     if zoom < 1:
         strokes = strokes.moved(zoom=zoom)
         boxes = _boxes(job, strokes)
-        boxes[:, 2:] = np.minimum(boxes[:, 2:], SHEET_WIDTH - GAP)  # edges are as soft as before, and so not shorter
+        boxes[:, 2:] = np.minimum(boxes[:, 2:], SHEET_WIDTH - GAP)  # soft edges do not shrink
     corners, height = _lay_on_shelves(boxes[:, 2:] + GAP)
     shift = torch.from_numpy(corners - boxes[:, :2]).to(strokes.position)
     apart = replace(strokes, position=strokes.position + shift)

@@ -10,20 +10,20 @@ from torch import Tensor
 from brushexp.pictures.load import BRIGHTNESS
 from brushexp.plugins.export.base import ExportJob
 
-ITERATIONS = 20  # of k-means
+ITERATIONS = 20  # iterations of k-means
 
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """A group of strokes: ``number`` (n,) in the catalogue, bottom first."""
+    """A group of strokes: indices ``number`` (n,) in the catalogue, bottom stroke first."""
 
-    layer: int  # from 1, the lowest
-    color: str | None  # '#rrggbb', the mean of the strokes; None where layers are not divided
+    layer: int  # from 1, the bottom layer
+    color: str | None  # '#rrggbb', the mean colour of the strokes; None if layers are not divided
     number: Tensor
 
 
 def stroke_groups(job: ExportJob, layers: int, colors: int) -> Iterator[Group]:
-    """Yield the groups of all strokes, bottom first: layers of equal numbers of strokes, divided by colour, dark first.
+    """Yield groups of all strokes, bottom first: layers with equal numbers of strokes, divided by colour, dark first.
 
     ``colors`` is the number of k-means clusters in sRGB over all strokes; 0 leaves layers undivided and keeps the order
     of the strokes.
@@ -45,7 +45,7 @@ def stroke_groups(job: ExportJob, layers: int, colors: int) -> Iterator[Group]:
 
 
 def _clusters(color: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Cluster colours (N, 3) by k-means; return the means (count, 3) and the cluster (N,) of each colour."""
+    """Cluster colours (N, 3) with k-means; return the means (count, 3) and the cluster (N,) of each colour."""
     from scipy.cluster.vq import kmeans2  # noqa: PLC0415  (slow to import)
 
     means, cluster = kmeans2(color, count, iter=ITERATIONS, minit="++", seed=0, missing="warn")

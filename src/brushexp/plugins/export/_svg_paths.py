@@ -8,10 +8,10 @@ from torch import Tensor
 from brushexp.compositing.profile import Profile
 from brushexp.strokes.bezier import point_at
 
-SIDE_POINTS, WEDGE_POINTS = 24, 12  # points on each long side of a stroke that tapers, and of one that only widens
-ONE_COLOR = 1 / 255  # drift up to which a stroke is drawn in one colour
-LEAST_SPREAD = 0.3  # of a curve to the side, over that along it, from which on its colours follow it there
-TURN = 1e-3  # a curve that folds is sampled so near to its sharpest bend, in the parameter, on either side
+SIDE_POINTS, WEDGE_POINTS = 24, 12  # points on each long side of a stroke that tapers, and of a stroke that only widens
+ONE_COLOR = 1 / 255  # largest drift of a stroke drawn in one colour
+LEAST_SPREAD = 0.3  # smallest ratio of a curve's sideways to lengthwise extent at which colours follow it sideways
+TURN = 1e-3  # a folding curve is sampled this close to its sharpest bend, on either side, in the parameter
 
 
 def hexadecimal(color: Tensor) -> list[str]:
@@ -23,7 +23,7 @@ def hexadecimal(color: Tensor) -> list[str]:
 def gradients(profile: Profile, number: Tensor, digits: int) -> Iterator[tuple[str, str]]:
     """Yield the linear gradient of each stroke whose colour drifts, and the name of its paint.
 
-    The gradient is the best linear fit, over the plane, to 2 t - 1 along the curve.
+    The gradient is the best linear fit in the plane to 2 t - 1 along the curve.
     """
     if not profile.drifts:
         yield from (("", paint) for paint in hexadecimal(profile.color))
@@ -52,7 +52,7 @@ def _numbers(*values: float) -> str:
 
 
 def curve_paths(curve: Tensor, digits: int) -> Iterator[str]:
-    """Write quadratic Bezier curves (N, 3, 2); a point becomes a minimal line."""
+    """Write quadratic Bezier curves (N, 3, 2); a point becomes a very short line."""
     curve = rounded(curve, digits)
     further = rounded((curve[:, 1:] - curve[:, :1]).flatten(1), digits)
     for start, ends in zip(curve[:, 0].tolist(), further.tolist(), strict=True):
@@ -60,12 +60,12 @@ def curve_paths(curve: Tensor, digits: int) -> Iterator[str]:
 
 
 def rounded(values: Tensor, digits: int) -> Tensor:
-    """Round to ``digits`` decimals, and never to -0."""
+    """Round to ``digits`` decimals, avoiding -0."""
     return values.round(decimals=digits) + 0.0
 
 
 def outline_paths(profile: Profile, middle: Tensor, offset: Tensor, digits: int) -> Iterator[list[str]]:
-    """Outline strokes of varying thickness with round ends, to be filled by the rule nonzero.
+    """Outline strokes of varying thickness with round ends, for the fill rule nonzero.
 
     The half width at parameter t is ``middle * (1 - taper * u^2) * (1 + widening * u) + offset`` with u = 2 t - 1, and
     0 if that is negative. Sides are polylines. A curve that folds gets a disc at the fold, and a point becomes a disc.
@@ -79,7 +79,7 @@ def outline_paths(profile: Profile, middle: Tensor, offset: Tensor, digits: int)
     point, normal = point_at(curve[:, None], t)[:, None], _normal(curve, t)[:, None]  # (N, 1, T, 2)
     along = 2 * torch.cat([t, bend[:, None]], dim=1) - 1
     half = middle[:, None] * (1 - taper * along**2) * (1 + widening * along)
-    half = (half[:, None] + offset[..., None]).clamp_min(0)  # (N, K, T + 1), the last one at the bend
+    half = (half[:, None] + offset[..., None]).clamp_min(0)  # (N, K, T + 1), the last at the bend
     reach = half[..., :-1, None] * normal
     sides = (point + reach).flatten(2), (point - reach).flip(2).flatten(2)  # (N, K, 2 T): x, y, x, y, ...
     tips = half[..., -1:] * (folds | point_like)[:, None, None]
@@ -111,7 +111,7 @@ def sharpest_bend(curve: Tensor, half: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _normal(curve: Tensor, t: Tensor) -> Tensor:
-    """Compute unit normals (N, T, 2) of curves (N, 3, 2) at t (N, T), at the ends from nearby points."""
+    """Compute unit normals (N, T, 2) of curves (N, 3, 2) at t (N, T); normals at the ends come from nearby points."""
     start, control, end = (point[:, None] for point in curve.unbind(1))
     beside = t.clamp(1e-4, 1 - 1e-4)[..., None]
     velocity = (1 - beside) * (control - start) + beside * (end - control)

@@ -24,25 +24,25 @@ from brushexp.strokes.saved import Saved
 from brushexp.system.files import to_bytes
 from brushexp.system.progress import with_progress
 
-LARGEST_SIDE_PIXELS = 65_536  # no picture that is written has a longer side
-LARGE = 8 * BAND  # pixels from which painting shows a progress bar
+LARGEST_SIDE_PIXELS = 65_536  # limit of the longer side of written pictures
+LARGE = 8 * BAND  # smallest number of pixels with a progress bar
 
 
 @dataclass(frozen=True)
 class ExportJob:
     """A saved painting at its export size, with everything needed to draw it."""
 
-    saved: Saved  # strokes have the numbers of the catalogue, because a renderer may choose their look by it
+    saved: Saved  # strokes keep the order of the catalogue, because a renderer may choose their look by index
     renderer: Renderer
     blend: Blend
-    space: ColorSpace  # the blend lays paint over paint in it
-    light: Light = UNLIT  # lamp over the finished paint
-    source: str = ""  # file or picture that titles name
-    paper: Paper | None = None  # what the paint lies on; None for a smooth ground
+    space: ColorSpace  # colour space in which the blend composites
+    light: Light = UNLIT  # lamp that lights the finished paint
+    source: str = ""  # file or picture named in titles
+    paper: Paper | None = None  # paper under the paint; None for a smooth ground
 
     @property
     def strokes(self) -> Strokes:
-        """N strokes in pixels of `size`."""
+        """The N strokes, in pixels of `size`."""
         return self.saved.strokes
 
     @property
@@ -52,12 +52,12 @@ class ExportJob:
 
     @property
     def bottom_up(self) -> Tensor:
-        """Numbers (N,) of the strokes, bottom first."""
+        """Indices (N,) of the strokes, bottom stroke first."""
         return self.saved.depth.argsort()
 
     @property
     def is_bare(self) -> bool:
-        """Tell whether the painting has neither light nor paper, only the colours of its strokes."""
+        """Return whether the painting consists only of the colours of its strokes, without light and paper."""
         return not self.light.depth and (self.paper is None or self.paper.is_smooth)
 
     def bare(self) -> "ExportJob":
@@ -69,16 +69,16 @@ class ExportJob:
         return self if side >= max(self.size) else self.scaled(side / max(self.size))
 
     def scaled(self, zoom: float) -> "ExportJob":
-        """Return the job scaled by ``zoom``; strokes are scaled, not pixels, so it stays crisp."""
+        """Return the job scaled by ``zoom``; it scales strokes instead of pixels, so the picture stays crisp."""
         return self.at_size((max(1, round(self.size[0] * zoom)), max(1, round(self.size[1] * zoom))), zoom)
 
     def at_size(self, size: tuple[int, int], zoom: float | None = None) -> "ExportJob":
-        """Return the job at a ``size`` (H, W), with strokes scaled by ``zoom``, or by the ratio of longer sides."""
+        """Return the job at a ``size`` (H, W), with strokes scaled by ``zoom`` or by the ratio of longer sides."""
         zoom = max(size) / max(self.size) if zoom is None else zoom
         return replace(self, saved=replace(self.saved, strokes=self.strokes.moved(zoom=zoom), size=size))
 
     def picture(self, flat: Tensor | None = None) -> np.ndarray:
-        """Paint the picture (H, W, 3) uint8; for ``flat`` see `bands`."""
+        """Paint the picture (H, W, 3) uint8; ``flat`` is as in `bands`."""
         picture = np.empty((*self.size, 3), dtype=np.uint8)
         for top, band in self.bands(flat):
             picture[top : top + band.shape[1]] = to_bytes(band)
@@ -114,7 +114,7 @@ class ExportJob:
         return to_bytes(functional.grid_sample(share, places, padding_mode="border", align_corners=False)[0])
 
     def height(self) -> np.ndarray:
-        """Compute the height of paint and paper (H, W), float32, in pixels of the picture, as `heights` does."""
+        """Compute the height of paint and paper (H, W), float32, in pixels of the picture, like `heights`."""
         height = np.empty(self.size, np.float32)
         for top, rows, band in self._heights():
             height[top : top + rows] = band[top > 0 :][:rows]
@@ -122,11 +122,11 @@ class ExportJob:
 
     @property
     def compositor(self) -> Compositor:
-        """The compositor: the blend in the colour space."""
+        """The blend in the colour space of the painting."""
         return Compositor(self.blend, self.space)
 
     def _heights(self) -> Iterator[tuple[int, int, np.ndarray]]:
-        """Compute heights as `heights` does, on the paper."""
+        """Compute heights like `heights`, including the paper."""
         canvas, typical = (self.size, self.renderer, self.blend), typical_width(self.strokes)
         for top, rows, _, paint in heights(self.strokes, self.bottom_up.flip(0), *canvas):
             wide = Rows(top, rows, self.size).widened(1)
@@ -140,7 +140,7 @@ class ExportJob:
             yield top, torch.from_numpy(shade_picture(colors.float().cpu().numpy(), facing, self.light))
 
     def on_paper(self, rows: Rows, flat: Tensor | None = None) -> Tensor:
-        """Paint rows on the paper: pixels (3, h, W); for ``flat`` see `bands`."""
+        """Paint rows on the paper: pixels (3, h, W); ``flat`` is as in `bands`."""
         wide = rows if self.paper is None else rows.widened(self.paper.margin(self.size))
         colors = self._colors(wide) if flat is None else flat[:, wide.top : wide.top + wide.count]
         if self.paper is None:
@@ -161,7 +161,7 @@ class ExportJob:
 
 
 class Exporter(ABC):
-    """Writes a painting in a format of other programs.
+    """Writes a painting in a format for other programs.
 
     >>> class Sizes(Exporter):
     ...     def write(self, job: ExportJob, folder: Path) -> list[Path]:
@@ -182,7 +182,7 @@ class Exporter(ABC):
 
     @property
     def key(self) -> str:
-        """Key of its options on the command line: ``to.`` and the registered name."""
+        """Key of the exporter's options on the command line: ``to.`` and the registered name."""
         plugin = plugin_of_class(type(self))
         return "to" if plugin is None else plugin.path
 
@@ -194,6 +194,6 @@ class Exporter(ABC):
         """Write one or more files into ``folder`` and return their paths, main file first.
 
         Nothing else is written, the job is not changed, and the same job gives the same bytes (for a video, the same
-        frames). A painting without strokes is written too; a UserError says why a painting cannot be written in this
-        format.
+        frames). A painting without strokes is written as well. A UserError explains why the format cannot represent a
+        painting.
         """

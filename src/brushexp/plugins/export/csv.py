@@ -21,7 +21,7 @@ COLUMNS = (*POINTS, "width_px", *PAINT, "length_px", "direction_deg")
 class Csv(Exporter):
     """Writes ``strokes.csv``: one stroke per line, bottom first, for spreadsheets, pandas and R.
 
-    Columns: ``stroke``, its number in the catalogue; ``start``, ``control``, ``end`` of its quadratic Bezier curve in
+    Columns: ``stroke``, its index in the catalogue; ``start``, ``control``, ``end`` of its quadratic Bezier curve in
     pixels of the canvas, x to the right and y down from the upper left corner; ``width_px``, its full thickness;
     ``red``, ``green``, ``blue`` (sRGB) and ``opacity`` from 0 to 1; ``softness_px``, how much wider its edge is than
     its renderer's; ``widening``, the share by which it is thicker at its end and thinner at its start; ``red_drift``,
@@ -52,4 +52,4 @@ def heading_degrees(curve: Tensor) -> Tensor:
     """Compute clockwise angles (N,) in (-180, 180] from start to end of curves (N, 3, 2); NaN for a point."""
     x, y = (curve[:, 2] - curve[:, 0]).unbind(1)
     angle = torch.atan2(y, x).rad2deg()
-    return torch.where((x == 0) & (y == 0), torch.nan, torch.where(angle == -180, 180.0, angle)) + 0.0  # -0 is 0
+    return torch.where((x == 0) & (y == 0), torch.nan, torch.where(angle == -180, 180.0, angle)) + 0.0  # no -0

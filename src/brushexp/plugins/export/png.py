@@ -14,7 +14,7 @@ from brushexp.system.files import replacing
 @register("to", "png")
 @dataclass(kw_only=True)
 class Png(SheetExporter):
-    """Writes ``painting.png``, crisp at any ``resolution``, because strokes are scaled, not pixels.
+    """Writes ``painting.png``, crisp at any ``resolution``, because it scales strokes instead of pixels.
 
     It is painted and packed in bands, so memory does not grow with the picture. For print, set
     ``to.png.size_cm=60x40``.
@@ -28,13 +28,13 @@ class Png(SheetExporter):
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
         sheet = self.sheet(job)
         path, (height, width) = folder / "painting.png", sheet.size
-        # Pillow wants the whole picture, and packs it in four bytes a pixel.
+        # Pillow needs the whole picture in memory, at four bytes per pixel.
         with replacing(path) as temporary, temporary.open("wb") as file:
             file.write(SIGNATURE + header(width, height, RGB if job.saved.alpha is None else RGBA))
             file.writelines(chunk(*one) for one in chunks_about(credits_of(job.source)))
             if self.density:
                 metre = round(100 * self.density / CM)
-                file.write(chunk(b"pHYs", struct.pack(">IIB", metre, metre, 1)))  # 1: per metre
+                file.write(chunk(b"pHYs", struct.pack(">IIB", metre, metre, 1)))  # unit 1: per metre
             file.writelines(
                 chunk(b"IDAT", piece)
                 for piece in self.pack_rows(self.rows(sheet, transparent=True), self.compression)

@@ -1,4 +1,4 @@
-"""Write strokes as SVG (W3C, SVG 1.1): paths, outlines for tapering strokes, and bitmaps for textured ones."""
+"""Write strokes as SVG (W3C, SVG 1.1): paths, outlines for tapering strokes, and bitmaps for textured strokes."""
 
 import base64
 import logging
@@ -27,37 +27,37 @@ from brushexp.strokes.saved import AT_ONCE
 from brushexp.system.files import write_text
 
 log = logging.getLogger(__name__)
-CRISP = 1.0  # pixels of soft edge of strokes whose renderer makes no profile
-PIXEL = 1 / 12  # square pixels of variance of an edge that programs draw by the covered share of each pixel
-BISECTIONS = 40  # halvings of the interval in which the width of an outline is searched
-LIGHT_SIDE = 2048  # pixels of the longer side of the image of the light, at most
-SAMPLED = 100  # bitmaps of which the size of all is estimated
-BASE64 = 4 / 3  # letters for a byte
-TAG = 130  # bytes of a bitmap's place and number
+CRISP = 1.0  # soft edge, in pixels, of strokes whose renderer does not draw profiles
+PIXEL = 1 / 12  # variance, in square pixels, of an edge that viewers antialias by pixel coverage
+BISECTIONS = 40  # number of bisections in the search for the width of an outline
+LIGHT_SIDE = 2048  # maximum number of pixels on the longer side of the image of the light
+SAMPLED = 100  # number of bitmaps from which the total size is estimated
+BASE64 = 4 / 3  # letters per byte
+TAG = 130  # bytes for the place and number of a bitmap
 INKSCAPE = ' xmlns:inkscape="http://www.inkscape.org/namespaces/inkscape"'
 NAMESPACES = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
 ALPHA_DIGITS = 3  # decimals of opacities
-EVEN = 0.02  # widening up to which a stroke is drawn as if it were as thick all along
-PATH_EDGE = 3.0  # pixels of soft edge that one path makes, at most
-MOST_PATHS = 5  # of a stroke
-LEADING_ZERO = re.compile(r"(?<![\d.])0\.")  # SVG takes .5 for 0.5, and a minus without a space before it
-FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # in XML 1.0
+EVEN = 0.02  # largest widening of a stroke that is drawn with constant thickness
+PATH_EDGE = 3.0  # widest soft edge that a single path represents, in pixels
+MOST_PATHS = 5  # largest number of paths per stroke
+LEADING_ZERO = re.compile(r"(?<![\d.])0\.")  # SVG allows .5 for 0.5, and no space before a minus
+FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # forbidden in XML 1.0
 
 
 @register("to", "svg")
 @dataclass(kw_only=True, eq=False)
 class Svg(Exporter):
-    """Writes ``strokes.svg``: one path per stroke, bottom first, which browsers and Inkscape show like the painting.
+    """Writes ``strokes.svg``: one path per stroke, bottom first, which browsers and Inkscape draw like the painting.
 
     A path is a curve with a width and round ends, or a filled outline if the thickness changes along the stroke. Sizes
-    are pixels of the canvas. Programs draw edges sharper than the renderer's soft edge; two ``outlines`` come close to
-    it, and strokes with their own softness have more. A stroke thinner than its edge is drawn wider and fainter, as by
-    the renderer. A drifting colour becomes a linear gradient. An invisible stroke (no width, no opacity) has no path; a
-    stroke without length is a dot.
+    are pixels of the canvas. Viewers draw sharper edges than the renderer's soft edge; two ``outlines`` come close to
+    it, and strokes with their own softness have more. A stroke thinner than its edge is drawn wider and fainter, as the
+    renderer draws it. A drifting colour becomes a linear gradient. An invisible stroke (no width, no opacity) has no
+    path; a stroke without length is a dot.
 
-    Textured strokes are bitmaps with transparency, one image each, coarser than the picture if the file would be too
-    large; strokes of a slow renderer (``neural``) are paths without texture. The last image, ``light``, holds the lamp
-    (``light.*``) and the paper: black over darkened areas, ground over areas that the paint skips.
+    Textured strokes are bitmaps with transparency, one image per stroke, coarser than the picture if the file would be
+    too large; strokes of a slow renderer (``neural``) are paths without texture. The last image, ``light``, holds the
+    lamp (``light.*``) and the paper: black over darkened areas, ground over areas that the paint skips.
 
     Args:
         digits: number of decimals of coordinates and widths.
@@ -81,11 +81,11 @@ class Svg(Exporter):
         return bool(self.layers or self.colors)
 
     def write(self, job: ExportJob, folder: Path, pictures: tuple[np.ndarray, np.ndarray] | None = None) -> list[Path]:
-        """Write the file; ``pictures`` are the job's pictures without and with its lamp, if they exist already."""
+        """Write the file; ``pictures`` are the job's pictures without and with its lamp, if already painted."""
         path = folder / "strokes.svg"
         has_bitmaps = not self.paths and has_sprites(job)
         sprites = draw_sprites(job) if has_bitmaps else None
-        if sprites is not None and pictures is None:  # in a painting's own folder nobody has asked for it
+        if sprites is not None and pictures is None:  # a painting writes this file without being asked
             size = megabytes_of(sprites)
             log.info(
                 "strokes.svg: about %.1f MB of %s bitmaps; %s.paths=true writes paths",
@@ -192,7 +192,7 @@ class Svg(Exporter):
         yield from texts
 
     def _drawn(self, profile: Profile, number: Tensor, count: int, *, filled: bool) -> Iterator[str]:
-        """Draw each stroke by ``count`` stacked paths: ``filled`` outlines, or curves with a width.
+        """Draw each stroke with ``count`` stacked paths: ``filled`` outlines, or curves with a width.
 
         Strokes with a drifting colour refer to gradients named by their ``number`` (N,).
         """
@@ -220,7 +220,7 @@ def _opening(name: str, label: str) -> str:
 
 
 def megabytes_of(sprites: Sprites) -> float:
-    """Estimate the size of all bitmaps in an SVG from a few of them."""
+    """Estimate the total size of the bitmaps in an SVG from a few of them."""
     areas = sprites.boxes[:, 2:].prod(1)
     some = sprites.number[:: max(1, len(sprites.number) // SAMPLED)]
     packed = pixels = 0
@@ -237,9 +237,9 @@ def _href(pixels: np.ndarray) -> str:
 
 @torch.no_grad()
 def profile_of(job: ExportJob) -> tuple[Profile, bool]:
-    """Make profiles of strokes, and tell whether the renderer draws nothing else."""
+    """Approximate strokes by profiles, and return whether the renderer draws exactly these."""
     strokes = job.strokes
-    if isinstance(job.renderer(strokes[:0]), Profile):  # no strokes are drawn to find out
+    if isinstance(job.renderer(strokes[:0]), Profile):  # checked without drawing strokes
         profile = job.renderer(strokes)
         assert isinstance(profile, Profile)
         return profile, True
@@ -247,12 +247,13 @@ def profile_of(job: ExportJob) -> tuple[Profile, bool]:
 
 
 def soft_edge(half: Tensor, opacity: Tensor, soft: Tensor, count: int) -> tuple[Tensor, Tensor, Tensor]:
-    """Choose stacked hard-edged strokes that together cover what a soft-edged one does.
+    """Choose stacked strokes with hard edges that together cover the same area as a stroke with a soft edge.
 
-    A single one has the same opacity in the middle as the soft stroke, C(0) of `Profile`, and covers the same share of
-    light across it, so it is wider if the stroke is thinner than the edge. Several have the half widths at which C(d)
-    passes (k + 1/2) / count of C(0), moved together so that, smoothed by a pixel, their edge is as soft as that of C,
-    whose variance is ``soft``^2 / 20 for a wide stroke. ``half`` (N,) and the edge widths ``soft`` (N,) are in pixels.
+    A single stroke has the same opacity in the middle as the soft stroke, C(0) of `Profile`, and covers the same share
+    of light across it, so it is wider if the stroke is thinner than the edge. Several strokes have the half widths at
+    which C(d) passes (k + 1/2) / count of C(0), moved together so that, smoothed by a pixel, their edge is as soft as
+    that of C, whose variance is ``soft``^2 / 20 for a wide stroke. ``half`` (N,) and the edge widths ``soft`` (N,) are
+    in pixels.
 
     Returns:
         Half width of a single stroke (N,); offsets to add to it (N, K), widest first; opacities (N, K).

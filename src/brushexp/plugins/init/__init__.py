@@ -1,1 +1,1 @@
-"""Initialisers: target picture -> initial strokes. Pick one: ``init=slic``."""
+"""Initialisers place the initial strokes on a target; choose one with ``init=slic``."""

@@ -1,4 +1,4 @@
-"""Partition a picture into cells and place one stroke in each."""
+"""Partition a picture into cells, and place one stroke in each."""
 
 import math
 from abc import abstractmethod
@@ -15,20 +15,20 @@ from brushexp.plugins.init.base import Initializer
 from brushexp.strokes.bezier import roomy_window, strokes_along
 from brushexp.strokes.catalogue import Strokes
 
-RANDOM_SPREAD, RANDOM_WIDTH = 0.1, 0.03  # the thesis's random start: points in half-windows, width in windows
-ELONGATION_WEIGHT = 0.25  # of the cell's own elongation beside the picture's structure
-MIN_GRADIENT_POWER = 1e-4  # squared grey levels per pixel: gradients below 1 % of the range say little of direction
+RANDOM_SPREAD, RANDOM_WIDTH = 0.1, 0.03  # the random start of the thesis: points in half-windows, width in windows
+ELONGATION_WEIGHT = 0.25  # weight of the cell's own elongation relative to the picture's structure
+MIN_GRADIENT_POWER = 1e-4  # squared grey levels per pixel; gradients below 1 % of the range hardly indicate a direction
 
 Array = np.ndarray
 
 
 @dataclass(kw_only=True)
 class CellInitializer(Initializer):
-    """Base of initialisers with one stroke per cell of the picture: at its centre of mass, in its mean colour and size.
+    """Base class of initialisers that place one stroke in each cell, with the cell's centre, colour and size.
 
     Args:
         orient: structure (along the picture's edges, filling the cell) or random (as in the thesis: points drawn from
-            N(0, 0.1) half-windows, with the least width; the optimiser finds the rest).
+            N(0, 0.1) half-windows, with the smallest width; the optimiser does the rest).
         length: stroke length, in sides of its cell (structure only).
         width: stroke width, in sides of its cell (structure only).
         opacity: stroke opacity, 0 to 1.
@@ -72,7 +72,7 @@ class CellInitializer(Initializer):
 
 
 def merge_smallest(labels: Array, n: int) -> Array:
-    """Keep the ``n`` largest cells of a partition (H, W); each other cell joins the nearest of them."""
+    """Keep the ``n`` largest cells of a partition (H, W), and merge each other cell into the nearest of them."""
     flat = labels.ravel()
     centre, _, area = _moments(_coordinates(*labels.shape), flat, int(flat.max()) + 1)
     largest = np.sort(np.argsort(-area, kind="stable")[:n])
@@ -82,14 +82,14 @@ def merge_smallest(labels: Array, n: int) -> Array:
 
 
 def nearest(points: Array, to: Array) -> Array:
-    """Find the index (m,) of the nearest of ``points`` (n, 2) to each point of ``to`` (m, 2)."""
+    """Find the index (m,) of the point nearest to each point of ``to`` (m, 2) among ``points`` (n, 2)."""
     from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
 
     return cKDTree(points).query(to)[1]
 
 
 def split_cells(flat: Array, pieces: Array, height: int, width: int) -> Array:
-    """Split cells (H * W,) repeatedly across their longer axis until each is in its number of pieces (n,)."""
+    """Split cells (H * W,) repeatedly across their longer axis until each is in the given number of pieces (n,)."""
     points = _coordinates(height, width)
     flat, pieces = flat.copy(), pieces.copy()
     while (pieces > 1).any():
@@ -99,7 +99,7 @@ def split_cells(flat: Array, pieces: Array, height: int, width: int) -> Array:
         centre, covariance, count = _moments(points[:, pixel], cell, n)
         angle = along_edges(-covariance)  # the longer axis
         across, down = points[:, pixel] - centre[:, cell]
-        small = cell.astype(np.min_scalar_type(n))  # which is sorted several times as fast
+        small = cell.astype(np.min_scalar_type(n))  # small integers sort several times as fast
         order = np.lexsort((across * np.cos(angle)[cell] + down * np.sin(angle)[cell], small))
         pixel, cell = pixel[order], cell[order]
         rank = np.arange(len(cell)) - (np.cumsum(count) - count)[cell]
@@ -131,10 +131,10 @@ def _moments(points: Array, flat: Array, n: int) -> tuple[Array, Array, Array]:
 def _direction(picture: Array, flat: Array, n: int, covariance: Array) -> Array:
     """Compute the direction (n,), in radians, in which the picture changes least around each cell.
 
-    It sums, as double angles, the structure tensor (Bigun and Granlund, 1987), averaged over the cell and divided by
-    its trace, and a little of the cell's own elongation, which decides in flat regions.
+    The direction is a sum of double angles: of the structure tensor (Bigun and Granlund, 1987), averaged over the cell
+    and divided by its trace, and of the cell's own elongation with a small weight, which decides in flat regions.
     """
     tensor = cell_means(structure_tensor(picture, 1.0).reshape(3, -1), flat, n)
     strength = tensor[0] + tensor[2] + MIN_GRADIENT_POWER
-    extent = covariance[0] + covariance[2] + 1e-9  # a cell of one pixel has 0
+    extent = covariance[0] + covariance[2] + 1e-9  # 0 for a cell of one pixel
     return along_edges(tensor / strength - ELONGATION_WEIGHT * covariance / extent)

@@ -21,7 +21,7 @@ class Initializer(ABC):
     def __call__(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None = None) -> Strokes:
         """Map a target (3, H, W) in [0, 1] to exactly ``n`` (1 to H * W) strokes, float32 on the CPU.
 
-        All randomness comes from ``generator``. ``focus`` (H, W) weights the pixels, with a mean of 1; an initialiser
+        All randomness comes from ``generator``. ``focus`` (H, W) holds weights of the pixels, of mean 1; an initialiser
         may ignore it.
         """
 
@@ -30,5 +30,5 @@ class Initializer(ABC):
         return self
 
     def details(self) -> "Initializer | None":
-        """Return the initialiser for an eye or a mouth with a few strokes; None for small strokes in layers."""
+        """Return the initialiser that draws an eye or a mouth with a few strokes; None for small strokes in layers."""
         return None

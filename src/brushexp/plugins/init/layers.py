@@ -21,25 +21,25 @@ from brushexp.strokes.bezier import roomy_window, strokes_along
 from brushexp.strokes.catalogue import Strokes
 
 Array = np.ndarray
-BLUR = 0.35  # deviation of the blur of the picture of a layer, in pitches of the layer
+BLUR = 0.35  # standard deviation of the blur of a layer's picture, in pitches of the layer
 SUBSTEPS = 4  # points of a stroke on each side of its middle
-FAR_AWAY = ((1, 1.0), (4, 0.05), (16, 0.01))  # reach of structure (in pitches), and its weight
-UNDER = 1.5  # width of the strokes of an underpainting over that of the others
-DIM = 0.1  # brightness below which darkness no longer makes a difference larger, 0 to 1
-SHORTEST_STROKE = 0.5  # least length of a stroke that ends at an edge, over its full length
-FEWER, SHORTER = 2, 0.6  # layers of a face than of the picture around it, and length of its strokes
-SWELLS, SWING = 4, 0.26  # pitches from one turn of the calm direction to the next; its deviation from level, radians
+FAR_AWAY = ((1, 1.0), (4, 0.05), (16, 0.01))  # pairs of the range of structure, in pitches, and its weight
+UNDER = 1.5  # width of the strokes of an underpainting, relative to the other strokes
+DIM = 0.1  # brightness below which darkness no longer amplifies a difference, 0 to 1
+SHORTEST_STROKE = 0.5  # shortest length of a stroke that ends at an edge, relative to its full length
+FEWER, SHORTER = 2, 0.6  # reduction of the number of layers in a face, and factor on the length of its strokes
+SWELLS, SWING = 4, 0.26  # pitches between turns of the calm direction; its deviation from the horizontal, radians
 
 
 @register("init", "layers")
 @dataclass(kw_only=True)
 class InLayers(Initializer):
-    """Places layers of strokes, large to small, each only where the layer below falls short; strokes follow form.
+    """Places layers of strokes, large to small, each only where the layer below lacks detail; strokes follow the form.
 
-    Source: Hertzmann (1998). Each layer follows the picture blurred by the size of its brush, where this differs most
-    from what the layer below can show. Strokes bend along the direction of least change and end where the picture no
-    longer has their colour. Differs: the number of strokes is exact, strokes are quadratic curves, and nothing is
-    painted on the way, because a layer is taken to show its blurred picture.
+    Source: Hertzmann (1998). Each layer follows the picture blurred by its brush size, where this differs most from the
+    layer below. Strokes bend along the direction of least change and end where the picture no longer has their colour.
+    Differs from the source: the number of strokes is exact, strokes are quadratic curves, and nothing is painted in
+    between, because each layer is assumed to reproduce its blurred picture.
 
     Args:
         layers: number of layers, from large strokes to small ones.
@@ -50,7 +50,8 @@ class InLayers(Initializer):
         calm: weight of a nearly horizontal direction, relative to the mean structure of the picture; it keeps strokes
             in a sky from circling distant objects.
         shadows: dependence of differences on brightness, from none (0) to Weber's law (1).
-        edges: colour difference from the picture at which a stroke ends, 0 to 1; smaller values follow edges closer.
+        edges: colour difference from the picture at which a stroke ends, 0 to 1; smaller values follow edges more
+            closely.
         underpainting: whether the lowest layer hides the ground with broader strokes that do not stop at edges.
         opacity: stroke opacity, 0 to 1.
         color: colour of all strokes as '#rrggbb', for drawings in one ink; null = colours of the picture.
@@ -105,7 +106,7 @@ class InLayers(Initializer):
         return list(map(int, counts))
 
     def _layer(self, picture: Array, flow: Array, places: Array, side: float, generator: torch.Generator) -> Strokes:
-        """Place strokes of one size, in pixels, at ``places`` (n, 2: x, y), along a flow (H, W) in radians."""
+        """Place strokes of one size at ``places`` (n, 2: x, y), in pixels, along a flow (H, W) in radians."""
         n, limit = len(places), np.array([picture.shape[2], picture.shape[1]]) - 0.5
         shift = torch.randn(n, 2, generator=generator, dtype=torch.float64).numpy()
         places = (places + self.jitter * side * shift).clip(0.5, limit)
@@ -115,7 +116,7 @@ class InLayers(Initializer):
         middle = chord.clip(0.5, limit)
         window = max(roomy_window(side), 1.2 * self.length * side)
         ink = None if self.color is None else named_color(self.color, "init.color")
-        # The curve goes through its place.
+        # The curve passes through its place.
         offsets = np.stack([start, 2 * places - chord, end], 1) - middle[:, None]
         return strokes_along(
             torch.from_numpy(offsets.clip(-window / 2, window / 2)),
@@ -127,7 +128,7 @@ class InLayers(Initializer):
         ).map(Tensor.float)
 
     def _trace(self, picture: Array, flow: Array, places: Array, color: Array, reach: float) -> Array:
-        """Follow the flow (H, W), in radians, from places to ends (n, 2), where colours differ or the reach ends."""
+        """Follow a flow (H, W), in radians, from places to ends (n, 2), where colours differ or the reach ends."""
         point, step = places.copy(), abs(reach) / SUBSTEPS
         angle = sampled_at(flow, *point.T)
         ahead = np.sign(reach) * np.stack([np.cos(angle), np.sin(angle)], 1)
@@ -146,14 +147,14 @@ class InLayers(Initializer):
 
 
 def _level(size: Sequence[int], pitch: float, generator: torch.Generator) -> Array:
-    """Draw structure tensors (3, H, W) of trace 1 whose direction varies around the horizontal at every ``pitch``."""
+    """Draw structure tensors (3, H, W) of trace 1 whose direction varies around the horizontal over each ``pitch``."""
     knots = torch.randn(1, 1, *(math.ceil(side / pitch) + 1 for side in size), generator=generator, dtype=torch.float64)
     swing = SWING * nn.functional.interpolate(knots, tuple(size), mode="bicubic", align_corners=True)[0, 0].numpy()
     return np.stack([np.sin(swing) ** 2, -np.sin(swing) * np.cos(swing), np.cos(swing) ** 2])
 
 
 def _places(detail: Array, cells: int, n: int) -> Array:
-    """Find the centres (n, 2: x, y) of the n of ``cells`` squares with the largest mean ``detail`` (H, W)."""
+    """Find the centres (n, 2: x, y) of those n of ``cells`` squares that have the largest mean ``detail`` (H, W)."""
     flat = lattice(detail.shape[0], detail.shape[1], cells).ravel()
     area = np.bincount(flat, minlength=cells)
     best = np.sort(np.argsort(-np.bincount(flat, detail.ravel(), cells) / area, kind="stable")[:n])
@@ -162,7 +163,7 @@ def _places(detail: Array, cells: int, n: int) -> Array:
 
 
 def _spread_to_edges(places: Array, side: float, size: Sequence[int]) -> Array:
-    """Stretch places (n, 2: x, y) so that those half a ``side`` from the edges of the canvas lie on the edges."""
+    """Stretch places (n, 2: x, y) so that places half a ``side`` from the edges of the canvas move onto the edges."""
     middle = np.array(size) / 2
     return middle + (places - middle) * (middle / np.maximum(middle - side / 2, 1))
 

@@ -13,9 +13,9 @@ from brushexp.plugins.init._cells import CellInitializer, cell_means, merge_smal
 from brushexp.plugins.init.grid import lattice
 from brushexp.registry import register
 
-SLIC_ITERATIONS = 5  # ten take twice as long and paint no better
-REFINEMENT_ROUNDS = 3  # rounds of splitting, each of the cells of the one before
-GREY_LEVEL = 1 / 255  # deviation of colour below which the area of a cell decides
+SLIC_ITERATIONS = 5  # ten iterations take twice as long and paint no better
+REFINEMENT_ROUNDS = 3  # number of rounds; each splits the cells of the previous round
+GREY_LEVEL = 1 / 255  # standard deviation of colour below which the area of a cell decides
 
 
 @register("init", "slic")
@@ -23,8 +23,9 @@ GREY_LEVEL = 1 / 255  # deviation of colour below which the area of a cell decid
 class Slic(CellInitializer):
     """Places strokes on SLIC superpixels (Achanta et al., 2012), denser in detailed and in-focus regions.
 
-    Each stroke lies at a centre of mass and has the mean colour. Differs from the source: the number is exact, and a
-    share of the cells comes from splitting superpixels in which the picture varies most, or matters most with a focus.
+    Each stroke lies at the centre of mass of its cell and has the mean colour. Differs from the source: the number is
+    exact, and a share of the cells comes from splitting the superpixels with the most variation or, with a focus, the
+    most importance.
 
     Args:
         compactness: compactness of the superpixels; high values make them square, low values follow colours.
@@ -52,7 +53,7 @@ def superpixels(target: Tensor, n: int, compactness: float) -> np.ndarray:
         n_segments=n,
         compactness=compactness,
         max_num_iter=SLIC_ITERATIONS,
-        min_size_factor=0.1,  # small ones are wanted: a stroke for each detail
+        min_size_factor=0.1,  # small cells are wanted, so that details get strokes
         start_label=0,
         channel_axis=-1,
     )
@@ -62,8 +63,9 @@ def superpixels(target: Tensor, n: int, compactness: float) -> np.ndarray:
 def refine_cells(labels: np.ndarray, n: int, picture: np.ndarray, focus: np.ndarray | None = None) -> np.ndarray:
     """Split cells (H, W) into exactly ``n``, starting with the largest area times standard deviation of colour.
 
-    Area times variance, the squared error, gains no more PSNR and leaves flat regions visibly too coarse. If there are
-    more than ``n`` cells, the smallest join others. The mean ``focus`` (H, W) of a cell multiplies its weight.
+    Area times variance, the squared error, improves PSNR no more and leaves flat regions visibly too coarse. If there
+    are more than ``n`` cells, the smallest are merged into others. The mean ``focus`` (H, W) of a cell multiplies its
+    weight.
     """
     height, width = labels.shape
     if labels.max() >= n:
@@ -82,10 +84,10 @@ def refine_cells(labels: np.ndarray, n: int, picture: np.ndarray, focus: np.ndar
 
 
 def _pieces(weight: np.ndarray, area: np.ndarray, n: int) -> np.ndarray:
-    """Choose the number of pieces of each cell, ``n`` in all, none smaller than a pixel.
+    """Choose the number of pieces of each cell, ``n`` in total, none smaller than a pixel.
 
     A colour ramp cut into p pieces leaves each 1 / p of the area and 1 / p of the deviation, so 1 / p^2 of the weight;
-    the cell whose pieces weigh most is split next.
+    the cell whose pieces have the largest weight is split next.
     """
     pieces = np.ones(len(area), np.int64)
     heap = [(-value if size > 1 else 0.0, cell) for cell, (value, size) in enumerate(zip(weight, area, strict=True))]

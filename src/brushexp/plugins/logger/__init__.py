@@ -1,1 +1,1 @@
-"""Loggers: where the curves, pictures and numbers of a run go. Pick several: ``logger=csv,wandb``."""
+"""Loggers record the curves, pictures and numbers of a run; choose several with ``logger=csv,wandb``."""

@@ -19,20 +19,20 @@ if TYPE_CHECKING:  # Lightning takes seconds to import; --help should not
 class Run:
     """The description of a run: folder and settings at its start, everything at its end."""
 
-    folder: Path  # a logger writes here
-    name: str = ""  # number of a job of a sweep
+    folder: Path  # folder in which a logger writes
+    name: str = ""  # number of the job in a sweep
     group: str = ""  # name of the sweep, empty for a single run
     chosen: Mapping[str, str] = field(default_factory=dict)  # key -> value of the command line
     settings: Mapping[str, Any] = field(default_factory=dict)  # the config of the whole run, resolved
     status: Status = Status.AT_WORK  # or completed, interrupted, failed
-    metrics: Mapping[str, Any] = field(default_factory=dict)  # what metrics.json holds; empty if the run failed
-    pictures: Mapping[str, Path] = field(default_factory=dict)  # name -> PNG, in the order of display
-    frames: Mapping[int, bytes] = field(default_factory=dict)  # step -> JPEG of the picture at some steps
+    metrics: Mapping[str, Any] = field(default_factory=dict)  # contents of metrics.json; empty if the run failed
+    pictures: Mapping[str, Path] = field(default_factory=dict)  # name -> PNG, in display order
+    frames: Mapping[int, bytes] = field(default_factory=dict)  # step -> JPEG of the picture after some steps
     files: Mapping[str, Path] = field(default_factory=dict)  # name -> result of the run, such as the catalogue
 
     @property
     def step(self) -> int:
-        """The last step; 0 if there is none."""
+        """The last step; 0 if none was taken."""
         return int(self.metrics.get("steps") or 0)
 
     @property
@@ -49,7 +49,7 @@ class Run:
 class Logger(ABC):
     """Records the curves of a run and, at its end, its pictures, metrics and files.
 
-    An error stops the logger but never the run: the first error is logged, and the logger gets no more curves.
+    An error stops the logger but never the run: the first error is logged, and the logger receives no more curves.
 
     >>> class Last(Logger):
     ...     def open(self, run: Run) -> LightningLogger:

@@ -21,13 +21,13 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class PaintedView:
-    """The painted view of a step: everything that a loss may read."""
+    """The painted view of a step, with everything that a loss may read."""
 
     image: Tensor  # (3, h, w) the region of this step in the painting, display-referred RGB in [0, 1]
-    target: Tensor  # (3, h, w) target; the same object as long as steps look at the same place
+    target: Tensor  # (3, h, w) target; the same object while steps view the same region
     strokes: Strokes  # all N strokes of the painting; only those that this step moves have a gradient
     surroundings: Surroundings | None = None  # the surrounding canvas; None if ``image`` is the whole canvas
-    focus: Tensor | None = None  # (h, w) weights of the pixels, of mean 1 over the whole canvas; None for equal ones
+    focus: Tensor | None = None  # (h, w) weights of the pixels, of mean 1 over the whole canvas; None for equal weights
 
     @property
     def whole_target(self) -> Tensor:
@@ -36,7 +36,7 @@ class PaintedView:
 
     @property
     def share(self) -> float:
-        """Share of the canvas's pixels that ``image`` covers."""
+        """Fraction of the canvas's pixels that ``image`` covers."""
         return self.image[0].numel() / self.whole_target[0].numel()
 
     def weights(self, values: Tensor) -> Tensor | None:
@@ -49,7 +49,7 @@ class PaintedView:
         return (values if weights is None else values * weights).sum() / max(values.numel(), 1)
 
     def around(self, context: int, grid: int = 1) -> PaintedView:
-        """Widen the view by ``context`` pixels of the canvas, without gradient, on every side."""
+        """Widen the view on every side by ``context`` pixels of the canvas, without gradient."""
         if self.surroundings is None or not context:
             return self
         wide = self.surroundings.widened(context, grid)
@@ -59,15 +59,15 @@ class PaintedView:
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """The canvas around the region of a step; one object for all steps with the same region."""
+    """The canvas around the region of a step; a single object for all steps with the same region."""
 
     region: Region  # region of the step
     picture: Tensor  # (3, H, W) the whole picture as last painted, without gradient
     target: Tensor  # (3, H, W) the whole target
-    focus: Tensor | None = None  # (H, W) weights of its pixels; None for equal ones
+    focus: Tensor | None = None  # (H, W) weights of the pixels of the target; None for equal weights
     core: Region | None = None  # the part of the region that steps change; None for the whole region
     part: Tensor = field(init=False)  # (3, h, w) the target in the region
-    part_focus: Tensor | None = field(init=False)  # (h, w) the focus there
+    part_focus: Tensor | None = field(init=False)  # (h, w) the focus in the region
     _wider: dict[tuple[int, int], Surroundings] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -90,7 +90,7 @@ class Surroundings:
 
 
 class Loss(nn.Module, ABC):
-    """A term of the objective; class attributes hold the facts by which users choose.
+    """A term of the objective; class attributes hold the facts that help users choose.
 
     >>> import torch
     >>> from brushexp.strokes.catalogue import Strokes
@@ -107,26 +107,27 @@ class Loss(nn.Module, ABC):
     'picture'
 
     ``looks_at`` is one of three: "pixels", a mean over the pixels of ``view.image``, weighted by the focus, in which a
-    part of the canvas counts by its share of pixels; "canvas", a value of the whole canvas, from ``view.surroundings``;
-    or "strokes", without gradient in the picture. The last two ignore the focus. With ``context`` the loss receives its
-    region with this many pixels around it, starting at multiples of ``grid`` pixels, the stride of a network.
+    part of the canvas counts in proportion to its pixels; "canvas", a value of the whole canvas, computed with
+    ``view.surroundings``; or "strokes", without gradient in the picture. The last two ignore the focus. With
+    ``context``, the loss receives its region with this many pixels around it, starting at multiples of ``grid`` pixels,
+    the stride of a network.
 
     Args:
         weight: factor in the sum of losses; logs show the unweighted loss.
     """
 
-    tunable: ClassVar[dict[str, Any]] = {"weight": Annotated[float, at_least(0)]}  # an option of every loss
-    weight: float = 1.0  # its default
-    label: str = ""  # name in logs, if it differs from the plugin's
+    tunable: ClassVar[dict[str, Any]] = {"weight": Annotated[float, at_least(0)]}  # options of every loss
+    weight: float = 1.0  # default weight
+    label: str = ""  # name in logs, if it differs from that of the plugin
     looks_at: ClassVar[Literal["pixels", "canvas", "strokes"]] = "pixels"
-    cost: ClassVar[str] = ""  # time of a step with this loss alone relative to ``mse`` (benchmarks/losses.py)
-    exact_on_parts: ClassVar[bool] = True  # whether the gradient on a part of the canvas equals that on all of it
+    cost: ClassVar[str] = ""  # time of a step with only this loss, relative to ``mse`` (benchmarks/losses.py)
+    exact_on_parts: ClassVar[bool] = True  # whether gradients on parts of the canvas are exact
     context: int = 0
     grid: int = 1
 
     def __init__(self) -> None:
         super().__init__()
-        self._target: Tensor | None = None  # the last one of `of_target`
+        self._target: Tensor | None = None  # last target of `of_target`
         self._results: dict[Hashable, Any] = {}  # results for that target, by key
 
     @abstractmethod
@@ -135,7 +136,7 @@ class Loss(nn.Module, ABC):
 
     def of_target(self, target: Tensor, compute: Callable[[Tensor], T], key: Hashable = None) -> T:
         """Return ``compute(target)`` without gradient, cached by ``key`` until the target changes."""
-        if target is not self._target:  # a reference, so that the identity of the object cannot be reused
+        if target is not self._target:  # a reference, so that no other object can get the same identity
             self._target, self._results = target, {}
         if key not in self._results:
             with torch.no_grad():
@@ -153,9 +154,9 @@ class Loss(nn.Module, ABC):
 
 
 class StyleLoss(Loss):
-    """A loss that compares a painting with the picture of another painting."""
+    """A loss that compares a painting with a picture of another painting."""
 
-    colors: str  # style: the target takes the colours of the style picture; content: the other way round
+    colors: str  # "style": the target takes the colours of the style picture; "content": vice versa
 
     @abstractmethod
     def check(self, size: tuple[int, int]) -> int:
@@ -175,7 +176,7 @@ class BrushworkLoss(Loss):
 
     @abstractmethod
     def arranged(self, strokes: Strokes, size: tuple[int, int], generator: torch.Generator) -> Strokes:
-        """Give initial strokes on a canvas of ``size`` (H, W) the shapes of the other painting's strokes."""
+        """Give initial strokes, on a canvas of ``size`` (H, W), the shapes of the other painting's strokes."""
 
 
 def state_of(losses: Mapping[str, Loss]) -> dict[str, dict[str, Any]]:

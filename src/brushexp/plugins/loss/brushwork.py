@@ -1,4 +1,4 @@
-"""Transfer brushwork by a loss on lengths, widths, curvatures and directions, and by reshaping initial strokes.
+"""Transfer brushwork with a loss on lengths, widths, curvatures and directions, and by reshaping initial strokes.
 
 Sizes are in pitches, sqrt(pixels of the canvas / number of strokes), so that strokes cover another picture as densely
 as their own.
@@ -20,12 +20,12 @@ from brushexp.strokes.measures import is_visible, pitch_of
 from brushexp.strokes.prior import control_offset
 from brushexp.system.precision import at_least_single
 
-OPTION = "style.brushwork"  # what an error tells a user to set, if nobody says otherwise
-MIN_STROKES = 30  # a brushwork needs so many that count
-SHORTEST_CHORD_PITCHES = 0.25  # a chord counts as at least so long when the place of the control point is measured
-LOG_OFFSET_PITCHES = 0.1  # differences of size well below it are not seen in logarithms
-MIN_SPREAD = 0.1  # least standard deviation of a measure: 10 % of size, 0.1 rad of curvature, 0.1 of coherence
-AREA_JITTER = 0.1  # noise of log area while the larger strokes are given to the larger cells
+OPTION = "style.brushwork"  # key that errors name by default
+MIN_STROKES = 30  # minimum number of visible strokes of a brushwork
+SHORTEST_CHORD_PITCHES = 0.25  # shorter chords count as this long when the place of the control point is measured
+LOG_OFFSET_PITCHES = 0.1  # size differences well below this vanish in the logarithms
+MIN_SPREAD = 0.1  # smallest standard deviation of a measure: 10 % of size, 0.1 rad of curvature, 0.1 of coherence
+AREA_JITTER = 0.1  # noise of log area in the assignment of larger strokes to larger cells
 MATCHED = ("length", "width", "curvature", "coherence")  # measures that `distances` compares
 
 
@@ -35,7 +35,7 @@ class BrushworkTransfer(BrushworkLoss):
 
     The loss sums, over these four measures (``strokes.measures``, reported by `task=analyse`), the squared
     2-Wasserstein distance between their distributions in both paintings, in units of the variance in the reference. It
-    uses all strokes at every step; strokes too faint or too thin to be seen do not count and have no gradient.
+    uses all strokes at every step; strokes too faint or too thin to see do not count and have no gradient.
     ``style.brushwork`` adds this loss and shapes the initial strokes accordingly.
 
     Args:
@@ -70,9 +70,9 @@ class Brushwork:
 
     length: Tensor  # (M,) arc length, pitches
     width: Tensor  # (M,) thickness, pitches
-    bend: Tensor  # (M, 2) of the control point along and across (never below 0) the chord: `prior.control_offset`
-    deviation: Tensor  # (M,) direction of the chord against the mean one of the neighbours, radians in [-pi/2, pi/2]
-    measures: Tensor  # (4, M) what `measures_to_match` finds, each row ascending
+    bend: Tensor  # (M, 2) control point along and across (never below 0) the chord: `prior.control_offset`
+    deviation: Tensor  # (M,) direction of the chord relative to the neighbours' mean, radians in [-pi/2, pi/2]
+    measures: Tensor  # (4, M) results of `measures_to_match`, each row ascending
 
     def __len__(self) -> int:
         return self.length.shape[0]
@@ -117,7 +117,7 @@ def brushwork_of(strokes: Strokes, size: tuple[int, int]) -> Brushwork:
 
 
 def measures_to_match(strokes: Strokes, pitch: float) -> Tensor:
-    """Compute the rows of `MATCHED` (4, N): logarithms of length and width in pitches + 0.1, curvature, coherence."""
+    """Compute the measures `MATCHED` (4, N): logarithms of length and width in pitches + 0.1, curvature, coherence."""
     shape = shape_of(strokes)
     sizes = torch.stack([length_of(shape), 2 * half_width_of(strokes)]) / pitch
     coherence = ruler.coherence_of(ruler.direction_of(shape), ruler.neighbours_of(strokes, shape))
@@ -125,7 +125,7 @@ def measures_to_match(strokes: Strokes, pitch: float) -> Tensor:
 
 
 def transport_cost(values: Tensor, reference: Tensor) -> Tensor:
-    """Compute exact squared 2-Wasserstein distances (R,) between samples (R, N) and ascending ones (R, M)."""
+    """Compute exact squared 2-Wasserstein distances (R,) between samples (R, N) and ascending samples (R, M)."""
     n, m = values.shape[1], reference.shape[1]
     ends = torch.cat([torch.arange(1, n + 1) * m, torch.arange(1, m + 1) * n]).unique()  # steps end here, in 1 / (n m)
     ends = ends.to(values.device)
@@ -152,9 +152,9 @@ def with_brushwork(
 ) -> Strokes:
     """Give strokes the lengths, widths, bends and directions of a reference, keeping place, colour and opacity.
 
-    Each stroke gets the shape of one reference stroke; all of them are used equally often, as far as the numbers allow.
-    Larger shapes go where ``strokes`` are larger. Directions are relative to the mean direction of the neighbours; a
-    stroke bends to the side to which that direction turns along it.
+    Each stroke gets the shape of one reference stroke; all reference strokes are used equally often, as far as
+    possible. Larger shapes go where ``strokes`` are larger. Directions are relative to the mean direction of the
+    neighbours, and a stroke bends to the side to which that direction turns along it.
     """
     if not len(strokes):
         return strokes
@@ -167,15 +167,15 @@ def with_brushwork(
     chord = pitch * model.length[row] / length_of(torch.view_as_real(unit)).clamp_min(1e-6)
     way = torch.polar(0.5 * chord, 0.5 * _flow_at(strokes.position, strokes).angle() + model.deviation[row])
     before, after = (_flow_at(strokes.position + torch.view_as_real(step), strokes) for step in (-way, way))
-    turns = (after * before.conj()).imag > 0  # to one side: the curve has its control point on the other
-    unit = unit - 0.5 * bend[:, None]  # the middle of the curve to the place of the stroke
+    turns = (after * before.conj()).imag > 0  # to one side; the control point then lies on the other side
+    unit = unit - 0.5 * bend[:, None]  # moves the middle of the curve to the position of the stroke
     points = torch.where(turns[:, None], unit.conj(), unit) * (4 * way / strokes.scale)[:, None]
     start, control, end = torch.view_as_real(points).unbind(1)
     return replace(strokes, start=start, control=control, end=end, width=pitch * model.width[row] / strokes.scale)
 
 
 def _assign(strokes: Strokes, reference: Brushwork, generator: torch.Generator) -> Tensor:
-    """Draw the row (N,) of the reference for each stroke."""
+    """Assign a row (N,) of the reference to each stroke."""
     n, m = len(strokes), len(reference)
     rows = torch.cat([torch.arange(m).repeat(n // m), torch.randperm(m, generator=generator)[: n % m]])
     thickness = 2 * half_width_of(strokes)
@@ -188,7 +188,7 @@ def _assign(strokes: Strokes, reference: Brushwork, generator: torch.Generator) 
 
 
 def _flow_at(points: Tensor, strokes: Strokes) -> Tensor:
-    """Compute the mean doubled direction (Q,), a complex number, of the strokes nearest to points (Q, 2)."""
+    """Compute the mean doubled direction (Q,), a complex number, of the strokes nearest to each point (Q, 2)."""
     shape = shape_of(strokes)
     near = ruler.nearest_strokes(points, strokes.position + ruler.centre_of(shape), exclude_self=False)
     return torch.view_as_complex(ruler.mean_direction(ruler.direction_of(shape), near))

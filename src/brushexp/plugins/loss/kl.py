@@ -1,4 +1,4 @@
-"""Kullback-Leibler divergence of the bends of strokes from those of valid strokes."""
+"""Kullback-Leibler divergence between the bends of strokes and those of valid strokes."""
 
 from torch import Tensor
 
@@ -7,12 +7,12 @@ from brushexp.registry import register
 from brushexp.strokes.prior import SPREAD, bend_of
 from brushexp.system.precision import at_least_single
 
-SHRINK = 1e-3  # share of the prior's covariance that is mixed into the measured one
+SHRINK = 1e-3  # fraction of the prior's covariance that is mixed into the measured covariance
 
 
 @register("loss", "kl")
 class KullbackLeibler(Loss):
-    """Kullback-Leibler divergence of the strokes' bends from those of valid strokes (thesis 2020, eq. 6.26 to 6.37).
+    """Kullback-Leibler divergence between the bends of strokes and of valid strokes (thesis 2020, eq. 6.26 to 6.37).
 
     The control point of each stroke, along and across s - e, from the middle between s and e, in units of |s - e|, has
     mean mu and covariance S over the strokes; the loss is KL(N(mu, S) || N(0, T)), T = diag(1/200, 1/25). Differs from
@@ -20,8 +20,8 @@ class KullbackLeibler(Loss):
     a single stroke or equal strokes; the minimum stays at mu = 0 and S = T. The source prints S and T exchanged.
 
     Args:
-        weight: factor in the sum of losses. 500 wildly bent strokes ended at 51 with ``mse`` alone, with the default of
-            this loss at 0.2 at a cost of less than 0.1 dB, and with 0.001 at 0.001 at a cost of 0.1 dB.
+        weight: factor in the sum of losses. 500 wildly bent strokes ended at 51 with ``mse`` alone, at 0.2 with the
+            default of this loss (costing less than 0.1 dB), and at 0.001 with 0.001 (0.1 dB).
     """
 
     weight = 0.0001
@@ -30,13 +30,13 @@ class KullbackLeibler(Loss):
 
     def forward(self, view: PaintedView) -> Tensor:
         if not len(view.strokes):
-            return view.strokes.control.sum()  # 0, and differentiable
+            return view.strokes.control.sum()  # 0, but differentiable
         bend = bend_of(view.strokes.map(at_least_single))
-        x, y = (bend / bend.new_tensor(SPREAD).sqrt()).unbind(1)  # in these units T is the identity
+        x, y = (bend / bend.new_tensor(SPREAD).sqrt()).unbind(1)  # T is the identity in these units
         mean_x, mean_y = x.mean(), y.mean()
         x, y = x - mean_x, y - mean_y
         s_xx, s_yy = (SHRINK + (1 - SHRINK) * z.square().mean() for z in (x, y))
         slope = (1 - SHRINK) * (x * y).mean() / s_xx
-        # |S| / s_xx as a sum of squares: s_xx s_yy - s_xy^2 may round to a negative number.
+        # |S| / s_xx as a sum of squares, because s_xx s_yy - s_xy^2 may round to a negative number.
         rest = SHRINK * (1 + slope.square()) + (1 - SHRINK) * (y - slope * x).square().mean()
         return 0.5 * (s_xx + s_yy - 2 - s_xx.log() - rest.log() + mean_x.square() + mean_y.square())

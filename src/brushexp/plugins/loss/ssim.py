@@ -12,12 +12,13 @@ class StructuralSimilarity(Loss):
     """1 - SSIM (structural similarity, Wang et al.): compares local means, contrasts and structures.
 
     Source: Wang et al., 2004, with their Gaussian window of 11 x 11 pixels. As in torchmetrics, the border is mirrored
-    and channels are averaged. Differs: on a side of n < 6 pixels the window has 2 n - 1 pixels, so that every picture
-    has a value; and it is computed from the difference of the pictures, which is exact where they are equal.
+    and channels are averaged. Differs from the source: on a side of n < 6 pixels the window has 2 n - 1 pixels, so that
+    every picture has a value; and SSIM is computed from the difference of the pictures, which is exact where they are
+    equal.
 
     Args:
         weight: factor in the sum of losses. With the default, the gradient in the picture is about as long as that of
-            ``mse`` for pictures of 256 pixels blurred by two. Beside ``mse`` it raised SSIM by 0.02.
+            ``mse`` for pictures of 256 pixels blurred by two. Together with ``mse``, it raised SSIM by 0.02.
     """
 
     weight = 0.01

@@ -1,4 +1,4 @@
-"""Transfer style by comparing statistics of features with those of a style picture."""
+"""Transfer style by comparing feature statistics with those of a style picture."""
 
 import math
 from collections.abc import Callable
@@ -15,21 +15,22 @@ from brushexp.pictures.load import PICTURE, load_picture, size_of_picture
 from brushexp.plugins.loss.base import PaintedView, StyleLoss, Surroundings
 from brushexp.registry import register
 
-# Taps for style, the first row that a network has: of effl0 the linear outputs of blocks (its rectified insides lead to
-# wrong colours and grain), of VGG16 those of Gatys et al. (2016) whose receptive fields are of the size of a stroke.
+# Taps for style; the first row that a network has is used. Of effl0, the linear outputs of blocks (its rectified
+# expansions lead to wrong colours and grain); of VGG16, those of Gatys et al. (2016) whose receptive fields have the
+# size of a stroke.
 STYLE_TAPS = (("stem", "b0", "b2", "b4"), ("relu1_1", "relu2_1", "relu3_1", "relu4_1"))
-FOURIER_FEATURES = 256  # random features of each tap
-BANDWIDTH_POSITIONS = 512  # positions whose distances give the bandwidth of the gaussian kernel
-VARIANCE_OFFSET = 1e-5  # share of the style's mean square, added to variances: the root of 0 has no slope
-MIN_FEATURE_POWER = 1e-8  # least mean square of the style's features in a denominator
+FOURIER_FEATURES = 256  # number of random features per tap
+BANDWIDTH_POSITIONS = 512  # number of positions whose distances determine the bandwidth of the gaussian kernel
+VARIANCE_OFFSET = 1e-5  # fraction of the style's mean square, added to variances because the root has no slope at 0
+MIN_FEATURE_POWER = 1e-8  # smallest mean square of the style's features in a denominator
 
-Embedding = Callable[[Tensor], Tensor]  # features (C, P) of P positions -> sum of their embeddings
+Embedding = Callable[[Tensor], Tensor]  # features (C, P) at P positions -> sum of their embeddings
 
 
 def waves_for(sample: Tensor) -> Embedding:
     """Make random Fourier features (Rahimi and Recht, 2007) of the kernel exp(-|f - g|^2 / (2 s^2)).
 
-    The bandwidth s is the median distance in a sample (C, P) of the style, at least a thousandth of the features'
+    The bandwidth s is the median distance in a sample (C, P) of the style, and at least a thousandth of the features'
     length. The seed is fixed, so the waves are the same in every run.
     """
     sample = sample[:, :: max(1, sample.shape[1] // BANDWIDTH_POSITIONS)].double()
@@ -62,7 +63,7 @@ KERNELS = {
 
 
 class TapStyle(NamedTuple):
-    """The style at one tap: its mean embedding, and its mean k(f, f) as the unit."""
+    """The style at one tap: its mean embedding, and its mean k(f, f) as unit."""
 
     kernel: str
     embed: Embedding
@@ -75,7 +76,7 @@ class TapStyle(NamedTuple):
         return torch.cat([total.new_full((1,), features.shape[1]), total])
 
     def discrepancy(self, sums: Tensor) -> Tensor:
-        """Return the squared distance between the mean embeddings of the style and of a picture with these ``sums``."""
+        """Compute the squared distance between the mean embeddings of the style and of a picture with some ``sums``."""
         ours, theirs = sums[1:] / sums[0], self.mean
         if self.kernel == "meanstd":
             ours, theirs = (self._mean_and_deviation(moments) for moments in (ours, theirs))
@@ -90,23 +91,24 @@ class TapStyle(NamedTuple):
 class Style(StyleLoss):
     """Style loss against a style picture, by Gram matrices and other kernels (Gatys et al., Li et al.).
 
-    For each tap, with E the mean over the positions of a picture, f a feature vector (C,) there and phi the embedding
-    of the kernel: |E phi(f) - E phi(f_style)|^2 / E k(f_style, f_style), averaged over the taps. This is the squared
-    maximum mean discrepancy (MMD) in units of the style's own kernel: 0 for the same style, and hardly ever above 2. A
-    portrait and a painting of stars, in the same colours, are 0.08 (poly), 0.09 (gaussian), 0.16 (linear) and 0.19
-    (meanstd) apart at 256 pixels.
+    The loss is |E phi(f) - E phi(f_style)|^2 / E k(f_style, f_style), averaged over the taps, where E is the mean over
+    the positions of a picture, f a feature vector (C,) and phi the embedding of the kernel. This is the squared maximum
+    mean discrepancy (MMD) in units of the style's own kernel: 0 for the same style, and rarely above 2. A portrait and
+    a painting of stars, in the same colours, are 0.08 (poly), 0.09 (gaussian), 0.16 (linear) and 0.19 (meanstd) apart
+    at 256 pixels.
 
     Source: Gatys et al. (2016) for poly; Li et al. (2017), "Demystifying neural style transfer", arXiv:1701.01036, for
     the others (meanstd is their matching of batch norms' statistics); Rahimi and Recht (2007) for the random Fourier
-    features; thesis 2020, eq. 6.38: sum of w_l / (4 N^2 M^2) |G - A|^2. Differs from it: sums over positions are means,
-    and the style's own magnitude replaces 1 / (4 N^2) and w_l, so that taps count alike.
+    features; thesis 2020, eq. 6.38: sum of w_l / (4 N^2 M^2) |G - A|^2. Differs from the thesis: sums over positions
+    are means, and the style's own magnitude replaces 1 / (4 N^2) and w_l, so that taps count equally.
 
-    Statistics cover the whole picture even if a step looks at a part of it: they are the sums over the canvas as last
+    Statistics cover the whole picture even if a step works on a part of it: they are the sums over the canvas as last
     painted, minus the old sums of the part, plus its current sums. They ignore the focus.
 
     Args:
         weight: factor in the sum of losses. With ``mse`` at a weight of 1 (``style.content=1``), 0.1 gives a photograph
-            with a trace of the style, 1 a painting with a clear subject, 10 one whose subject can be guessed.
+            with a trace of the style, 1 a painting with a clear subject, and 10 a painting whose subject can be
+            guessed.
         image: style picture, a path or the name of a sample; null uses the target itself.
         kernel: statistics to compare: poly (f f^T, the Gram matrix), linear (means of channels), gaussian (256 waves
             sqrt(2/D) cos(W f + b), with the median distance of the style's positions as bandwidth) or meanstd (means
@@ -115,9 +117,9 @@ class Style(StyleLoss):
         weights: file with the network's weights; null uses those of its package.
         taps: activations to compare; null or [] uses stem, b0, b2 and b4 of effl0, or relu1_1 to relu4_1 of VGG16.
         scale: longer side of the style picture relative to that of the canvas; smaller values make its strokes finer.
-            No side may be shorter than the context of the network (32 pixels for effl0).
-        colors: source of the colours: style keeps those of the style picture, content first gives it those of the
-            target.
+            Neither side may be shorter than the context of the network (32 pixels for effl0).
+        colors: source of the colours: style keeps the colours of the style picture; content first gives it the target's
+            colours.
     """
 
     cost = "5.4 x mse"
@@ -143,11 +145,11 @@ class Style(StyleLoss):
         self.network.check(self.taps)
         self.context, self.grid = self.network.context, self.network.grid
         self._surroundings: Surroundings | None = None  # surroundings of the last step; None for the whole canvas
-        self._canvas = torch.empty(0)  # (3, H, W) of the following sums
-        self._rest: list[Tensor] = []  # sums over the canvas without its part
+        self._canvas = torch.empty(0)  # (3, H, W) picture of the sums below
+        self._rest: list[Tensor] = []  # sums over the canvas without the current part
 
     def check(self, size: tuple[int, int]) -> int:
-        """Return the longer side of the style picture."""
+        """Compute the longer side of the style picture."""
         side = max(1, round(self.scale * max(size)))
         height, width = size if self.image is None else size_of_picture(self.image, "style", side)
         if (short := min(height, width)) < self.context and self.image is not None:
@@ -197,12 +199,12 @@ class Style(StyleLoss):
 
     @torch.no_grad()
     def _turn_to(self, around: Surroundings, styles: list[TapStyle]) -> None:
-        """Update the sums over the canvas and subtract those over the region of the next steps."""
+        """Update the sums over the canvas, and subtract the sums over the region of the next steps."""
         last = self._surroundings
         if last is None or last.picture is not around.picture or last.target is not around.target:
             self._canvas = around.picture.clone()
             whole = self._tiled_sums(styles, self._canvas)
-        else:  # only the region of the last steps has changed; `forward` adds the current one
+        else:  # only the region of the last steps has changed; `forward` adds the current region
             core = last.core or last.region
             core.of(self._canvas).copy_(core.of(around.picture))
             changed = self._sums(styles, last.region.of(self._canvas))
@@ -216,7 +218,7 @@ class Style(StyleLoss):
         return [style.sums(features[tap][0].flatten(1)) for style, tap in zip(styles, self.taps, strict=True)]
 
     def _tiled_sums(self, styles: list[TapStyle], picture: Tensor) -> list[Tensor]:
-        """Compute `_sums` of a picture of any size in the memory of a tile."""
+        """Compute the `_sums` of a picture of any size in the memory of one tile."""
         tiles = self.network.tiled(picture, self.taps)
         sums = ([style.sums(part) for style, part in zip(styles, tile, strict=True)] for tile in tiles)
         return [torch.stack(parts).sum(0) for parts in zip(*sums, strict=True)]
@@ -227,6 +229,6 @@ def _distance(styles: list[TapStyle], sums: list[Tensor]) -> Tensor:
 
 
 def _sample_and_power(features: Tensor, kernel: str) -> tuple[Tensor, float, int]:
-    """Return some positions of features (C, P), the sum of k(f, f) over all, and their number."""
+    """Return some positions of features (C, P), the sum of k(f, f) over all positions, and their number."""
     step = max(1, features.shape[1] // BANDWIDTH_POSITIONS)
     return features[:, ::step], float(KERNELS[kernel].power(features.double())), features.shape[1]

@@ -1,1 +1,1 @@
-"""Metrics: finished painting -> number. Pick several: ``'metric=[psnr,ssim]'``."""
+"""Metrics judge a finished painting by a number; choose several with ``'metric=[psnr,ssim]'``."""

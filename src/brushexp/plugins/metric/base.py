@@ -10,25 +10,25 @@ from torch import Tensor
 from brushexp.plugins.export.base import ExportJob
 from brushexp.strokes.catalogue import Strokes
 
-STANDARD = ("psnr", "psnr_focus", "ssim", "l1", "edges", "perceptual")  # chosen by default, and first in tables
+STANDARD = ("psnr", "psnr_focus", "ssim", "l1", "edges", "perceptual")  # default metrics, the first in tables
 
 
 @dataclass(frozen=True)
 class Comparison:
     """A finished painting and its target."""
 
-    image: Tensor  # (3, H, W) the painting as it is saved: display-referred RGB in [0, 1], in steps of 1/255
-    target: Tensor  # (3, H, W) likewise
-    focus: Tensor | None = None  # (H, W) weights of the pixels; None for equal ones
-    strokes: Strokes | None = None  # strokes of the painting; None for a picture from elsewhere
-    job: ExportJob | None = None  # what draws ``image``, without light and paper; None for a picture from elsewhere
+    image: Tensor  # (3, H, W) the painting as saved: display-referred RGB in [0, 1], in steps of 1/255
+    target: Tensor  # (3, H, W) the target in the same form
+    focus: Tensor | None = None  # (H, W) weights of the pixels; None for equal weights
+    strokes: Strokes | None = None  # strokes of the painting; None for other pictures
+    job: ExportJob | None = None  # job that draws ``image``, without light and paper; None for other pictures
 
 
 class Metric(ABC):
     """Measures the quality of a finished painting.
 
-    Its class attributes say how tables, plots and pages show it, after those of `STANDARD`; report.html explains it by
-    the first line of its docstring.
+    Class attributes define how tables, plots and pages show the metric, after those in `STANDARD`; report.html explains
+    it with the first line of its docstring.
 
     >>> import torch
     >>> class Brightness(Metric):
@@ -40,16 +40,16 @@ class Metric(ABC):
     1.0
     """
 
-    title: ClassVar[str]  # its name in tables and plots
-    variants: ClassVar[Mapping[str, str]] = {}  # label -> title, of a metric that has several
+    title: ClassVar[str]  # name in tables and plots
+    variants: ClassVar[Mapping[str, str]] = {}  # label -> title, for a metric with several labels
     unit: ClassVar[str] = ""
-    digits: ClassVar[int] = 4  # after the point
+    digits: ClassVar[int] = 4  # digits after the decimal point
     higher_is_better: ClassVar[bool]
-    matters: ClassVar[float] = 0.0  # least difference of two settings that counts
-    needs: ClassVar[tuple[str, ...]] = ()  # fields of `Comparison` without which it is omitted
-    label: str = ""  # its name in metrics.json, if not that of the plugin
-    remarks: Mapping[str, str | float] = {}  # further entries of metrics.json, once it has been called
-    files: Mapping[str, bytes] = {}  # files that it measured, by name, for the run's folder, once it has been called
+    matters: ClassVar[float] = 0.0  # smallest difference between two settings that counts
+    needs: ClassVar[tuple[str, ...]] = ()  # fields of `Comparison` without which the metric is omitted
+    label: str = ""  # name in metrics.json, if it differs from that of the plugin
+    remarks: Mapping[str, str | float] = {}  # further entries of metrics.json, available after a call
+    files: Mapping[str, bytes] = {}  # files for the run's folder, by name, available after a call
 
     @abstractmethod
     def __call__(self, comparison: Comparison) -> float | None:

@@ -1,4 +1,4 @@
-"""Measure how well edges are kept."""
+"""Measure how well edges are preserved."""
 
 import torch
 
@@ -8,7 +8,7 @@ from brushexp.registry import register
 
 @register("metric", "edges")
 class EdgeError(Metric):
-    """Mean absolute error (L1) of the differences between neighbouring pixels, which shows how well edges are kept.
+    """Mean absolute error (L1) of the differences between neighbouring pixels, a measure of how sharp edges stay.
 
     It is undefined for a picture of one pixel.
     """

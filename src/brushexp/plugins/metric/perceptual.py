@@ -1,4 +1,4 @@
-"""Measure the distance in the features of the bundled network."""
+"""Measure the distance between pictures in the features of the bundled network."""
 
 from brushexp.features.distance import perceptual_distance
 from brushexp.plugins.metric.base import Comparison, Metric

@@ -7,7 +7,7 @@ from brushexp.registry import register
 
 @register("metric", "psnr")
 class PeakSignalToNoise(Metric):
-    """PSNR (peak signal-to-noise ratio) over all pixels of the 8-bit pictures; infinite for equal ones."""
+    """PSNR (peak signal-to-noise ratio) over all pixels of the 8-bit pictures; infinite for identical pictures."""
 
     title, unit, digits = "PSNR", "dB", 2
     higher_is_better = True

@@ -7,9 +7,9 @@ from brushexp.registry import register
 
 @register("metric", "ssim")
 class SimilarityOfStructure(Metric):
-    """SSIM (structural similarity, Wang et al., 2004); 1 is identical.
+    """SSIM (structural similarity, Wang et al., 2004); 1 for identical pictures.
 
-    It is undefined for pictures smaller than its window of 11 x 11 pixels.
+    SSIM is undefined for pictures smaller than its window of 11 x 11 pixels.
     """
 
     title = "SSIM"

@@ -1,1 +1,1 @@
-"""Optimisers: how the strokes move. Pick one: ``optimizer=adam``."""
+"""Optimisers move strokes, given their gradients; choose one with ``optimizer=adam``."""

@@ -20,7 +20,7 @@ class Optimizer(ABC):
     ('SGD', 0.25)
     """
 
-    units: Mapping[str, float]  # stroke field -> unit (`strokes.catalogue.Catalogue`); missing or 0: does not move
+    units: Mapping[str, float]  # stroke field -> unit (`Catalogue`); a field without a unit is frozen
 
     @abstractmethod
     def over(self, parameters: Iterable[nn.Parameter]) -> optim.Optimizer:
@@ -28,4 +28,4 @@ class Optimizer(ABC):
 
     @abstractmethod
     def share(self, progress: float) -> float:
-        """Return the share of the full learning rate at a ``progress`` of a stage, from 0 to below 1."""
+        """Return the fraction of the full learning rate at a ``progress`` of a stage, from 0 to below 1."""

@@ -14,7 +14,7 @@ from brushexp.errors import UserError
 from brushexp.plugins.optimizer.base import Optimizer
 from brushexp.registry import register
 
-# A learning rate of 0.01, the thesis's, moves a control point by a hundredth of a half-window per step of Adam.
+# The thesis's learning rate of 0.01 moves a control point by a hundredth of a half-window per step of Adam.
 UNITS = {"position": 1.0, "start": 1.0, "control": 1.0, "end": 1.0, "width": 0.3, "color": 1.0, "opacity": 1.0}
 UNITS |= {"softness": 0.0, "widening": 0.0, "drift": 0.0}
 LIBRARIES = {"torch": "torch.optim", "pytorch_optimizer": "pytorch_optimizer"}  # name -> module
@@ -22,17 +22,17 @@ LIBRARIES = {"torch": "torch.optim", "pytorch_optimizer": "pytorch_optimizer"}  
 
 @register("optimizer", "torch")
 class TorchOptim(Optimizer):
-    """Any class of torch.optim by name, with a unit per field and a schedule; presets name the common ones.
+    """Any class of torch.optim by name, with a unit per field and a schedule; presets exist for common classes.
 
     The compiled blend has no second derivatives, which AdaHessian and SophiaH need. A field of N strokes is a tensor
-    (N, 2), (N, 3) or (N,); for classes with a matrix per side, set ``options`` that leave out the side of N.
+    (N, 2), (N, 3) or (N,); for classes with a matrix per dimension, set ``options`` that exclude the dimension of N.
 
     Args:
         name: name of a class in the library, such as Adam, NAdam or Adagrad.
         library: library of the class: torch, or pytorch_optimizer (an extra) with SOAP, Kron, Adan and a hundred more.
-        lr: learning rate; ``units`` says what it means for each field.
-        units: unit of each field. ``lr`` times the unit is about one step of Adam, in half-windows for position and
-            points, and in fractions of the window for width and softness. 0 freezes a field.
+        lr: learning rate; ``units`` scales it for each field.
+        units: unit of each field. ``lr`` times the unit is about the size of a step of Adam, in half-windows for
+            position and points, and in fractions of the window for width and softness. 0 freezes a field.
         schedule: schedule after ``hold``: constant, linear (to 0) or cosine (to 0).
         hold: fraction of the steps at the full rate before it falls; at 1 it never falls.
         warmup: fraction of the steps in which the rate first rises from 0.
@@ -65,7 +65,7 @@ class TorchOptim(Optimizer):
             raise UserError(f"{error} (optimizer.options={self.options}); {cure}") from error
         if self.library == "pytorch_optimizer":
             for group in optimizer.param_groups:
-                group.setdefault("step", 0)  # its count, which is missing before the first step
+                group.setdefault("step", 0)  # the library's step count, which is missing before the first step
         return optimizer
 
     def share(self, progress: float) -> float:
@@ -93,7 +93,7 @@ class Lbfgs(optim.LBFGS):
 
 
 def class_of(library: str, name: str, options: dict[str, Any]) -> Callable[..., optim.Optimizer]:
-    """Find a class by name in a library; refuse (UserError) options that the library would ignore."""
+    """Find a class by name in a library; refuse (UserError) options that the library would silently ignore."""
     try:
         module = vars(importlib.import_module(LIBRARIES[library]))
     except ImportError as error:
@@ -105,7 +105,7 @@ def class_of(library: str, name: str, options: dict[str, Any]) -> Callable[..., 
         choices = ", ".join(sorted(kinds))
         raise UserError(f"{LIBRARIES[library]} has no optimiser {name!r}; choose optimizer.name from {choices}")
     kind = kinds[name]
-    if library == "pytorch_optimizer":  # it ignores other options
+    if library == "pytorch_optimizer":  # the library ignores unknown options
         parameters = [key for key in inspect.signature(kind).parameters if key not in ("params", "lr", "kwargs")]
         unknown = [key for key in options if key not in parameters]
         if unknown:

@@ -1,1 +1,1 @@
-"""Orders: which stroke lies on top. Pick one: ``order=area``."""
+"""Orders decide which stroke lies on top; choose one with ``order=area``."""

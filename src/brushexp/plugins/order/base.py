@@ -7,14 +7,14 @@ from torch import Tensor
 
 from brushexp.strokes.catalogue import Strokes
 
-RENEWED_SHARE = 0.5  # share of a stage's steps after which the order stays, by default
+RENEWED_SHARE = 0.5  # default share of a stage's steps after which the order is fixed
 
 
 class Order(ABC):
     """Decides which stroke lies on top. Depth is not a parameter: it is computed and has no gradient.
 
-    After the share ``until`` of a stage's steps the order is fixed, because strokes that change places late do not
-    recover (a loss of up to 1.4 dB in a run of 60 steps).
+    After the fraction ``until`` of a stage's steps, the order is fixed, because strokes that change their rank late do
+    not recover (a loss of up to 1.4 dB in a run of 60 steps).
 
     >>> class Brightest(Order):
     ...     every, until = 10, 0.5
@@ -24,7 +24,7 @@ class Order(ABC):
     ([0, 10, 20], True)
     """
 
-    every: int  # number of steps between two computations, while `due` allows any
+    every: int  # number of steps between two computations, as long as `due` allows them
     until: float = RENEWED_SHARE
     needs_accuracy: bool = False  # whether ``depth`` uses ``accuracy``, which the blend then measures in the same pass
 
@@ -34,17 +34,17 @@ class Order(ABC):
 
     @abstractmethod
     def depth(self, strokes: Strokes, accuracy: Tensor | None) -> Tensor:
-        """Compute the height (N,) of each stroke: the higher one lies on top; of equal ones, the later.
+        """Compute the height (N,) of each stroke: higher strokes lie on top; of equal strokes, the later does.
 
         ``accuracy`` (N,) is 1 - (sum over pixels of alpha |color - target|^2) / (sum of alpha), where alpha is the
         stroke's own, hidden or not. It is None before the first step or if it is not needed.
         """
 
     def due(self, done: int, steps: int) -> bool:
-        """Tell whether to recompute the depth after ``done`` of a stage's ``steps``; always at the start."""
+        """Return whether to recompute the depth after ``done`` of a stage's ``steps``; always at the start."""
         return done % self.every == 0 and (done == 0 or done < self.until * steps)
 
 
 def front_to_back(depth: Tensor) -> Tensor:
-    """Sort strokes by depth: indices (N,), uppermost first, and of equal depths the later first."""
+    """Sort strokes by depth: indices (N,), top stroke first; of equal depths, the later stroke first."""
     return len(depth) - 1 - torch.argsort(depth.flip(0), descending=True, stable=True)

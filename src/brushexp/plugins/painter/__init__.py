@@ -1,1 +1,1 @@
-"""Painters: target picture -> strokes, state by state. Pick one: ``painter=gradient``."""
+"""Painters turn a target into strokes, state by state; choose one with ``painter=gradient``."""

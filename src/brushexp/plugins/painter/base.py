@@ -18,7 +18,7 @@ class PaintRequest:
     """The task given to a painter."""
 
     target: Tensor  # (3, H, W) in [0, 1], display-referred RGB
-    n: int  # strokes that the painting may have, 1 to H * W
+    n: int  # largest number of strokes, 1 to H * W
     background: Tensor  # (3,) colour of the bare canvas
     draw: Callable[[Strokes], Tensor]  # strokes, bottom first -> picture (3, H, W), differentiable in their fields
     generator: torch.Generator  # source of all randomness
@@ -30,14 +30,14 @@ class PaintRequest:
 
     @property
     def pitch(self) -> float:
-        """Mean distance between strokes in pixels."""
+        """Mean distance between strokes, in pixels."""
         return float((self.target[0].numel() / self.n) ** 0.5)
 
 
 class PaintState:
     """The strokes so far, bottom first, after ``step`` of ``steps`` (strokes or iterations).
 
-    ``steps`` may change on the way; in the last state it equals ``step``.
+    ``steps`` may change between states; in the last state it equals ``step``.
     """
 
     def __init__(self, strokes: Strokes, step: int, steps: int) -> None:
@@ -51,8 +51,8 @@ class PaintState:
 class Painter(ABC):
     """Paints a picture from the bare canvas to the last stroke.
 
-    The program shows, films, measures and saves its states, and can end the run only between two states (for Ctrl-C,
-    ``seconds=``, ``psnr=`` or a signal), so yield a state every few hundredths of the work.
+    The program shows, films, measures and saves the painter's states, and can end the run only between two states (for
+    Ctrl-C, ``seconds=``, ``psnr=`` or a signal), so yield a state every few hundredths of the work.
 
     >>> from brushexp.strokes.prior import sample_prior
     >>> class Careless(Painter):
@@ -66,7 +66,7 @@ class Painter(ABC):
     """
 
     kind: ClassVar[str] = "not stated"  # method in two or three words
-    author: ClassVar[str] = ""  # authors of the re-implemented paper or program, named in the leaderboard
+    author: ClassVar[str] = ""  # authors of the reimplemented paper or program, for the leaderboard
     differentiates: ClassVar[bool] = False  # whether it uses gradients of pictures, whose code is then compiled
 
     @classmethod

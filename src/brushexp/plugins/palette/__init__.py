@@ -1,1 +1,1 @@
-"""Palettes: colours of the picture -> colours of the target. Pick one: ``palette=muted``."""
+"""Palettes turn the colours of a picture into those of the target; choose one with ``palette=muted``."""

@@ -6,7 +6,7 @@ from torch import Tensor
 
 
 class Palette(ABC):
-    """Maps the colours of the picture to those of the target, as a painter translates a scene into paint.
+    """Maps the colours of the picture to the colours of the target, as a painter translates a scene into paint.
 
     >>> import torch
     >>> class Grey(Palette):

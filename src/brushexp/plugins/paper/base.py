@@ -18,7 +18,7 @@ class Rows:
 
     @property
     def places(self) -> tuple[Tensor, Tensor]:
-        """Centres of the pixels, x and y (count, W), float64, in longer sides of the canvas."""
+        """Centres of the pixels, x and y (count, W), float64, as fractions of the canvas's longer side."""
         side = max(self.size)
         y = (torch.arange(self.top, self.top + self.count, dtype=torch.float64) + 0.5) / side
         x = (torch.arange(self.size[1], dtype=torch.float64) + 0.5) / side
@@ -26,15 +26,15 @@ class Rows:
         return x, y
 
     def widened(self, margin: int) -> "Rows":
-        """Add up to ``margin`` rows above and below, as far as the canvas reaches."""
+        """Add up to ``margin`` rows above and below, within the canvas."""
         first, after = max(self.top - margin, 0), min(self.top + self.count + margin, self.size[0])
         return Rows(first, after - first, self.size)
 
 
 class Paper(ABC):
-    """The surface below the strokes: paint skips parts of it, and its relief catches the light.
+    """The surface below the strokes; paint skips parts of it, and its relief catches the light.
 
-    It is the same at every size of the picture and in every band of rows.
+    The surface is the same at every size of the picture and in every band of rows.
 
     >>> class Striped(Paper):
     ...     def cover(self, flat, bare, rows):
@@ -45,7 +45,7 @@ class Paper(ABC):
     [0.0, 1.0, 0.0, 1.0]
     """
 
-    is_smooth: ClassVar[bool] = False  # whether strokes on it look as painted
+    is_smooth: ClassVar[bool] = False  # whether strokes look as painted on this paper
 
     def margin(self, size: tuple[int, int]) -> int:
         """Return the number of extra rows needed above and below a band on a canvas of ``size`` (H, W)."""
@@ -53,7 +53,7 @@ class Paper(ABC):
 
     @abstractmethod
     def cover(self, flat: Tensor, bare: Tensor, rows: Rows) -> Tensor:
-        """Map strokes painted on a smooth ground of colour ``bare`` (3,) to their look on the paper.
+        """Map a picture of strokes on a smooth ground of colour ``bare`` (3,) to their appearance on the paper.
 
         Pictures (3, h, W) in [0, 1] cover ``rows``; the result is differentiable in both colours.
         """

@@ -1,1 +1,1 @@
-"""Renderers: stroke parameters -> what each stroke covers. Pick one: ``renderer=analytic``."""
+"""Renderers compute what each stroke covers; choose one with ``renderer=analytic``."""

@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor, nn
 
-NOISE_SEED = 2020  # seed of the noise that is the same for every stroke in painting
+NOISE_SEED = 2020  # seed of the noise that all strokes of a painting share
 
 
 class CoordConv(nn.Module):
@@ -36,8 +36,8 @@ class CoordConv(nn.Module):
 class Noise(nn.Module):
     """Adds one plane of noise times a learned strength per channel (Karras et al., 2019, arXiv:1812.04948).
 
-    In training the noise is fresh; otherwise it is the same for every stroke and call. Differs from the source in the
-    initial strength, which is 0 there.
+    During training the noise is fresh; otherwise it is the same for every stroke and call. Differs from the source in
+    the initial strength, which is 0 in the source.
 
     Args:
         channels: number of channels of the input.

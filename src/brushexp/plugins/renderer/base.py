@@ -24,20 +24,20 @@ from brushexp.strokes.prior import clamp_to_prior, parameters_of, rewindow, stro
 from brushexp.system.checkpoint import CheckpointFormat
 from brushexp.system.words import table_of_words
 
-LEAST_ALPHA = 2 / 255  # in painting, alpha of a network below this counts as 0
-TEXELS = 2**26  # so many texels of windows are held at once when no gradient is needed: 1 GB
-SAMPLE_STROKES = 16  # strokes whose drawing is measured
-CHUNK = 128  # strokes that a network draws at once: enough to keep the cores busy
-PRECISIONS = ("float32", "bfloat16")  # a network paints in one of these; weights and pictures have 32 bits either way
+LEAST_ALPHA = 2 / 255  # in painting, smaller alphas of a network count as 0
+TEXELS = 2**26  # largest number of texels of windows held at once when no gradient is needed: 1 GB
+SAMPLE_STROKES = 16  # number of strokes whose drawing is timed
+CHUNK = 128  # number of strokes that a network draws at once, enough to keep the cores busy
+PRECISIONS = ("float32", "bfloat16")  # precisions in which a network paints; weights and pictures have 32 bits
 
 
 def reach_of(strokes: Strokes, edge: float) -> Tensor:
-    """Bound the distance (N,) in pixels that strokes paint from their curves; ``edge`` is their renderer's."""
+    """Bound the distance (N,), in pixels, that strokes paint from their curves; ``edge`` is that of their renderer."""
     return PAINT_REACH * half_width_of(strokes) + 0.5 * softness_of(strokes) + edge
 
 
 def weight_folders() -> list[Path]:
-    """List the folders of shipped weights: ``weights`` beside the file of each renderer, also in packages."""
+    """List the folders of shipped weights: ``weights`` next to the file of each renderer, also in packages."""
     files = [__file__, *(found.origin for plugin in plugins("renderer") if (found := find_spec(plugin.module)))]
     return list(dict.fromkeys(Path(file).parent / "weights" for file in files if file))
 
@@ -67,12 +67,12 @@ class Renderer(nn.Module, ABC):
     """
 
     cost: ClassVar[str] = "not measured"  # time of a step relative to ``analytic``, at 512 px and 2,621 strokes
-    weights: ClassVar[str] = "none"  # what has to be trained
-    strokes: ClassVar[str] = "all"  # strokes that it can draw
-    warm_up: str | None = None  # renderer that should take most of the steps of a painting in place of a slow one
-    weights_hash: str = ""  # hash of the trained weights; "" without any
+    weights: ClassVar[str] = "none"  # description of the weights to train
+    strokes: ClassVar[str] = "all"  # strokes that the renderer can draw
+    warm_up: str | None = None  # fast renderer that takes most of the steps of a painting in place of a slow one
+    weights_hash: str = ""  # hash of the trained weights; "" if there are none
     edge: float = SOFT_EDGE  # pixels that a stroke may paint beyond ``PAINT_REACH`` half widths and softness
-    at_once: int | None = None  # most strokes whose layers to hold at once; None if they are small
+    at_once: int | None = None  # largest number of strokes whose layers to hold at once; None if layers are small
 
     def restore(self, checkpoint: str | None, **options: Any) -> None:
         """Load the trained weights of a checkpoint; None keeps the initial weights.
@@ -94,28 +94,28 @@ class Renderer(nn.Module, ABC):
 
     @abstractmethod
     def forward(self, strokes: Strokes) -> Layers:
-        """Make the layers of N strokes, in pixels of the canvas, differentiably in every field.
+        """Draw N strokes as layers, in pixels of the canvas, differentiably in every field.
 
-        A renderer with several textures chooses by ``strokes.brush``, so that a stroke keeps its texture.
+        A renderer with several textures chooses one by ``strokes.brush``, so that a stroke keeps its texture.
         """
 
     def clamp(self, strokes: Strokes) -> Strokes:
-        """Clamp strokes to the nearest ones that this renderer can draw; painters call it after every step."""
+        """Clamp strokes to the nearest strokes that this renderer can draw; painters call it after every step."""
         return strokes
 
     def distil(self, simulate: Callable[[Tensor, int], Simulated]) -> None:
-        """Read parameters directly from strokes of a simulator; called once, before training.
+        """Derive parameters directly from strokes of a simulator; called once, before training.
 
         ``simulate`` paints strokes (n, 10) large enough to show details. Its second argument is the number of the first
         stroke in the data set, which decides the brushes.
         """
 
     def convert(self, strokes: Strokes) -> Strokes:
-        """Convert strokes of another renderer to those that this one draws best; called once, before the steps."""
+        """Convert strokes of another renderer to strokes that this one draws best; called once, before the steps."""
         return self.clamp(strokes)
 
     def rows(self, strokes: Strokes) -> Tensor | None:
-        """Bound the pixel rows (N, 2), first and last, that each stroke may touch; None for no bound.
+        """Return the first and last pixel row (N, 2) that each stroke may touch; None if unknown.
 
         Pictures too large for one pass are drawn in bands of rows, each with the strokes that touch it.
         """
@@ -141,10 +141,10 @@ class PatchRenderer(Renderer):
         """
 
     def forward(self, strokes: Strokes) -> Windows:
-        """Draw the windows; with ``project``, strokes outside the range of training are clamped to it first."""
+        """Draw the windows; with ``project``, strokes outside the range of training are first clamped to it."""
         parameters = parameters_of(self.clamp(strokes))
         draw: Callable[[Tensor], Tensor] = self.draw if self.training else self._clean
-        if not self.training and torch.is_grad_enabled():  # keeps pictures and recomputes activations
+        if not self.training and torch.is_grad_enabled():  # stores pictures and recomputes activations
             draw = partial(checkpoint, self._clean, use_reentrant=False)
         parts = parameters.to(next(self.parameters(), parameters).dtype).split(CHUNK) if len(strokes) else ()
         none = parameters.new_zeros(0, 4, self.window, self.window)
@@ -152,17 +152,17 @@ class PatchRenderer(Renderer):
         return Windows(images, strokes.position, strokes.scale, strokes.opacity, strokes.color)
 
     def _clean(self, parameters: Tensor) -> Tensor:
-        """Draw without the faint traces that a network leaves everywhere, each of which costs time."""
+        """Draw without the faint traces that a network leaves everywhere, which would cost time."""
         with torch.autocast(parameters.device.type, torch.bfloat16, enabled=self.precision == "bfloat16"):
             pictures = self.draw(parameters)
         color, alpha = pictures.to(parameters.dtype).split([3, 1], dim=1)
         return torch.cat([color, torch.where(alpha < LEAST_ALPHA, 0.0, alpha)], dim=1)
 
     def seconds_per_stroke(self) -> float:
-        """Measure the time to draw a stroke with its gradient, on a few strokes."""
+        """Measure the time to draw a stroke with its gradient, from a few strokes."""
         parameters, was_training, times = torch.zeros(SAMPLE_STROKES, 10, requires_grad=True), self.training, []
-        self.eval()  # as it paints
-        for _ in range(2):  # the first one has what is done once
+        self.eval()  # the mode in which it paints
+        for _ in range(2):  # the first call includes one-time work
             begin = time.monotonic()
             torch.autograd.grad(self.forward(strokes_of(parameters)).images.sum(), parameters)
             times.append(time.monotonic() - begin)
@@ -187,7 +187,7 @@ class PatchRenderer(Renderer):
 def check_trained(renderer: Renderer, choice: str) -> None:
     """Refuse (UserError) a renderer that needs trained weights and has none; ``choice`` is its typed name.
 
-    The attribute ``weights`` of a renderer says whether it has to be trained.
+    The attribute ``weights`` of a renderer states whether it has to be trained.
     """
     trainable = any(True for _ in renderer.parameters())
     if renderer.weights == Renderer.weights or renderer.weights_hash or not trainable:

@@ -20,19 +20,19 @@ from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Strokes
 from brushexp.strokes.prior import width_parameter
 
-LEVELS = 7  # sizes of a texture, for texels down to a 64th of a pixel; the first has twice the texels of the weights
-THIN = 0.5  # pixels: strokes do not get thinner than about twice this, but fainter
-FADED, LIT = 0.003, 0.95  # margin of opacities, and largest tone, at which they can still be trained
-SAMPLES = 4  # samples of a texel in each direction, when it is read off a picture
-STRETCH = 0.9  # half-windows from the middle to either end of a stroke that textures are read off
-FULL = 0.98  # share of texels with paint that are no higher than a full film
-LEVEL = 0.7  # height in films of paint without furrows, at a tone of 0
+LEVELS = 7  # number of sizes of a texture, for texels down to a 64th of a pixel; the first is the doubled texture
+THIN = 0.5  # pixels; strokes thinner than about twice this become fainter instead
+FADED, LIT = 0.003, 0.95  # margin of opacities, and largest tone, at which both can still be trained
+SAMPLES = 4  # samples per texel in each direction when a texture is read from a picture
+STRETCH = 0.9  # distance, in half-windows, from the middle to the ends of strokes that are read as textures
+FULL = 0.98  # share of the painted texels that are no higher than a full film
+LEVEL = 0.7  # height, in films, of paint without furrows, at a tone of 0
 TONE = 0.2  # share of white in the palest bristle, of black in the darkest
-HAIR_REACH = (1.15, 1.35)  # half widths between which hairs end that go astray: a stroke's reach is what it costs
-AROUND = 0.35  # half widths over which paint is compared with the paint around it
-FINEST_STRENGTH = 1.2  # strength of the finest detail of a texture when it is repeated at half its size
+HAIR_REACH = (1.15, 1.35)  # range of the ends of stray hairs, in half widths; a larger reach makes strokes slower
+AROUND = 0.35  # half widths over which paint is compared with the surrounding paint
+FINEST_STRENGTH = 1.2  # strength of a texture's finest detail when it is repeated at half its size
 DETAIL_WINDOW = 9  # texels over which the strength of detail is measured
-NODES = ((0.112702, 5 / 18), (0.5, 4 / 9), (0.887298, 5 / 18))  # nodes and weights of Gauss and Legendre's rule
+NODES = ((0.112702, 5 / 18), (0.5, 4 / 9), (0.887298, 5 / 18))  # nodes and weights of Gauss-Legendre quadrature
 
 
 @register("renderer", "textured")
@@ -40,21 +40,21 @@ class Textured(Renderer):
     """Bezier stroke with the texture of a bristle brush, looked up along and across the curve.
 
     A stroke's brush decides which of several textures it has and whether the texture is flipped. Textures do not
-    stretch with the stroke: start and end are as long as the stroke is thick, and between them a longer stroke repeats
-    the middle more often. A texture finer than the pixels is looked up at a smaller size, so that small strokes neither
-    flicker nor have wild gradients. A stroke thinner than a pixel fades.
+    stretch with the stroke: the lengths of the start and the end are proportional to the stroke's thickness, and longer
+    strokes repeat the middle more often. A texture finer than the pixels is looked up at a smaller size, so that small
+    strokes neither flicker nor have wild gradients. A stroke thinner than a pixel fades.
 
-    The colour varies between bristles but contains no light, which comes from the height of the finished paint, also
-    stored in the textures (`shading`). In painting (with frozen weights) textures are kept in 8 bits.
+    The colour varies between bristles but contains no light. Light is computed from the height of the finished paint,
+    which is also stored in the textures (`shading`). During painting (with frozen weights), textures have 8 bits.
 
     Args:
         variants: number of different textures.
         rows: number of texels across, up to ``SPREAD`` half widths on either side.
-        columns: number of texels along, ``LONG`` times as many, including those beyond the ends.
-        tone: contrast between paler and darker bristles, and depth of the furrows between them, relative to those of
-            the textures.
-        fullness: amount of paint on the brush, as a number of equal strokes on top of each other; it closes gaps
-            between bristles.
+        columns: number of texels along, including those beyond the ends; each is twice as long as wide.
+        tone: contrast between paler and darker bristles, and depth of the furrows between them, relative to the
+            textures.
+        fullness: amount of paint on the brush, as a number of equal strokes on top of each other; more paint closes the
+            gaps between bristles.
         checkpoint: trained weights: a .safetensors file, or the name of one that comes with the program; null for
             random bristles.
     """
@@ -80,12 +80,12 @@ class Textured(Renderer):
         self.restore(checkpoint, variants=variants, rows=rows, columns=columns)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "_ready": None}  # ten times as large as the textures that it is made of
+        return {**vars(self), "_ready": None}  # ten times as large as the textures from which it is made
 
     def forward(self, strokes: Strokes) -> TexturedProfile:
         curve, half = curve_of(strokes), half_width_of(strokes)
         softened = (half.square() + THIN**2).sqrt()
-        per_half = self.textures.shape[2] / SPREAD  # texels of the finest size
+        per_half = self.textures.shape[2] / SPREAD  # texels per half width at the finest size
         finer = (per_half / softened.detach()).clamp(1e-3, 1e9).log2().floor()
         variant, flip = strokes.brush % self.variants, 1 - 2 * (strokes.brush // self.variants % 2)
         look = variant * self.levels + finer.clamp(0, self.levels - 1).long()
@@ -95,22 +95,22 @@ class Textured(Renderer):
 
     @property
     def levels(self) -> int:
-        """Number of sizes of a texture in which each of its pieces has whole columns."""
+        """Number of sizes of a texture in which all its pieces have whole columns."""
         return min(LEVELS, 1 + (self.loop.begin & -self.loop.begin).bit_length(), self.textures.shape[2].bit_length())
 
     def _repeats(self, curve: Tensor, half: Tensor) -> Tensor:
-        """Count the loops (N,) of each stroke that keep texels at about their natural length."""
+        """Count the repeats (N,) of the loop that keep texels at about their natural length in each stroke."""
         start, control, end = curve.unbind(1)
         velocity = (2 * ((1 - t) * (control - start) + t * (end - control)) for t, _ in NODES)
         length = sum((w * v.norm(dim=1) for v, (_, w) in zip(velocity, NODES, strict=True)), torch.zeros_like(half))
         rows, columns = self.textures.shape[2:]
-        along = length / half * (rows / (2 * SPREAD * TEXEL_ASPECT))  # columns that the curve has room for
+        along = length / half * (rows / (2 * SPREAD * TEXEL_ASPECT))  # columns that fit along the curve
         once = columns - 2 * cap_of(rows)
         return ((along - once) / self.loop.length + 1).round().clamp_min(0).long()
 
     @torch.no_grad()
     def distil(self, simulate: Callable[[Tensor, int], Simulated]) -> None:
-        """Read the textures from straight strokes, each painted with another brush."""
+        """Read the textures from straight strokes, each painted with a different brush."""
         rows, columns = self.textures.shape[2:]
         long = columns + columns // 2
         width = STRETCH * rows / (2 * SPREAD * TEXEL_ASPECT) / (0.5 * long - cap_of(rows))  # in sides of the window
@@ -134,7 +134,7 @@ class Textured(Renderer):
         return self._ready[1]
 
 
-@lru_cache(maxsize=2)  # painting, bitmaps and page each build the renderer anew
+@lru_cache(maxsize=2)  # painting, bitmaps and page each build a new renderer
 def _round_sheets(
     values: bytes, shape: torch.Size, dtype: torch.dtype, device: torch.device, tone: float, fullness: float,
     loop: Loop, levels: int,
@@ -158,10 +158,10 @@ def _sheets_of(textures: Tensor, tone: float, fullness: float, loop: Loop, level
 def unroll_stroke(pictures: Tensor, width: float, rows: int, columns: int) -> Tensor:
     """Sample texels (C, rows, columns) from pictures (C, S, S) of a straight stroke ``width`` windows thick.
 
-    The stroke goes from (-STRETCH, 0) to (STRETCH, 0) half-windows.
+    The stroke runs from (-STRETCH, 0) to (STRETCH, 0) half-windows.
     """
     across, t, before, beyond = (part[1:-1] for part in coordinates_of(rows, columns))
-    x = STRETCH * (2 * t - 1) + width * (before + beyond)  # half-windows; half a width is `width` of them
+    x = STRETCH * (2 * t - 1) + width * (before + beyond)  # half-windows; half a stroke width is `width` half-windows
     within = (torch.arange(SAMPLES) + 0.5) / SAMPLES - 0.5
     x = (x[:, None] + within * torch.gradient(x)[0][:, None]).flatten()
     y = (width * (across[:, None] + within * (2 * SPREAD / rows))).flatten()
@@ -170,7 +170,7 @@ def unroll_stroke(pictures: Tensor, width: float, rows: int, columns: int) -> Te
 
 
 def drop_middle(texels: Tensor, columns: int, loop: Loop) -> Tensor:
-    """Join the beginning of a long stroke (C, rows, .) and its steady end, which contains the ``loop``."""
+    """Join the beginning of a long stroke (C, rows, .) to its steady end, which contains the ``loop``."""
     result = close_loop(texels[..., -columns:], loop)
     part = torch.cat([torch.zeros(loop.begin // 2), torch.linspace(0, 1, loop.begin - loop.begin // 2)])
     result[..., : loop.begin] = torch.lerp(texels[..., : loop.begin], result[..., : loop.begin], part)
@@ -180,7 +180,7 @@ def drop_middle(texels: Tensor, columns: int, loop: Loop) -> Tensor:
 def close_loop(texels: Tensor, loop: Loop) -> Tensor:
     """Make the ``loop`` of texels (..., columns) repeat, and the end follow the beginning, without a seam.
 
-    The second half of the loop fades into the texels before it, and the texels after it begin like the loop. (The
+    The second half of the loop fades into the texels before the loop, and the texels after it begin like the loop. (The
     beginning must be as long as half of the loop, the end as long as the rest.)
     """
     result, half = texels.clone(), loop.length // 2
@@ -200,7 +200,7 @@ def close_loop(texels: Tensor, loop: Loop) -> Tensor:
 def weights_of_texels(texels: Tensor) -> Tensor:
     """Convert coverage and height (2, rows, columns) to weights (3, rows, columns) before sigmoid, tanh and sigmoid.
 
-    Where there is more paint than nearby, bristles hold more pigment and are paler; where there is less, darker.
+    Where there is more paint than nearby, bristles hold more pigment and are paler; elsewhere they are darker.
     """
     astray = texel_distances(*texels.shape[1:])[1:-1, 1:-1]
     coverage, height = texels.clamp_min(0) * ((HAIR_REACH[1] - astray) / (HAIR_REACH[1] - HAIR_REACH[0])).clamp(0, 1)
@@ -216,10 +216,10 @@ def weights_of_texels(texels: Tensor) -> Tensor:
 
 
 def double_textures(textures: Tensor, loop: Loop) -> Tensor:
-    """Double the size of textures (V, 3, rows, columns) of opacity, tone and height, and add detail twice as fine.
+    """Double the size of textures (V, 3, rows, columns) of opacity, tone and height, and add finer detail.
 
-    The finest detail in the middle of a loop is repeated at half its size, with its local strength, because a brush
-    seen from closer has finer hairs. This detail was not simulated. The mean of four new texels is about the old one.
+    The finest detail in the middle of a loop is repeated at half its size, with its local strength, because a brush has
+    finer hairs in a closer view. This detail was not simulated. The mean of four new texels is about the old texel.
     Heights stay smooth, so that the slopes of a painting do not depend on its size.
     """
     rows, columns = textures.shape[2:]
@@ -241,7 +241,7 @@ def random_bristles(variants: int, rows: int, columns: int) -> Tensor:
     """Draw fixed random weights (variants, 3, rows, columns) before sigmoid, tanh and sigmoid."""
     generator = torch.Generator().manual_seed(0)
     load, begin, finish = torch.randn(3, variants, rows, 1, generator=generator)
-    waver = torch.randn(variants, rows, 8, generator=generator)  # what changes along a bristle
+    waver = torch.randn(variants, rows, 8, generator=generator)  # variation along a bristle
     waver = functional.interpolate(waver, columns, mode="linear", align_corners=True)
     v, _, before, beyond = (part[1:-1] for part in coordinates_of(rows, columns))
     side = 14 * (1 + 0.05 * load - v.abs()[:, None])

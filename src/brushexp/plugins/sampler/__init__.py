@@ -1,1 +1,1 @@
-"""Samplers: which part of the canvas a step looks at. Pick one: ``sampler=whole``."""
+"""Samplers choose the part of the canvas that a step compares; choose one with ``sampler=whole``."""

@@ -16,8 +16,8 @@ class View:
     """The batch of a painting: the region and the strokes of a step.
 
     ``region`` is the part of the canvas that the step renders and compares, the whole canvas if ``active`` is None. The
-    step moves the strokes ``active`` (A,), int64, or all for None, also draws the strokes ``ring`` (R,), and looks at
-    the whole canvas at half its size if it is ``coarse``.
+    step moves the strokes ``active`` (A,), int64, or all strokes for None, and also draws the strokes ``ring`` (R,). A
+    ``coarse`` step compares the whole canvas at half its size.
     """
 
     def __init__(
@@ -46,7 +46,7 @@ class Sampler(ABC):
     (Region(top=0, left=0, height=12, width=32), True)
     """
 
-    cost: ClassVar[str] = "not measured"  # cost of a step, against one that looks at the whole canvas
+    cost: ClassVar[str] = "not measured"  # cost of a step, relative to a step on the whole canvas
     moves: ClassVar[str] = "some"  # the strokes that a step moves
 
     @classmethod
@@ -55,7 +55,7 @@ class Sampler(ABC):
 
     @abstractmethod
     def __call__(self, strokes: Strokes, size: tuple[int, int], step: int, generator: torch.Generator) -> View:
-        """Choose the view of ``step`` (from 0) on a canvas of ``size`` (H, W); the region lies inside the canvas.
+        """Choose the view of a ``step`` (from 0) on a canvas of ``size`` (H, W); its region lies inside the canvas.
 
         ``strokes`` have no gradient; all randomness comes from ``generator``.
         """

@@ -1,4 +1,4 @@
-"""Look at the whole canvas in every step."""
+"""Compare the whole canvas in every step."""
 
 import torch
 
@@ -10,7 +10,7 @@ from brushexp.strokes.catalogue import Strokes
 
 @register("sampler", "whole")
 class Whole(Sampler):
-    """Looks at the whole canvas and moves all strokes in every step."""
+    """Compares the whole canvas and moves all strokes in every step."""
 
     cost, moves = "1", "all strokes"
 
