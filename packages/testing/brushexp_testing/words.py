@@ -1,4 +1,4 @@
-"""Check the words of plugins: summaries, help of options, and messages are plain, short and complete."""
+"""Check that the texts of plugins, such as summaries, help and messages, are plain, short and complete."""
 
 import inspect
 import re
@@ -10,7 +10,7 @@ from brushexp.contracts import UserError
 LONGEST_SUMMARY = 120  # characters
 LONGEST_HELP = 360  # characters
 LONGEST_MESSAGE = 320  # characters
-LIBRARIES = ("abc", "builtins", "collections", "lightning", "torch", "typing")  # whose classes members extend
+LIBRARIES = ("abc", "builtins", "collections", "lightning", "torch", "typing")  # libraries whose classes members extend
 CLAUSE = re.compile(  # at the start
     r"((by|from|in|of|on|over|to|with) )?(how|that|what|where|which|who|whose) |of ", re.IGNORECASE
 )
@@ -18,7 +18,7 @@ OPTION = re.compile(r"^ {4}(\w+): (.*(?:\n {5,}.*)*)", re.MULTILINE)
 
 
 def problem_of_summary(text: str) -> str:
-    """Say what is wrong with the first line of a docstring; "" if nothing is."""
+    """Describe what is wrong with the first line of a docstring; "" if nothing is wrong."""
     if not text.endswith((".", ":")):
         return "it is not a sentence that ends in a full stop"
     if len(text) > LONGEST_SUMMARY:
@@ -29,7 +29,7 @@ def problem_of_summary(text: str) -> str:
 
 
 def problem_of_help(text: str) -> str:
-    """Say what is wrong with the help of an option; "" if nothing is."""
+    """Describe what is wrong with the help of an option; "" if nothing is wrong."""
     if len(text) > LONGEST_HELP:
         return f"it has {len(text)} characters, more than {LONGEST_HELP}"
     if not re.match(r"[A-Za-z0-9`'\"(]", text):
@@ -38,7 +38,7 @@ def problem_of_help(text: str) -> str:
 
 
 def problem_of_message(text: str) -> str:
-    """Say what is wrong with a message to users; "" if nothing is."""
+    """Describe what is wrong with a message to users; "" if nothing is wrong."""
     if len(text) > LONGEST_MESSAGE:
         return f"it has {len(text)} characters, more than {LONGEST_MESSAGE}"
     if "\n" in text or text.endswith((".", ";", ":", ",")):
@@ -47,7 +47,7 @@ def problem_of_message(text: str) -> str:
 
 
 def options_of_docstring(docstring: str) -> dict[str, str]:
-    """Map the options under ``Args:`` of a docstring to their help.
+    """Map the options listed under ``Args:`` in a docstring to their help.
 
     >>> options_of_docstring(\"\"\"Blur.
     ...
