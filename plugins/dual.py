@@ -29,7 +29,7 @@ class Dual(PatchRenderer):
         width: number of channels of the finest convolutions; the coarsest ones have four times as many.
         shading: maximum relative change of a colour's lightness by shading, 0 (none) to 1.
         precision: precision of the network while painting; the framework applies it.
-        checkpoint: .safetensors file written by task=train; null = random weights, for training.
+        checkpoint: path of a .safetensors file written by task=train; null = random weights, for training.
     """
 
     def __init__(
