@@ -16,7 +16,7 @@ class TrainDiscriminatorTask(NetworkTask):
     presets: ClassVar[dict[str, str]] = {"trainer": "default"}
     settings: ClassVar[dict[str, Any]] = {"trainer": {"log_every_n_steps": 20}}
 
-    batch_size: int = key(512, "valid strokes per step, with as many corrupted ones", at_least(1))
+    batch_size: int = key(512, "valid strokes per step, and as many corrupted strokes", at_least(1))
     epochs: int | None = key(8, "number of epochs of 500 steps, all with new strokes; null = no limit", at_least(0))
     minutes: float | None = key(
         None, "limit of wall time; null = none; the learning rate decays to the first limit reached", at_least(0)
