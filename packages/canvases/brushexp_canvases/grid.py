@@ -37,7 +37,7 @@ class Grid:
 
     size: tuple[int, int]  # height and width in pixels
     side: int
-    margin: int  # at most half a side
+    margin: int  # margin in pixels, at most half a side
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -1,4 +1,4 @@
-"""Keep the thickness of strokes between those of a smallest and a largest brush during optimisation."""
+"""Keep strokes no thinner than a smallest brush and no thicker than a largest brush during optimisation."""
 
 import math
 import re
@@ -14,7 +14,7 @@ from brushexp.contracts.painting import sizes_of
 from brushexp.contracts.strokes import Strokes, half_width_of
 from brushexp_changes.steps import check_steps
 
-LEAST_THICKNESS = 1e-6  # pixels: lower bound of divisors
+LEAST_THICKNESS = 1e-6  # lower bound in pixels of thicknesses used as divisors
 MM_PER_CM = 10
 
 

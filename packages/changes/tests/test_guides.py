@@ -1,4 +1,4 @@
-"""Strokes near hand-drawn lines follow the lines, and other strokes stay."""
+"""Strokes near hand-drawn lines follow the lines, and other strokes stay unchanged."""
 
 import numpy as np
 import pytest

@@ -1,7 +1,7 @@
 """Code integers with a range coder and a fitted distribution for each group.
 
 A distribution is a discretised Student's t with extra weight at 0. Its weights are computed only by sums, products and
-quotients in double precision, which IEEE 754 defines exactly, so that every machine can decode files of all others.
+quotients in double precision, which IEEE 754 defines exactly, so that every machine can decode the files of all others.
 """
 
 from dataclasses import dataclass
@@ -13,12 +13,12 @@ from constriction import stream
 
 RADIUS = 127  # largest magnitude with a weight of its own
 ESCAPE = 2 * RADIUS + 1  # symbol announcing a larger number, which follows in plain bits
-ESCAPE_WEIGHT = 2.0**-12  # as a share of all weights
+ESCAPE_WEIGHT = 2.0**-12  # weight of the escape symbol, as a share of all weights
 ROOT_2 = 1.4142135623730951
 SCALES = tuple(0.25 * 2 ** (step // 2) * (ROOT_2 if step % 2 else 1.0) for step in range(16))
 POWERS = (1, 2, 4, 8)  # exponents of the tails, from Cauchy's to nearly Gaussian
 AT_ZERO = (0.0, 0.125, 0.25, 0.5, 0.75, 0.875, 0.96875, 0.9921875)  # weight added at 0, as a share of all weights
-WORD, PLAIN_WORDS = 16, 3  # bits of a piece of a plain number, and pieces of one
+WORD, PLAIN_WORDS = 16, 3  # number of bits in a piece of a plain number, and number of pieces
 LARGEST = 2 ** (WORD * PLAIN_WORDS - 2)  # exclusive bound on the magnitude of numbers that can be coded
 MAX_SHIFT = 48
 

@@ -156,7 +156,7 @@ def _groups(present: list[bool]) -> list[list[Column]]:
 
 
 def _classes(coarseness: np.ndarray) -> np.ndarray:
-    """Classify the shape of each stroke (N,) as rounded more finely than the median (0), equally (1) or coarser (2)."""
+    """Classify the rounding of each stroke's shape (N,): finer than the median (0), equal (1) or coarser (2)."""
     if len(coarseness) < FEWEST_TO_CLASS:
         return np.zeros(len(coarseness), np.int64)
     return np.sign(coarseness[:, 0]) + 1

@@ -210,7 +210,7 @@ class _Rounding:
             self._allocate(-np.log2(self._sensitivity().numpy().clip(UNSEEN)))
 
     def scale_for(self, error: float) -> float:
-        """Estimate the scale at which rounding at once adds an error, as if the picture were linear in the numbers."""
+        """Estimate the scale at which rounding at once adds an error, assuming a picture linear in the numbers."""
         return (12 * error / max(1, self._values.numel())) ** 0.5
 
     def error(self, rounded: Rounded) -> float:

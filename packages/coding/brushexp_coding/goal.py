@@ -11,7 +11,7 @@ from brushexp.contracts.families import Change
 from brushexp.contracts.painting import PIXELS_OF_A_STROKE, sizes_of
 from brushexp_coding.sizes import SIZE, size_from, size_text
 
-BITS = 85  # per stroke; on average 0.11 dB, at most 0.29 dB, below the best of six values (benchmarks/byte_goal.py)
+BITS = 85  # bits per stroke; on average 0.11 dB, at most 0.29 dB, below the best of six (benchmarks/byte_goal.py)
 OVERHEAD = 60  # approximate bytes of a file without strokes
 
 

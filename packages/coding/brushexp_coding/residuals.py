@@ -18,7 +18,7 @@ class Prediction(IntEnum):
 
 
 def nearest_before(middle: np.ndarray) -> np.ndarray:
-    """Find the nearest (N,) of the `BEFORE` strokes before each stroke, the last one of ties; 0 for the first stroke.
+    """Find the nearest (N,) of the `BEFORE` strokes before each stroke, or the last of equals; 0 for the first stroke.
 
     ``middle`` is (N, 2) in pixels. Only differences, squares and a sum are computed, so all machines agree.
     """
@@ -50,7 +50,7 @@ def rescaled(numbers: np.ndarray, octaves: np.ndarray) -> np.ndarray:
 
 
 def residuals_of(numbers: np.ndarray, octaves: np.ndarray, source: np.ndarray | None) -> np.ndarray:
-    """Subtract from numbers (N, K) those of each stroke's source, in the stroke's own steps; the first stroke stays."""
+    """Subtract each source's numbers from those of its stroke (N, K), in the stroke's steps; keep the first stroke."""
     if source is None or len(numbers) < 2:
         return numbers
     residuals = numbers.copy()

@@ -21,7 +21,7 @@ from brushexp_coding.entropy import LARGEST
 
 FINE = 64  # index of the step 1 on the ladder of steps
 RUNGS = (1.0, 1.1875, 1.4140625, 1.6796875)  # four steps per octave, exact in double precision
-LADDER = np.array([RUNGS[(rung - FINE) % 4] * 2.0 ** ((rung - FINE) // 4) for rung in range(256)])  # all steps
+LADDER = np.array([RUNGS[(rung - FINE) % 4] * 2.0 ** ((rung - FINE) // 4) for rung in range(256)])  # all possible steps
 ROOM = 2.0  # margin in pixels of a window around the stroke
 MAX_COARSENESS = 8  # maximum magnitude of a stroke's coarseness, in octaves
 
@@ -30,12 +30,12 @@ class Column(IntEnum):
     """Numbers of a stroke, lengths in pixels; OFFSET_X to SIDE are only coded for renderers that draw in windows."""
 
     THICKNESS = 0
-    CHORD_X = 1  # from start to end
+    CHORD_X = 1  # vector from start to end
     CHORD_Y = 2
-    BEND_X = 3  # from the middle of the chord to the control point
+    BEND_X = 3  # vector from the middle of the chord to the control point
     BEND_Y = 4
     SOFTNESS = 5
-    MIDDLE_X = 6  # of the centre of the curve
+    MIDDLE_X = 6  # centre of the curve
     MIDDLE_Y = 7
     OPACITY = 8
     RED = 9
@@ -45,9 +45,9 @@ class Column(IntEnum):
     DRIFT_RED = 13
     DRIFT_GREEN = 14
     DRIFT_BLUE = 15
-    OFFSET_X = 16  # from the centre of the curve to the centre of the window
+    OFFSET_X = 16  # vector from the centre of the curve to the centre of the window
     OFFSET_Y = 17
-    SIDE = 18  # of the window
+    SIDE = 18  # side of the window
 
 
 DRIFT = tuple(range(Column.DRIFT_RED, Column.DRIFT_BLUE + 1))
@@ -64,15 +64,15 @@ class Rounded:
     its contrast with the surroundings, and errors of its colour in proportion to its visible area.
     """
 
-    numbers: np.ndarray  # (N, C) int64, C the number of columns
-    coarseness: np.ndarray  # (N, 2) int64, of shape and paint
+    numbers: np.ndarray  # (N, C) int64, where C is the number of columns
+    coarseness: np.ndarray  # (N, 2) int64, one octave for the shape and one for the paint
     rungs: np.ndarray  # (C,) int64 indices of the columns' steps on the `LADDER`
     windows: bool  # whether windows are stored; otherwise they fit closely around the curves
     brushes: np.ndarray | None = None  # (N,) int64; None if the renderer ignores brushes
 
     @classmethod
     def none(cls) -> "Rounded":
-        """Make 0 strokes."""
+        """Make an empty set of strokes."""
         columns = len(Column) - len(OF_WINDOWS)
         return cls(np.zeros((0, columns), np.int64), np.zeros((0, 2), np.int64), np.zeros(columns, np.int64), False)
 

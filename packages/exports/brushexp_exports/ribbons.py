@@ -69,7 +69,7 @@ def ribbons_of(job: ExportJob, thickness: float) -> Ribbons:
 
 
 def _with_ends(curve: torch.Tensor, t: torch.Tensor, half: torch.Tensor) -> tuple[torch.Tensor, ...]:
-    """Return centre (N, S, 2), half width (N, S) and left direction (N, S, 2) of sections, including round ends."""
+    """Return the centre (N, S, 2), half width (N, S) and left direction (N, S, 2) of each section, with round ends."""
     middle = point_at(curve[:, None], t)
     start, control, end = (point[:, None] for point in curve.unbind(1))
     beside = t.clamp(1e-4, 1 - 1e-4)[..., None]

@@ -21,10 +21,10 @@ Array = np.ndarray
 class OutlinedStroke(NamedTuple):
     """A stroke with its outline and measures, in pixels, with x to the right and y down."""
 
-    number: int  # in the catalogue
+    number: int  # number in the catalogue
     order: int  # 0 is the bottom stroke
     outline: Array  # (P, 2), counterclockwise for the viewer; the first point is not repeated
-    length: float  # from tip to tip
+    length: float  # length from tip to tip
     width: float
     direction: float  # degrees clockwise from horizontal, 0 to 180
     color: str  # "#rrggbb"

@@ -34,7 +34,7 @@ def plan_by(job: ExportJob, **options) -> PenPlan:
 
 
 def read_gcode(text: str) -> list[tuple[int, np.ndarray]]:
-    """Return tool and points of every drawn line; fail on commands that no machine should receive."""
+    """Return the tool and the points of every drawn line; fail on commands that no machine should receive."""
     lines, down, place = [], False, 0j
     tool = 0 if "M0" in text else 1  # a plan for one pen begins with that pen in the holder
     blocks = [row for row in text.splitlines() if not row.startswith(";")]
@@ -62,7 +62,7 @@ def read_gcode(text: str) -> list[tuple[int, np.ndarray]]:
 
 
 def read_hpgl(text: str) -> list[tuple[int, np.ndarray]]:
-    """Return pen and points, in mm, of every drawn line."""
+    """Return the pen and the points, in mm, of every drawn line."""
     lines, pen, relative, place = [], 0, False, 0j
     for command in text.strip().rstrip(";").split(";"):
         name, numbers = command[:2], np.array([float(x) for x in command[2:].split(",") if x])

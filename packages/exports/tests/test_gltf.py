@@ -35,7 +35,7 @@ def scene_of(path):
 
 
 def meshes_of(path):
-    """Yield name, columns and triangles of each mesh."""
+    """Yield the name, the columns and the triangles of each mesh."""
     scene, numbers = scene_of(path)
     for mesh in scene["meshes"]:
         (part,) = mesh["primitives"]

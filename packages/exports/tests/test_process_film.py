@@ -72,7 +72,7 @@ def test_each_state_is_the_painting_of_its_strokes_and_a_slow_blend_says_so(rend
 
 
 def seen_at(strokes: Strokes, t: torch.Tensor) -> torch.Tensor:
-    """Compute position, thickness and colour of each stroke at parameters t."""
+    """Compute the position, thickness and colour of each stroke at parameters t."""
     u = 2 * t[:, None] - 1
     thickness = half_width_of(strokes)[:, None] * (1 + strokes.widening[:, None] * u)
     return torch.cat([point_at(curve_of(strokes), t), thickness, strokes.color + drift_of(strokes) * u], 1)

@@ -30,7 +30,7 @@ SHAPE = ("start", "control", "end")
 class Cel:
     """The strokes of one picture of a film; their number, rows and brushes stay the same throughout a scene."""
 
-    strokes: Strokes  # N
+    strokes: Strokes  # N strokes
     front_to_back: Tensor  # (N,) stroke numbers, top to bottom
     background: Tensor  # (3,) RGB of the bare canvas
 

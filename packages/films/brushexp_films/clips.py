@@ -39,7 +39,7 @@ LOCAL = {"protocol_whitelist": "file"}  # so that a playlist cannot open network
 WITH_ALPHA = {"vp9": "libvpx-vp9", "vp8": "libvpx"}  # FFmpeg's own decoders drop their transparency
 MOVING_SUFFIXES = (".gif", ".webp", ".png", ".apng", ".avif", ".avifs")
 BRIEF, INSTEAD = 10, 100  # milliseconds; all browsers replace delays up to ``BRIEF`` with ``INSTEAD``
-FIRST_BOXES = (b"ftyp", b"wide", b"mdat", b"free", b"skip")  # an MP4 or QuickTime file begins with one of these
+FIRST_BOXES = (b"ftyp", b"wide", b"mdat", b"free", b"skip")  # possible first boxes of an MP4 or QuickTime file
 CURE = "convert it to an MP4 (H.264)"
 Timed = tuple[np.ndarray, Fraction, Fraction]  # picture (H, W, 3), start and length in seconds; length 0 is unknown
 
@@ -209,7 +209,7 @@ def _frames(container: Any, stream: Any) -> Iterator[Any]:
 
 
 def _shape_of(path: Path, stream: Any) -> Shape:
-    """Read pixel aspect and crop of a film."""
+    """Read the pixel aspect and the crop of a film."""
     aspect = stream.sample_aspect_ratio
     return Shape(Fraction(aspect) if aspect else Fraction(1), crop_of(path, stream.height, stream.width))
 

@@ -52,7 +52,7 @@ def _numbers(file: IO[bytes], begin: int, end: int) -> dict[str, int]:
 
 
 def _elements(file: IO[bytes], begin: int, end: int) -> Iterator[tuple[int, int, int]]:
-    """Yield identifier, start and end of the content of each EBML element (RFC 8794) between two offsets."""
+    """Yield the identifier, and the start and end of the content, of each EBML element (RFC 8794) in a range."""
     at = begin
     for _ in range(MOST_ELEMENTS):
         if at >= end:

@@ -55,7 +55,7 @@ COMMON_FIELDS = (
     "renderer_hash",
     "seed",
 )  # fields shared by the catalogues of all pictures
-TICKS = Fraction(120_000)  # per second; the common frame rates and milliseconds are whole numbers of ticks
+TICKS = Fraction(120_000)  # ticks per second; the common frame rates and milliseconds are whole numbers of ticks
 
 
 class PaintedFilm:

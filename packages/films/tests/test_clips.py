@@ -85,7 +85,7 @@ def test_a_recording_of_a_browser_has_its_length_and_a_clock_that_begins_anew_en
         tmp_path / "tab.webm", "libvpx-vp9", "yuv420p", [np.zeros((48, 32), np.uint8)] * 12, [80 * k for k in range(12)]
     )
     data = path.read_bytes()
-    at = data.index(b"\x44\x89")  # the length in the header, which recorders leave out
+    at = data.index(b"\x44\x89")  # length in the header, which recorders leave out
     path.write_bytes(data[:at] + b"\xec" + bytes([0x80 + data[at + 2] - 0x80 + 1]) + data[at + 3 :])
     clip = open_clip(path)
     assert float([*timed_pictures(clip)][-1].end) == pytest.approx(0.94, abs=0.03)

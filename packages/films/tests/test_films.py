@@ -241,7 +241,7 @@ def test_what_ends_a_film_leaves_the_pictures_before_it(run_task, tmp_path, monk
             patched.setattr(MeanSquaredError, "forward", wrong)
         message = r"000002.h5: No space left" if what == "disk" else "step 1: loss=mse is nan; lower the rate"
         refuses(message, run_task, task, *words)
-    assert (what == "nan") == ("the strokes stay as they were" in caplog.text)  # warned about by the carrier
+    assert (what == "nan") == ("the strokes stay as they were" in caplog.text)  # the carrier's warning
     metrics = json.loads((tmp_path / "metrics.json").read_text())
     assert (metrics["n_frames"], metrics["status"]) == (2, "failed")
     assert len(decoded(tmp_path / "film.mp4")[0]) == 2

@@ -54,7 +54,7 @@ def packed(row: bytes) -> bytes:
 
 
 def sampled(mask: np.ndarray, depth: int = 8, is_packed: bool = False, cut: int = 0) -> bytes:
-    """Write bounds, which do not begin at 0, depth and pixels of a Photoshop brush; each row lacks ``cut`` bytes."""
+    """Write bounds, depth and pixels of a Photoshop brush; bounds do not begin at 0, and rows lack ``cut`` bytes."""
     height, width = mask.shape
     pixels = mask if depth == 8 else (mask.astype(np.uint16) * 257).astype(">u2")
     rows = [packed(row.tobytes()) for row in pixels]

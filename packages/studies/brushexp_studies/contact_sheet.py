@@ -24,7 +24,7 @@ GAP = 16  # pixels between pictures
 TALL = 1.7  # maximum height of a picture with its label, in sides
 LETTER, LETTER_WIDTH, LINE = 0.04, 0.58, 1.35  # height of letters in sides; their mean width and line height in heights
 PAPER, INK, BOX = "white", "#202020", "#ededed"
-COLUMNS = 6  # for up to 48 pictures; larger sheets are approximately square
+COLUMNS = 6  # number of columns for up to 48 pictures; larger sheets are approximately square
 TARGET = "target"
 UNITS = {"psnr": "dB", "psnr_alpha": "dB in alpha", "seconds": "s"}  # units of the metrics below a picture
 

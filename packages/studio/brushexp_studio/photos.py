@@ -58,7 +58,7 @@ class Photos:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.masks: dict[str, Path] = {}  # by stem
+        self.masks: dict[str, Path] = {}  # masks by stem
         self._photos: dict[str, Photo] = {}
         self._numbers = itertools.count(1)
         self._reading = RLock()  # one picture at a time: pictures may be large, and remarks are read from stderr

@@ -7,7 +7,7 @@ from brushexp.contracts.members import CM, DPI
 
 SQUARE, OWN = "Square", "Own size"
 PAPERS = {"A5": (21.0, 14.8), "A4": (29.7, 21.0), "A3": (42.0, 29.7), "A2": (59.4, 42.0)}  # cm, longer side first
-MOST_PIXELS = 5000  # on the longer side: more than 300 dpi on A3, and larger prints are viewed from farther away
+MOST_PIXELS = 5000  # on the longer side: more than 300 dpi on A3; larger prints are viewed from farther away
 
 
 @dataclass(frozen=True)

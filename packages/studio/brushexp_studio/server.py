@@ -40,7 +40,7 @@ GUARDS = [
     (b"referrer-policy", b"no-referrer"),
 ]  # fmt: skip
 FOREVER = {"Cache-Control": "private, max-age=3600, immutable"}  # the picture at an address never changes
-READER = ThreadPoolExecutor(1, "reader")  # for uploads; each thread retains the memory of a large one
+READER = ThreadPoolExecutor(1, "reader")  # thread for uploads; each thread retains the memory of a large one
 
 
 def application(photos: Photos, works: Works, drafts: Drafts) -> FastAPI:

@@ -87,7 +87,7 @@ class Wishes:
         if self.size != 1:
             own = own_size(self.look)
             keys |= {f"init.{name}": min(LONGEST_STROKE, value * self.size) for name, value in own.items()}
-            keys |= {"init": plugin_of(_settings(self.look, "normal").init).name} if own else {}  # not a draft's
+            keys |= {"init": plugin_of(_settings(self.look, "normal").init).name} if own else {}  # instead of a draft's
         if self.focus != "look":
             keys["focus"] = {"auto": "auto", "even": None, "mask": self.mask and str(self.mask)}[self.focus]
         if self.focus == "mask" and self.mask:

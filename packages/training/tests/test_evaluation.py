@@ -118,7 +118,7 @@ def test_bristle_energy_is_the_share_of_fine_detail_that_is_drawn_and_strokes_wi
     torch.testing.assert_close(sum(parts), bristle_sums(half, truth, parameters))
     parameters = parameters_of(sample_prior(40))
     truth = build_named("engine", "disc", {})(parameters, seed=0).images
-    truth = (255 * truth).round() / 255  # as stored in sets
+    truth = (255 * truth).round() / 255  # rounded as in stored sets
     figures = bristle_figures(bristle_sums(truth + 0.01 * torch.rand_like(truth), truth, parameters))
     assert math.isnan(figures["light_thin"])
     assert math.isnan(figures["light_thick"])

@@ -72,7 +72,7 @@ def test_a_resting_brush_lies_on_the_canvas_and_is_as_long_as_it_should():
     brush = Fluid()
     brush(stroke((-0.5, 0), (0, 0), (0.5, 0)), seed=0)
     (pose,) = brush._poses
-    segments = np.linalg.norm(np.diff(pose, axis=1), axis=0)  # brush radii
+    segments = np.linalg.norm(np.diff(pose, axis=1), axis=0)  # in brush radii
     assert np.abs(segments - 0.5).mean() < 0.02
     assert pose[2].min() > -0.05
     assert np.abs(pose[2, 5:]).mean() < 0.1
@@ -124,7 +124,7 @@ def test_the_closed_form_of_a_frame_agrees_with_splat_after_splat():
 
 
 def flow(side):
-    """Make a smooth flow (2, side, side) that is still at the margin."""
+    """Make a smooth flow (2, side, side) that is 0 at the margin."""
     y, x = np.mgrid[:side, :side] / side * 2 * np.pi
     field = np.stack([np.sin(x) * np.cos(2 * y), np.cos(x + 1) * np.sin(y)]).astype(np.float32)
     field[:, [0, -1]] = field[:, :, [0, -1]] = 0

@@ -132,7 +132,7 @@ def test_a_set_is_simulated_once_and_kept(config, tmp_path):
 @pytest.mark.parametrize(("limit", "steps"), [
     *[("epochs=2", 8), ("trainer.max_epochs=2", 8), ("trainer.max_steps=3", 3)],
     *[("trainer.max_time=00:00:00:00", 0), ("callbacks=timer callbacks.timer.duration=00:00:00:00", 0)],
-    ("minutes=0.003", None),  # as many as fit
+    ("minutes=0.003", None),  # as many steps as fit
 ])  # fmt: skip
 def test_any_limit_of_the_trainer_ends_a_training(limit, steps, config, tmp_path):
     words = ["task=train", "minutes=null", "ema=0"]

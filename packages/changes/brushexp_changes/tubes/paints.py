@@ -18,7 +18,7 @@ from brushexp.contracts.pictures import BT709, encode_srgb
 
 Array = np.ndarray
 OUTER, INNER = 0.03, 0.65  # light reflected on entering and on leaving paint (Saunderson, 1942)
-MOST_TUBES = 24  # tubes on a table
+MOST_TUBES = 24  # maximum number of tubes on a table
 # Relative power of daylight, CIE D65, at 400, 420, ... 700 nm.
 NANOMETRES = np.arange(400, 701, 20)
 DAYLIGHT = np.array(

@@ -9,7 +9,7 @@ from brushexp.contracts.families import Order
 from brushexp.contracts.strokes import Strokes, curve_of, half_width_of, length_of
 from brushexp_changes.tubes.mixtures import Mixtures, differences
 
-SHORTEST = 1e-3  # pixels: lower bound of widths and lengths used as divisors
+SHORTEST = 1e-3  # lower bound in pixels of widths and lengths used as divisors
 ROUNDING = 1e-3  # relative tolerance of a rank's share
 
 

@@ -47,7 +47,7 @@ def drag_paint(strokes: Strokes, front_to_back: Tensor, state: PaintingState, am
 
 @torch.no_grad()
 def under_starts(strokes: Strokes, front_to_back: Tensor, state: PaintingState) -> tuple[Tensor, Tensor]:
-    """Sample colour (N, 3) and coverage (N,) of the paint that lies under the start of each stroke."""
+    """Sample the colour (N, 3) and coverage (N,) of the paint that lies under the start of each stroke."""
     place, colors, covered = front_to_back.argsort(), strokes.color.clone(), torch.zeros_like(strokes.opacity)
     space = state.blend.space
     for top, rows, number in cuts(strokes, state.size, state.renderer):
@@ -71,7 +71,7 @@ def under_starts(strokes: Strokes, front_to_back: Tensor, state: PaintingState) 
 
 
 def _below(layers: Layers, index: Tensor, rank: Tensor, number: Tensor, point: Tensor) -> tuple[Tensor, Tensor]:
-    """Sample colour (n, C) and coverage (n,) below strokes ``number`` (n,) at points (n, 2), using lists (n, K)."""
+    """Sample the colour (n, C) and coverage (n,) below strokes ``number`` (n,) at points (n, 2), using lists (n, K)."""
     alpha, color = layers.sample(index.clamp_min(0), point[:, None])  # (n, K, 1), (n, K, 1, C)
     below = (index >= 0) & (rank[index.clamp_min(0)] > rank[number][:, None])
     paint, light = over(alpha * below[..., None], color)

@@ -19,7 +19,7 @@ from brushexp.contracts.families import Exporter
 
 Array = np.ndarray
 MM = 96 / 25.4  # CSS pixels, the unit of vpype, per millimetre
-MOST_STROKES = 100_000  # in a plan; each takes milliseconds to fill, and a machine takes seconds to draw it
+MOST_STROKES = 100_000  # maximum number in a plan; each takes milliseconds to fill, and seconds to draw
 MOST_WELLS = 500
 PLACE = r"-?[0-9]{1,5}(?:\.[0-9]{1,3})?x-?[0-9]{1,5}(?:\.[0-9]{1,3})?"  # x and y in mm
 LIFT_SECONDS = 1.0  # estimated seconds to lift a pen, set it down, and change direction
@@ -203,7 +203,7 @@ class PenExporter(Exporter):
         return None if text is None else _place(text)
 
     def frame(self, size: tuple[int, int]) -> tuple[tuple[float, float], Array, float]:
-        """Compute paper size, upper left corner (2,) of a centred picture (H, W), both in mm, and mm per pixel."""
+        """Compute the paper's size and the corner (2,) of a centred picture (H, W), in mm, and the mm per pixel."""
 
         def room(paper: tuple[float, float]) -> float:
             return round(min((side - 2 * self.margin) / n for side, n in zip(paper, size[::-1], strict=True)), 9)

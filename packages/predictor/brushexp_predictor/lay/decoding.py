@@ -22,7 +22,7 @@ FIRST_OPACITY = 3.0  # log-odds for an output of 0
 class Form:
     """Lengths, widths and windows of a network's strokes, in sides of a cell."""
 
-    half_length: float  # for an output of 0
+    half_length: float  # half length for an output of 0
     width: float
     spread: float  # logarithm of the largest factor of half length and width
     window: float  # scales the optimiser's steps, which are small for strokes that are nearly in place

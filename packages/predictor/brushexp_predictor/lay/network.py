@@ -12,7 +12,7 @@ from brushexp.contracts.files import CheckpointFormat
 from brushexp_predictor.lay.decoding import FORMS
 
 CELL = 8  # side of a cell in pixels of the network's input
-NUMBERS = 11  # per stroke: shift (x, y), cosine and sine of twice its angle, half length, bend, width, RGB, opacity
+NUMBERS = 11  # shift (x, y), cosine and sine of twice the angle, half length, bend, width, RGB, opacity
 INPUTS = 10  # target - 1/2, canvas - 1/2, three times their difference, and 1 within the picture
 RECEPTIVE_FIELD = 14  # maximum distance in cells at which a pixel affects a cell
 DEVIATION, SPREAD = -2.5, 3.0  # initial logarithm of the numbers' deviations, and its maximum change

@@ -22,7 +22,7 @@ class Sample(NamedTuple):
 
     strokes: Strokes  # bottom to top, in pixels
     painting: Tensor  # (3, H, W)
-    psnr: float  # of the painting, in dB
+    psnr: float  # PSNR of the painting in dB
 
 
 @torch.no_grad()

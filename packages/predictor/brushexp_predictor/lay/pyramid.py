@@ -46,7 +46,7 @@ class Laid:
     form: Form
     strokes: Strokes  # bottom to top, in pixels of the target
     background: Tensor  # (3,)
-    size: tuple[int, int]  # of the canvas, which is no larger than the input of the next level
+    size: tuple[int, int]  # size of the canvas, which is no larger than the input of the next level
     zoom: float  # pixels of the canvas per pixel of the target
     places: Tensor  # (K,) numbers of the cells that got a stroke in this level, row by row
     cells: Cells  # data about these cells

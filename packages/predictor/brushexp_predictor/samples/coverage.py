@@ -30,11 +30,11 @@ class Evidence(NamedTuple):
     """Truths of one measure and the samples' summaries, on the scale of `Kind.inner`."""
 
     truth: Array  # (T,)
-    doubt: Doubt  # of (T,) values
+    doubt: Doubt  # summary of the samples of T values
     painting: Array  # (T,) number of each value's painting
 
 
-Report = Mapping[tuple[str, str], Evidence]  # with the keys of `KINDS`
+Report = Mapping[tuple[str, str], Evidence]  # evidence under the keys of `KINDS`
 
 
 @dataclass(frozen=True)

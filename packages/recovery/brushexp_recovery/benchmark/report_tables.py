@@ -10,7 +10,7 @@ from brushexp_recovery.confidence.calibration import ReliabilityBin, ece_of, joi
 
 Array = NDArray[Any]
 Row: TypeAlias = dict[str, Any]  # one picture and method: place, figures, seconds
-Reliability: TypeAlias = dict[str, list[ReliabilityBin]]  # by group of paintings
+Reliability: TypeAlias = dict[str, list[ReliabilityBin]]  # bins of each group of paintings
 
 
 RESAMPLES = 2000  # number of bootstrap resamples

@@ -22,7 +22,7 @@ class Shape(IntEnum):
     LENGTH = len(Moment)  # length in pixels of the rectangle with the same moments
     WIDTH = len(Moment) + 1
     SPREAD = len(Moment) + 2  # standard deviation of the predicted centre in pixels
-    ALIGNMENT = len(Moment) + 3  # of the region's shape with the predicted direction, -1 to 1
+    ALIGNMENT = len(Moment) + 3  # alignment of the region's shape with the predicted direction, -1 to 1
 
 
 DESCRIPTION = len(Moment) + len(Shape)  # number of columns

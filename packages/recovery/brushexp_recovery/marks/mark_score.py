@@ -96,7 +96,7 @@ def score_marks(overlaps: Overlaps, count: int, judged: Array, least_iou: float)
 class Agreement:
     """The agreement of N marks and M strokes of one picture."""
 
-    scores: dict[str, MarkScore]  # by the suffixes in `LEVELS`
+    scores: dict[str, MarkScore]  # scores by the suffixes in `LEVELS`
     best_iou: Array  # (N,) best intersection over union of each mark with any stroke
 
 

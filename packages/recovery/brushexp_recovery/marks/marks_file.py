@@ -24,9 +24,9 @@ class Mark:
     """A stroke drawn by a person, or recovered and left unchanged, in pixels, x to the right, y down."""
 
     name: str
-    points: Array  # (P, 2) along the middle
-    width: Array  # (P,) at each point
-    outlines: tuple[Array, ...] = ()  # (Q, 2) each; they enclose the region, which is the line if there are none
+    points: Array  # (P, 2) points along the middle
+    width: Array  # (P,) width at each point
+    outlines: tuple[Array, ...] = ()  # (Q, 2) each; they enclose the region; without them, it is the line
     by: Literal["hand", "recovery"] = "hand"
 
 
@@ -38,7 +38,7 @@ class Marks:
     deleted: list[Mark]  # recovered strokes that the person has deleted
     size: tuple[int, int] | None  # height and width of the picture, if stated in the file
     image: Path | None  # picture, if the file names one that exists
-    complete: bool | tuple[float, float, float, float]  # whether or where all are marked: left, top, width, height
+    complete: bool | tuple[float, float, float, float]  # part with all strokes marked: left, top, width, height
 
 
 def is_marks(path: Path) -> bool:
@@ -127,7 +127,7 @@ def _size_from(values: Any) -> tuple[int, int]:
 
 
 def _complete_from(values: Any) -> bool | tuple[float, float, float, float]:
-    """Read whether, or in which rectangle, all strokes are marked."""
+    """Read the part in which all strokes are marked: True for the whole picture, False for none, or a rectangle."""
     if isinstance(values, bool):
         return values
     rectangle = _numbers_from(values, "complete")

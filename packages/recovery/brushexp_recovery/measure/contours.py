@@ -23,6 +23,6 @@ def outlines_of(labels: Array, count: int) -> list[Array]:
         rows, columns = box
         mask = np.pad(labels[box] == number, 1).astype(float)
         longest = max(find_contours(mask, 0.5), key=len)
-        corner = np.array([columns.start, rows.start]) - 0.5  # of pixel centres, minus the padding
+        corner = np.array([columns.start, rows.start]) - 0.5  # pixel centre, minus the padding
         outlines.append(approximate_polygon(longest, TOLERANCE)[:, ::-1] + corner)
     return outlines

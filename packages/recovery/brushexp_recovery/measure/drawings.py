@@ -49,7 +49,7 @@ def draw_histogram(axes: Any, strokes: StrokeTable, name: str) -> None:
 
 
 def draw_rose(axes: Any, strokes: StrokeTable) -> None:
-    """Draw the shares of the strokes' total length by direction, clockwise, each pointing both ways."""
+    """Draw the share of each direction in the strokes' total length, clockwise, as the area of two opposite bars."""
     weight = strokes.columns["length"] * strokes.columns["confidence"]
     share = np.sqrt(direction_shares(strokes.columns["direction"], weight))
     middle = np.arange(DIRECTION_BINS) * math.pi / DIRECTION_BINS

@@ -17,7 +17,7 @@ from brushexp_recovery.measure.measures import MEASURES
 
 Array = NDArray[Any]
 
-QUANTILES = (0.025, 0.5, 0.975)  # of the lower bound, the middle and the upper bound of an interval
+QUANTILES = (0.025, 0.5, 0.975)  # quantiles of the lower bound, the middle and the upper bound of an interval
 PAIRS = 4000  # number of pairs of draws of two paintings whose differences are computed
 
 

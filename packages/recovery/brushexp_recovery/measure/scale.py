@@ -14,7 +14,7 @@ SIDES_APART = 0.03  # maximum relative difference of the scales from width and h
 def millimetres_per_pixel(
     size: tuple[int, int], width_cm: float | None, size_cm: str | None, prefix: str = ""
 ) -> float | None:
-    """Compute millimetres per pixel of a photograph (H, W); None if no size of the painting is given.
+    """Compute the millimetres per pixel of a photograph (H, W); None if no size of the painting is given.
 
     ``width_cm`` is the width of the painting from edge to edge of the photograph; ``size_cm`` is its width and height,
     92x73. Raises UserError if both are given, or if they do not have the photograph's aspect ratio. Keys begin with

@@ -31,7 +31,7 @@ UNITS = {
     "direction": "deg clockwise",
     "seen": "px",
 }
-PIXEL_POWERS = {"length": 1, "width": 1, "area": 2}  # of columns that are also given in millimetres
+PIXEL_POWERS = {"length": 1, "width": 1, "area": 2}  # powers of the columns that are also given in millimetres
 LINE_POINTS = 7  # number of points that represent the curve of a stroke
 COLORS = ("red", "green", "blue")
 

@@ -55,7 +55,7 @@ class View:
         from skimage.transform import warp  # noqa: PLC0415  (slow to import)
 
         full = np.vstack([self.matrix(image.shape[:2]), [0, 0, 1]])
-        centre = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])  # centres lie at halves, but for SciPy at integers
+        centre = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])  # centres lie at halves here, at integers in SciPy
         back = np.linalg.inv(centre) @ np.linalg.inv(full) @ centre
         shape = self.size(image.shape[:2])
         warped: Array = warp(image, back, output_shape=shape, order=order, mode="reflect", preserve_range=True)

@@ -17,9 +17,9 @@ CENTRE_UNIT = 32.0  # unit in pixels of the offset from a pixel to the centre of
 class StrokeAttribute(IntEnum):
     """Predicted attributes of a stroke, as channels of maps and columns of tables."""
 
-    CENTRE_X = 0  # in maps the offset from the pixel in `CENTRE_UNIT`, in tables the place in pixels
+    CENTRE_X = 0  # offset from the pixel in units of `CENTRE_UNIT` in maps, place in pixels in tables
     CENTRE_Y = 1
-    COSINE = 2  # of twice the direction
+    COSINE = 2  # cosine of twice the direction
     SINE = 3
     LOG_WIDTH = 4  # logarithm of pixels
     LOG_LENGTH = 5

@@ -10,15 +10,15 @@ from enum import IntEnum
 class PairFeature(IntEnum):
     """Features of two neighbouring regions; ``SMALL`` is the smaller region, ``BOTH`` their union."""
 
-    AFFINITY_ADJACENT = 0  # between the regions, over offsets of 1 pixel
-    AFFINITY_3 = 1  # over offsets of 3 pixels
+    AFFINITY_ADJACENT = 0  # mean between the regions over offsets of 1 pixel
+    AFFINITY_3 = 1  # mean over offsets of 3 pixels
     AFFINITY_8 = 2
     AFFINITY_20 = 3
     LOG_PAIRS_ADJACENT = 4  # number of pairs of pixels
     LOG_PAIRS_3 = 5
     LOG_PAIRS_8 = 6
     LOG_PAIRS_20 = 7
-    AFFINITY = 8  # over all offsets
+    AFFINITY = 8  # mean over all offsets
     LOG_AREA_SMALL = 9
     LOG_AREA_LARGE = 10
     LIGHTNESS_GAP = 11  # difference of the mean colours in CIELAB
@@ -31,13 +31,13 @@ class PairFeature(IntEnum):
     CENTRE_GAP_BY_SPREAD = 18
     LOG_SPREAD_SMALL = 19  # standard deviation of the predicted centre, in widths
     LOG_SPREAD_LARGE = 20
-    COHERENCE_SMALL = 21  # of the predicted directions, 0 to 1
+    COHERENCE_SMALL = 21  # coherence of the predicted directions, 0 to 1
     COHERENCE_LARGE = 22
-    DIRECTION_AGREEMENT = 23  # of the predicted directions of both, -1 to 1
-    ALIGNMENT_BOTH = 24  # of the shape with the predicted direction, -1 to 1
+    DIRECTION_AGREEMENT = 23  # agreement of both predicted directions, -1 to 1
+    ALIGNMENT_BOTH = 24  # alignment of the shape with the predicted direction, -1 to 1
     WIDTH_GAP = 25  # difference of the logarithms of the predicted widths
     LENGTH_GAP = 26
-    LOG_FILL = 27  # area, of a rectangle with the predicted sides
+    LOG_FILL = 27  # area relative to a rectangle with the predicted sides
     VISIBLE = 28  # predicted share of the stroke that is visible
     LOG_FILL_BY_VISIBLE = 29
     LOG_LENGTH_BOTH = 30
@@ -48,9 +48,9 @@ class PairFeature(IntEnum):
     LOG_WIDTH_LARGE = 35
     LOG_LENGTH_GAIN = 36  # length of the union relative to the larger region
     LOG_WIDTH_GAIN = 37
-    LOG_COMPACTNESS_BOTH = 38  # area, of the rectangle with the same moments
+    LOG_COMPACTNESS_BOTH = 38  # area relative to the rectangle with the same moments
     LOG_COMPACTNESS_LARGE = 39
-    LOG_DISTANCE = 40  # of the middles, in widths
+    LOG_DISTANCE = 40  # distance of the middles, in widths
     LOG_CONTACT = 41  # adjacent pairs of pixels, divided by the root of the smaller area
     PAINT_SMALL = 42  # share of pixels that are paint
     PAINT_LARGE = 43
@@ -65,27 +65,27 @@ class NodeFeature(IntEnum):
     AFFINITY_INSIDE_3 = 2
     AFFINITY_INSIDE_8 = 3
     AFFINITY_INSIDE_20 = 4
-    AFFINITY_OUTSIDE_ADJACENT = 5  # to other regions
+    AFFINITY_OUTSIDE_ADJACENT = 5  # mean affinity to other regions
     AFFINITY_OUTSIDE_3 = 6
     AFFINITY_OUTSIDE_8 = 7
     AFFINITY_OUTSIDE_20 = 8
     MERGE_CHANCE = 9  # chance at which its two parts were merged
     NEIGHBOUR_CHANCE = 10  # highest chance of being merged with a neighbour
     CHANCE_GAP = 11
-    LOG_LIGHTNESS_SPREAD = 12  # standard deviation in CIELAB
+    LOG_LIGHTNESS_SPREAD = 12  # standard deviation of lightness in CIELAB
     LOG_A_SPREAD = 13
     LOG_B_SPREAD = 14
     LOG_SPREAD = 15  # standard deviation of the predicted centre, in widths
-    COHERENCE = 16  # of the predicted directions, 0 to 1
-    ALIGNMENT = 17  # of the shape with the predicted direction, -1 to 1
+    COHERENCE = 16  # coherence of the predicted directions, 0 to 1
+    ALIGNMENT = 17  # alignment of the shape with the predicted direction, -1 to 1
     LOG_CENTRE_GAP = 18  # distance of the middle from the predicted centre, in widths
     CENTRE_GAP_BY_LENGTH = 19
-    LOG_FILL = 20  # area, of a rectangle with the predicted sides
+    LOG_FILL = 20  # area relative to a rectangle with the predicted sides
     VISIBLE = 21  # predicted share of the stroke that is visible
     LOG_FILL_BY_VISIBLE = 22
     LOG_LENGTH = 23
     LOG_WIDTH = 24
-    LOG_COMPACTNESS = 25  # area, of the rectangle with the same moments
+    LOG_COMPACTNESS = 25  # area relative to the rectangle with the same moments
     LOG_ELONGATION = 26
     LOG_PREDICTED_WIDTH = 27
     LOG_PREDICTED_LENGTH = 28
@@ -94,7 +94,7 @@ class NodeFeature(IntEnum):
     PAINT = 31  # share of pixels that are paint
     LOG_CONTACT_ADJACENT = 32  # pairs of pixels with other regions, divided by the root of the area
     LOG_CONTACT_3 = 33
-    LOG_CONTACT_20 = 34  # divided by the area
+    LOG_CONTACT_20 = 34  # number of pairs divided by the area
 
 
 class NodeScore(IntEnum):
@@ -121,6 +121,6 @@ class OrderFeature(IntEnum):
 class ConfidenceFeature(IntEnum):
     """Features that predict whether a region is a stroke."""
 
-    LOG_ODDS = 0  # of the chance over all looks
+    LOG_ODDS = 0  # log-odds of the chance over all looks
     VISIBLE = 1  # predicted share of the stroke that is visible
-    LOG_FILL = 2  # area, of a rectangle with the predicted sides
+    LOG_FILL = 2  # area relative to a rectangle with the predicted sides

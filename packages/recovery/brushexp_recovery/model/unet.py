@@ -8,8 +8,8 @@ from torch.nn.functional import interpolate
 
 from brushexp_recovery.model.channels import ATTRIBUTES, CHANNELS, PAINT, StrokeAttribute
 
-LEVEL_CHANNELS = (24, 40, 64, 96, 128, 128)  # at full resolution, half, ...
-STRIDE = 2 ** (len(LEVEL_CHANNELS) - 1)  # the sides of the network's inputs in pixels are multiples of this
+LEVEL_CHANNELS = (24, 40, 64, 96, 128, 128)  # number of channels at full resolution, half, ...
+STRIDE = 2 ** (len(LEVEL_CHANNELS) - 1)  # divisor of the sides in pixels of the network's inputs
 TRAINED_WIDTH = 14.0  # width of strokes in the network's inputs in pixels
 FIRST_BIAS = {  # initial bias of outputs whose mean is far from 0
     "adjacent affinity": (slice(0, 2), 1.0),

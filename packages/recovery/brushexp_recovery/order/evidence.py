@@ -1,4 +1,4 @@
-"""Compute evidence, where two strokes meet, about which one lies above the other."""
+"""Compute evidence about which of two strokes lies above the other where they meet."""
 
 from typing import Any, NamedTuple
 

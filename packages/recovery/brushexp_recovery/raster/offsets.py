@@ -4,11 +4,11 @@ import torch
 from torch import Tensor
 
 Offset = tuple[int, int]  # rows, columns
-Slices = tuple[slice, slice]  # of rows and columns
+Slices = tuple[slice, slice]  # slices of rows and columns
 
 
 def pair_slices(size: tuple[int, ...], offset: Offset) -> tuple[Slices, Slices]:
-    """Return the part of a picture (H, W) whose pixels have a partner at an offset, and the part of the partners.
+    """Return the part of a picture (H, W) whose pixels have a partner at an offset, and their partners' part.
 
     The offset must not point upwards. Both parts are empty if it exceeds the picture.
     """

@@ -32,7 +32,7 @@ class Recovered:
     confidence: Array  # (N,) float32 in [0, 1], for each row of the catalogue
     labels: Array  # (H, W) int32, row of the visible stroke; -1 on bare ground and where no stroke was found
     meetings: Array = field(default_factory=lambda: np.empty((0, 2), np.int32))  # (P, 2) rows of strokes that meet
-    chance_above: Array = field(default_factory=lambda: np.empty(0, np.float32))  # (P,) for the second being above
+    chance_above: Array = field(default_factory=lambda: np.empty(0, np.float32))  # (P,) of the second being above
     ground: Array | None = None  # (H, W) bool, whether no stroke was found and the ground looks bare; None if unknown
 
 

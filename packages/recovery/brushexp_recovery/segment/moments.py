@@ -22,7 +22,7 @@ class Moment(IntEnum):
     XX = 3  # squares and product of the coordinates
     XY = 4
     YY = 5
-    LIGHTNESS = 6  # in CIELAB
+    LIGHTNESS = 6  # lightness in CIELAB
     A = 7
     B = 8
     LIGHTNESS_SQUARED = 9
@@ -31,9 +31,9 @@ class Moment(IntEnum):
     CENTRE_X = 12  # predicted centre of the stroke in pixels
     CENTRE_Y = 13
     CENTRE_SQUARED = 14  # squared distance of the centre from the picture's corner
-    COSINE = 15  # of twice the predicted direction
+    COSINE = 15  # cosine of twice the predicted direction
     SINE = 16
-    LOG_WIDTH = 17  # predicted, logarithm of pixels
+    LOG_WIDTH = 17  # predicted logarithm of pixels
     LOG_LENGTH = 18
     VISIBLE = 19  # predicted share of the stroke that is visible
     PAINT = 20  # predicted chance that the pixel is paint

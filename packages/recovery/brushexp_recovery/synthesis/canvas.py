@@ -21,7 +21,7 @@ F = np.float32
 COUNTED_REACH = 1.6  # distance from the middle, in half chords, within which the paint of a stroke is counted
 BINS = 64  # number of bins along this distance for finding where the paint begins and ends
 FIRST_PAINT, LAST_PAINT = 0.03, 0.97  # quantiles of the paint that define the extent of a stroke
-DIAGONAL = 1.42  # sides of a square
+DIAGONAL = 1.42  # diagonal of a square, in sides
 FAINT = F(1e-4)  # opacity below which paint is ignored
 RELIEF = F(1.2)  # height of full paint
 LEVELLING = F(0.7)  # share of the relief below that paint fills
@@ -62,7 +62,7 @@ class StrokeGeometry(IntEnum):
     CENTRE_X = 0  # pixels
     CENTRE_Y = 1
     ANGLE = 2  # radians
-    LOG_WIDTH = 3  # of pixels
+    LOG_WIDTH = 3  # logarithm of pixels
     LOG_LENGTH = 4
     VISIBLE = 5  # visible share of the stroke
 
@@ -73,7 +73,7 @@ class Placement(IntEnum):
     X = 0  # centre in pixels
     Y = 1
     SIDE = 2  # pixels
-    COSINE = 3  # of the chord
+    COSINE = 3  # cosine of the chord's direction
     SINE = 4
     HALF_CHORD = 5  # pixels
     SWAY = 6  # pixels
@@ -85,7 +85,7 @@ class Canvas:
     """A canvas with strokes."""
 
     image: Array  # (H, W, 3)
-    height: Array  # (H, W) of the paint
+    height: Array  # (H, W) height of the paint
     labels: Array  # (H, W) int32, visible stroke, or -1 for the ground
     extent: Array  # (N, len(Extent))
 
@@ -140,7 +140,7 @@ def _box(place, height, width):
 
 @inline
 def _texel_place(x, y, place, side):
-    """Return the row and column in the window, and the parameter along the chord, of a pixel centre without bends."""
+    """Map a pixel centre to a row and a column of the unbent window, and to a parameter along the chord."""
     cosine, sine, sway = place[Placement.COSINE], place[Placement.SINE], place[Placement.SWAY]
     dx, dy = x - place[Placement.X], y - place[Placement.Y]
     along, across = dx * cosine + dy * sine, dy * cosine - dx * sine

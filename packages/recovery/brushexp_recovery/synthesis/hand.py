@@ -1,4 +1,4 @@
-"""Parameters of how a painter lays strokes."""
+"""Define the hand of a painter: the parameters by which strokes are laid."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -20,7 +20,7 @@ class Layer(NamedTuple):
 
 @dataclass(frozen=True)
 class Hand:
-    """How a painter lays strokes; by default, strokes fill a picture in three layers from broad to fine."""
+    """The hand of a painter; by default, strokes fill a picture in three layers from broad to fine."""
 
     layers: tuple[Layer, ...] = (Layer(0.20, 1.0), Layer(0.35, 0.62), Layer(0.45, 0.40))
     cover: float = 2.3  # nominal total area of all strokes, in canvases

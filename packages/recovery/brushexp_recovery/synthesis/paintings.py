@@ -75,7 +75,7 @@ def family_of(seed: int, number: int) -> str | None:
 
 
 def paint(seed: int, number: int, pictures: Sequence[str], family: str | None = None) -> KnownPainting:
-    """Make painting ``number``, of a family of paint or by engines, from `FIRST_PLAIN` on by a plain hand."""
+    """Make painting ``number`` with a family of paint or with engines; from `FIRST_PLAIN` on, with a plain hand."""
     random = np.random.default_rng([seed, number])
     picture = cut_square(pictures[int(random.integers(len(pictures)))], random)
     if family is not None:

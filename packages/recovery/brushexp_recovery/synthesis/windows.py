@@ -26,7 +26,7 @@ CLOSED_GAP = 3  # maximum width in pixels of gaps between bristles that belong t
 class Texel(IntEnum):
     """Channels of a texel of a window."""
 
-    RED = 0  # times alpha
+    RED = 0  # multiplied by alpha
     GREEN = 1
     BLUE = 2
     ALPHA = 3

@@ -30,7 +30,7 @@ from brushexp_recovery.synthesis.families.family import find_families
 log = logging.getLogger(__name__)
 
 Array = NDArray[Any]
-SUFFIXES = (".png", ".npy", ".npz", ".h5", ".json")  # of files with strokes by other methods
+SUFFIXES = (".png", ".npy", ".npz", ".h5", ".json")  # suffixes of files with strokes by other methods
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from brushexp_recovery.train.data import VALIDATED
 from brushexp_recovery.train.losses import losses_of
 from brushexp_recovery.train.validation import Counts, count_strokes
 
-LOSS_WEIGHTS = {"order": 1.5, "ground": 0.3, "centre": 0.1, "turn": 0.1, "size": 0.1, "share": 0.05}  # others: weight 1
+LOSS_WEIGHTS = {"order": 1.5, "ground": 0.3, "centre": 0.1, "turn": 0.1, "size": 0.1, "share": 0.05}  # 1 for others
 WEIGHT_DECAY = 1e-4
 # Share of a training after which normalisations keep their statistics, because the statistics of a few crops of
 # different paintings give the network information that is not available for a single painting.

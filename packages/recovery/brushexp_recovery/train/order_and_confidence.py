@@ -24,12 +24,12 @@ Array = NDArray[Any]
 
 
 class LabelledRegions(NamedTuple):
-    """N regions found in a painting and P meetings of them, with the truth about both."""
+    """N regions found in a painting and P pairs of regions that meet, with the truth about both."""
 
     confidence: Array  # (N, len(ConfidenceFeature))
     is_stroke: Array  # (N,)
     order: Array  # (P, len(OrderFeature)), for pairs of strokes
-    is_above: Array  # (P,) whether the second lies above
+    is_above: Array  # (P,) whether the second stroke lies above the first
     strokes: int  # number of strokes in the truth
 
 

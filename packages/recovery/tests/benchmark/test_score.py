@@ -64,12 +64,12 @@ def test_halves_joins_misses_and_strokes_on_the_ground_count_as_they_should():
     figures = score(truth, replace(prediction_from_labels(found), confidence=confidence))
     assert (figures["truth"], figures["predicted"]) == (3, 5)
     assert figures["recall"] == pytest.approx(2 / 3)
-    assert figures["precision"] == pytest.approx(2 / 3)  # of strokes 0, 1 and 2
+    assert figures["precision"] == pytest.approx(2 / 3)  # of the strokes 0, 1 and 2
     assert figures["f1"] == pytest.approx(2 / 3)
     assert figures["iou"] == pytest.approx((104 / 144 + 144 / 216) / 2)
     assert figures["best_iou"] == pytest.approx((104 / 144 + 144 / 216 + 72 / 216) / 3)
     assert figures["recall_soft"] == pytest.approx(2 / 3)
-    assert figures["split"] == pytest.approx(1)  # of 1.67, 1 and 1
+    assert figures["split"] == pytest.approx(1)  # median of 1.67, 1 and 1
     assert figures["joined"] == pytest.approx(1)
     assert np.isnan(figures["order_tau"])  # labels have no order
     assert figures["auc"] == 1

@@ -40,7 +40,7 @@ def test_evidence_is_that_of_a_slow_loop(crossed):
 
 def test_a_stroke_that_is_seen_where_two_cross_lies_above(crossed):
     (row,) = find_meetings(*crossed).features
-    assert row[OrderFeature.CROSSING] > 0.9  # all of 12 x 12 pixels
+    assert row[OrderFeature.CROSSING] > 0.9  # the second stroke owns all 12 x 12 pixels
     assert row[OrderFeature.CROSSING_PIXELS] == pytest.approx(12 * row[OrderFeature.CROSSING], rel=0.05)
 
 

@@ -50,7 +50,7 @@ def test_maps_of_turned_copies_say_the_same():
     labels[10:50, 10:30], labels[20:40, 25:80], labels[45:60, 50:58] = 3, 5, 2
     image = np.stack([labels.numpy() / 10] * 3, 2).astype(np.float32)
     one, eight = predict_maps(Oracle(), image, 1), predict_maps(Oracle(), image, 8)
-    inner = np.s_[..., 20:-20, 20:-20]  # at borders the oracle wraps around
+    inner = np.s_[..., 20:-20, 20:-20]  # the oracle wraps around at borders
     for name in ("affinity", "paint", "attributes", "occlusion"):
         np.testing.assert_allclose(getattr(eight, name)[inner], getattr(one, name)[inner], rtol=1e-3, atol=1e-3)
 

@@ -1,4 +1,4 @@
-"""Marks by a formula cover their curve if smooth, break up if dry, and are reproducible."""
+"""Marks drawn by a formula cover their curve if smooth, break up if dry, and are reproducible."""
 
 import numpy as np
 import pytest

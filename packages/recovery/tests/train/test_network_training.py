@@ -91,7 +91,7 @@ def test_the_crops_of_a_step_depend_on_the_seed_and_the_step(pool):
 def test_paintings_that_no_process_makes_are_not_waited_for(pool, monkeypatch):
     monkeypatch.setattr(data.subprocess, "Popen", lambda *_, **__: SimpleNamespace(poll=lambda: 1, terminate=int))
     pool.start_painting()
-    assert len(pool.processes) == 2  # for training paintings and for held-out paintings
+    assert len(pool.processes) == 2  # one for training paintings, one for held-out paintings
     assert len(pool.held_out(VALIDATED)) == VALIDATED
     with pytest.raises(UserError, match="no paintings can be made for training"):
         pool.held_out(VALIDATED + 1)
@@ -114,7 +114,7 @@ EVERY = (*range(3), *range(FIRST_HELD_OUT, FIRST_HELD_OUT + 3))
 def test_paintings_of_families_that_are_left_out_are_neither_made_nor_learnt_from(tmp_path, families_of_paintings):
     pool_of_paintings.fill_pool(os.getppid(), tmp_path, 5, EVERY, [], ["washes"])
     assert families_of_paintings == [None, "washes", None, None]
-    save_painting(tmp_path / "000000-dabs.npz", bars())  # from a training that did not hold it out
+    save_painting(tmp_path / "000000-dabs.npz", bars())  # made by a training that did not hold it out
     some = RecoveryData(tmp_path, ["coffee"], 5, 2, 3, 1, families=["washes"])
     some.batch(0)
     assert sorted(path.stem for path in some.loaded) == ["000001", "000002-washes"]

@@ -101,7 +101,7 @@ def _coherence(axes: Axes, part: SubFigure, analysis: Analysis) -> None:
 
 
 def _rose(axes: Any, analysis: Analysis, largest: float) -> None:
-    """Draw shares of directions as areas, each pointing both ways."""
+    """Draw the share of each direction as the area of two opposite bars."""
     share = np.sqrt(direction_shares(analysis.values("orientation")))
     middle = np.arange(DIRECTION_BINS) * math.pi / DIRECTION_BINS
     look = {"color": direction_colors(middle), "edgecolor": "white", "linewidth": 0.6}

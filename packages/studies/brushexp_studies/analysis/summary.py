@@ -77,7 +77,7 @@ class Analysis:
 def analysis_of(
     saved: Saved, name: str, source: str, radius: float | None = None, visible: float = 0.0, option: str = "catalogue"
 ) -> Analysis:
-    """Measure the strokes of a catalogue that count; see `strokes.measures.is_visible` and `thinnest_of`.
+    """Measure those strokes of a catalogue that count; see `strokes.measures.is_visible` and `thinnest_of`.
 
     Neighbours lie within ``radius`` pixels, or within ``RADIUS_PITCHES`` pitches if it is None. Strokes with a visible
     share below ``visible`` do not count. If no stroke counts, a UserError names ``option``.
@@ -170,7 +170,7 @@ def comparison_of(one: Analysis, other: Analysis) -> dict[str, dict[str, float |
 
 
 def statistics_of(values: Array, axial: bool = False) -> dict[str, float | int | None]:
-    """Compute number, mean, standard deviation and quartiles, or None where undefined.
+    """Compute the number, mean, standard deviation and quartiles, or None where undefined.
 
     Directions in degrees have the angular deviation sqrt((1 - R) / 2) (Batschelet, 1981) and no quartiles.
     """

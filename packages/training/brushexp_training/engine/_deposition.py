@@ -13,7 +13,7 @@ FLOW = F(100 / 60)  # distance that paint moves per frame and unit of velocity, 
 LAG = F(2.2)  # frames by which the touching parts lag behind the handle, measured on straight strokes
 SPLAT = F(0.05)  # radius of a splat, in brush scales
 FASTEST = F(2)  # maximum velocity of a splat
-MOST_SPLATS = 8  # per segment of a bristle, as in Fluid Paint; fewer where they would fall into one cell
+MOST_SPLATS = 8  # maximum number per segment of a bristle, as in Fluid Paint; fewer where they would fall into one cell
 
 
 @inline

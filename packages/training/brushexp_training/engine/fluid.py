@@ -114,7 +114,7 @@ class Fluid(Engine):
         return Simulated(torch.from_numpy(images), torch.from_numpy(heights))
 
     def _draw_brushes(self, seed: int) -> None:
-        """Draw the places of bristles on a jittered sunflower, their stiffness, and the directions of their fall."""
+        """Draw the places of bristles on a jittered sunflower, their stiffness, and their directions of fall."""
         n = self.bristles
         sources = (np.random.Philox(key=np.array([seed, brush], np.uint64)) for brush in range(self.brushes))
         words = np.stack([source.random_raw(4 * n).reshape(4, n) for source in sources])

@@ -29,7 +29,7 @@ class NetworkModule(L.LightningModule):
         self.trouble = ""  # reason why a step would have made weights non-finite; they stay as before that step
         self.terms: dict[str, Tensor] = {}  # losses of the last step
         self.seen = 0  # number of training strokes processed, including before an interruption
-        self._cpu_seconds = 0.0  # in finished fits
+        self._cpu_seconds = 0.0  # CPU time of finished fits
         self._since: float | None = None  # CPU clock at the beginning of the current fit
         self.figures: dict[str, float] = {}  # figures of the last validation
         self.validated = -1  # step of the last validation

@@ -135,7 +135,7 @@ class RendererModule(NetworkModule):
             self._step_critic(self.critic, drawn.detach(), truth)
             self.terms["loss/adversarial"], slope = self._ask_critic(self.critic, drawn, truth, loss)
             pulled = (drawn * slope).sum()  # a loss whose gradient with respect to the pictures is the slope
-            loss = pulled + (loss - pulled).detach()  # with the value of the error
+            loss = pulled + (loss - pulled).detach()  # has this gradient and the value of the error
         self.seen += len(drawn)
         return loss + self.settings.tone * lit
 

@@ -243,6 +243,6 @@ def stroke_planes(parameters: Tensor, side: int, zoom: int = 1) -> Tensor:
     planes = [2 * along.clamp(-0.5, 1.5) - 1, v, beyond.clamp_max(FARTHEST_COORDINATE)]
     cosine, sine = torch.cos(0.5 * math.pi * v), torch.sin(0.5 * math.pi * v)
     for _ in range(WAVES):
-        cosine, sine = cosine.square() - sine.square(), 2 * sine * cosine  # of twice the angle
+        cosine, sine = cosine.square() - sine.square(), 2 * sine * cosine  # double the angle
         planes += [near * cosine, near * sine]
     return torch.stack(planes, dim=1).flatten(1, 3)

@@ -34,13 +34,13 @@ from brushexp.contracts.files import (
 )
 
 FORMAT = "brushexp strokes"
-VERSION = 2  # increase it whenever new files would mislead older readers
+VERSION = 2  # version of the format; increase it whenever new files would mislead older readers
 BLOCK = 16  # strokes per chunk
 PERIOD = 20  # number of blocks after which the splits repeat
 SPLITS = "block = number // 16; block % 20: 0 test, 1 validation, others training"
-MOST_STROKES = 2**20  # maximum per shard; the writer makes shards much smaller
+MOST_STROKES = 2**20  # maximum number per shard; the writer makes shards much smaller
 CURE = "simulate it again or give another one"
-HEIGHT_STEPS = 1024  # per unit of height; 16 bits reach up to 64, and thick paint of the fluid engine up to about 8
+HEIGHT_STEPS = 1024  # steps per unit of height; 16 bits reach up to 64, thick paint of the fluid engine about 8
 
 Bytes = NDArray[np.uint8]
 Numbers = NDArray[np.int64]

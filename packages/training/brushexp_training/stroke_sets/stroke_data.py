@@ -15,7 +15,7 @@ from brushexp_training.stroke_sets.datamodule import SimulatedData, StoredData, 
 from brushexp_training.stroke_sets.dataset import Origin, Split, first_difference, origin_of
 from brushexp_training.stroke_sets.writer import simulate_set
 
-BATCH_STROKES = 64  # for tasks without batch_size
+BATCH_STROKES = 64  # batch size of tasks without the key batch_size
 HELD_OUT = 1000  # number of simulated strokes of a split if none is given
 
 log = logging.getLogger(__name__)
@@ -40,7 +40,7 @@ def stroke_data(cfg: DictConfig) -> StrokeData:
 
 
 def measured_count(data: StrokeData, split: Split, n: int | None) -> int:
-    """Count the strokes of a split to measure, up to ``n``; warn if there are fewer."""
+    """Count the strokes of a split that can be measured, up to ``n``; warn if there are fewer."""
     count = data.count(split, n)
     if n is not None and count < n:
         log.warning(

@@ -24,7 +24,7 @@ from brushexp_recovery.model.recovery_model import SHIPPED_WEIGHTS
 Array = NDArray[Any]
 Method = Callable[..., Prediction]  # arguments: a picture, a number of strokes and, for trained methods, weights
 
-COMPACTNESS = 10.0  # of superpixels, as in Achanta et al. (2012)
+COMPACTNESS = 10.0  # compactness of superpixels, as in Achanta et al. (2012)
 DESCENT_STEPS = 150
 
 

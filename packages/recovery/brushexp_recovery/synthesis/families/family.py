@@ -43,7 +43,7 @@ class PaintFamily(ABC):
 
     @abstractmethod
     def choose_hand(self) -> Hand:
-        """Choose how strokes are laid."""
+        """Choose the hand that lays the strokes."""
 
     @abstractmethod
     def draw(self, length: float) -> Sheet:
