@@ -77,7 +77,7 @@ SPECTRUM = "tube," + ",".join(f"R{wave}" for wave in range(400, 701, 20)) + "\n"
     (SPECTRUM + "a" + ",0.5" * 16 + "\nb" + ",0.5" * 15 + "\n", "tube b: R700 is empty, not a number; correct it"),
     (SPECTRUM + "a,x" + ",0.5" * 15 + "\n", "tube a: R400 is x, not a number"),
     (SPECTRUM + "a" + ",0.5" * 15 + ",nan\n", "tube a: R700 is nan, not a number"),
-    (SPECTRUM + "a" + ",0.5" * 15 + ",50\n", "tube a: a reflectance is not above 0 and at most 1"),
+    (SPECTRUM + "a" + ",0.5" * 15 + ",50\n", "tube a: a reflectance must be above 0 and at most 1"),
     ("tube,R400\na,0.5\n", "R700 in steps of 20"),
     ("tube,size\na,0.5\n", "cannot be read"),
 ])  # fmt: skip

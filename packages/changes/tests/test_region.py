@@ -135,7 +135,7 @@ def test_paint_keeps_away_from_pixels_that_a_tile_or_the_light_shows_outside(dep
     ("region=mask.png", "selects a part of a painting; add catalogue=outputs/"),
     ("region=other.png catalogue=plain", "region=.*other.png has 96 x 20 pixels.*same aspect ratio"),
     ("region=empty.png catalogue=plain", "has no bright pixel; paint the area to repaint white"),
-    ("region=tiny.png catalogue=plain", "holds no stroke of .*plain wholly; make it larger"),
+    ("region=tiny.png catalogue=plain", "no stroke of .*plain lies wholly inside region=.*; make it larger"),
     ("region=mask.png catalogue=plain image=astronaut", "comes to 96 x 96 pixels, and the painting has 96 x 64; give"),
     ("region=mask.png catalogue=plain painter=haeberli", "region=mask.png is for painter=gradient, not haebe"),
     ("region=mask.png catalogue=plain wet=0.5", "wet=0.5 drags paint out of region=mask.png; drop wet"),

@@ -180,7 +180,7 @@ class Easel:
         address = f"/photos/{work.wishes.subject.key}/masks"
         mask = Mask(take, picture=work.address, ratio=work.ratio, address=address, before="", **words)
         mask.style(f"--ratio: {work.ratio}")
-        Tag("p", "caption hint", "Paint over a place to repaint it; everything else stays.")
+        Tag("p", "caption hint", "Paint over a place to repaint it; everything else stays as it is.")
         with Tag("div", "row tools", role="group", aria_label="Touch up"):
             for how, title in HOWS.items():
                 buttons.append(Button(title, partial(self._begin_touch, work, how)))

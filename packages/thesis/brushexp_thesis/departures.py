@@ -24,7 +24,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     folders = gather([Path(path) for path in cfg.runs], folder)["run", "folder"]
     catalogues = {name: path / "catalogue.h5" for name, path in folders.items() if (path / "catalogue.h5").is_file()}
     if not catalogues:
-        raise UserError(f"runs={','.join(cfg.runs)}: no finished painting found; give folders that have one with runs=")
+        raise UserError(f"runs={','.join(cfg.runs)}: no finished painting found; set runs= to folders that contain one")
     lines, counts = ["# Departures from the thesis", ""], []
     for name, path in catalogues.items():
         settings = list_settings(config_of(load_catalogue(path)), [])

@@ -43,7 +43,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     runs = gather(folders, folder)
     entries = entries_of(runs)
     if not entries:
-        raise UserError(f"runs={','.join(cfg.runs)}: no finished painting found; give folders that have one with runs=")
+        raise UserError(f"runs={','.join(cfg.runs)}: no finished painting found; set runs= to folders that contain one")
     finished = {str(entry.folder) for entry in entries}
     others = sorted({as_shown(Path(path)) for path in runs["run"]["folder"] if str(path) not in finished})
     if others:

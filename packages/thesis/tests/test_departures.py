@@ -51,5 +51,5 @@ def test_the_task_lists_them_of_paintings(run_task, tmp_path):
     assert f"{result['departures']} settings differ." in text
     assert "| loss.width | width | absent | 6.24 |" in text
     (tmp_path / "catalogue.h5").unlink()
-    words = "no finished painting found; give folders that have one with runs="
+    words = "no finished painting found; set runs= to folders that contain one"
     refuses(words, run_task, departures_task, "task=departures", f"runs=[{tmp_path}]")

@@ -17,7 +17,7 @@ SMALLEST_SET = 33  # minimum number of strokes that gives training, validation a
 NETWORK_FIT: dict[str, Any] = {"callbacks": [], "logger": ["csv"]}
 DATA = "training strokes: folders of task=simulate, or files in them; null = simulate new ones"
 EMA = "decay of the exponential moving average of the weights; 0 = no averaging"
-LIMIT = "number of training strokes to use, the first ones; null = all"
+LIMIT = "number of training strokes to use, starting with the first; null = all"
 
 
 @dataclass
@@ -132,5 +132,5 @@ class EvaluateTask(Task):
     data: list[str] | None = key(None, DATA, STROKES)
     split: str = key("test", "part of the data to evaluate on", one_of("test", "validation"))
     n: int | None = key(None, "number of strokes to evaluate on; null = all, or 1000 simulated ones", at_least(1))
-    other_data: bool = key(False, "whether to allow strokes of another brush than in training")
+    other_data: bool = key(False, "whether to allow strokes of a brush not used in training")
     inception: str | None = key(None, "file inception-2015-12-05.pt (TorchScript) for the published FID", FILE)

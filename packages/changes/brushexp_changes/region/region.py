@@ -71,7 +71,7 @@ class Region(Change):
             raise UserError(f"wet={wet.amount:g} drags paint out of region={self.mask}; drop wet")
         if not self._fence_of(self._job).inner.any():
             cure = "make it larger, by a stroke's width and some 8 pixels on each side"
-            raise UserError(f"region={self.mask} holds no stroke of {cfg.catalogue} wholly; {cure}")
+            raise UserError(f"no stroke of {cfg.catalogue} lies wholly inside region={self.mask}; {cure}")
 
     def _fence_of(self, job: ExportJob) -> Fence:
         mask = load_mask(str(self.mask), job.size, "region") >= MASK_THRESHOLD

@@ -141,7 +141,7 @@ def _overview(plan: Plan, title: str, remarks: Sequence[str]) -> Figure:
         "1. Mix the paints by their recipes and number them; parts are volumes.",
         f"2. {ground}",
         f"3. Draw a grid of {GRID / 10:g} cm on it, or trace the sheets of strokes.",
-        "4. Paint stage after stage: large brushes first, with each from dark to light. A stroke begins at its dot.",
+        "4. Paint stage after stage: large brushes first, and each from dark to light. A stroke begins at its dot.",
         "5. Dip the brush when it runs dry; rinse and wipe it between two stages.",
     ]
     wrapped = [part for line in lines for part in (wrap(line, 105, subsequent_indent="    ") or [""])]

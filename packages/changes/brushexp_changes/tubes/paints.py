@@ -102,7 +102,7 @@ def _values_of(row: dict[str, str], kind: str, where: str) -> Array:
     columns = [[f"{letter}{wave}" for wave in NANOMETRES] for letter in kind]
     spectra = np.array([[_number(row[column], f"{where}: {column}") for column in band] for band in columns])
     if kind == "R" and not ((spectra > 0) & (spectra <= 1)).all():
-        raise UserError(f"{where}: a reflectance is not above 0 and at most 1; correct R400 to R700")
+        raise UserError(f"{where}: a reflectance must be above 0 and at most 1; correct R400 to R700")
     if kind == "KS" and not ((spectra >= 0).all() and (spectra[1] > 0).all()):
         raise UserError(f"{where}: K is 0 or more, and S above 0; correct K400 to S700")
     return spectra[0] if kind == "R" else spectra

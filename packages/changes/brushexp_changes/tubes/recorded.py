@@ -42,8 +42,8 @@ def _build(options: dict[str, Any]) -> OfTubes:
     try:
         tubes: OfTubes = build_named("change", "tubes", options)
     except UserError as error:
-        cure = "give to.plan.tubes=eight, and what else is wrong"
-        raise UserError(f"the plan cannot use what is said of its table: {error}; {cure}") from error
+        cure = "give to.plan.tubes=eight, and correct the other options"
+        raise UserError(f"the plan cannot use the table of tubes and brushes: {error}; {cure}") from error
     return tubes
 
 

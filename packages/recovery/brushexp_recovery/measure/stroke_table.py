@@ -131,7 +131,7 @@ def remark_on(table: StrokeTable) -> str | None:
         )
     if (covered := covered_share(table)) < LEAST_COVERED:
         return (
-            f"strokes were found on {100 * covered:.0f} % of the photograph only: {describe_rest(table)}; figures "
+            f"strokes were found on only {100 * covered:.0f} % of the photograph: {describe_rest(table)}; figures "
             "describe the strokes found, so compare them with the photograph in strokes.html"
         )
     return None

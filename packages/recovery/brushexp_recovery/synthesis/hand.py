@@ -35,6 +35,6 @@ class Hand:
     turn: float = TURN  # maximum bend of a stroke in each of `TRACE_STEPS` steps, in radians
     sway: float = 0.0  # spread of S-bends in widths
     taper: float = 0.0  # spread of the relative change of width from end to end
-    even: bool = False  # whether places lie on a jittered grid, not more densely where there is detail
+    even: bool = False  # whether places lie on a jittered grid instead of more densely at detail
     clip: float = 0.0  # colour difference in sRGB at which a stroke ends early; 0 = never
     row: int = 1  # number of strokes side by side in similar colours; 1 = no rows

@@ -75,7 +75,7 @@ def choose_kinds(cfg: DictConfig, seen: Collection[str]) -> list[str]:
     chosen = [kind for kind in kinds if not (cfg.unseen and kind in seen)]
     if not chosen:
         raise UserError(
-            f"{cfg.weights} was trained on all kinds of kinds=; train with families=true leave_out=[{kinds[0]}], or "
+            f"{cfg.weights} was trained on all kinds in kinds=; train with families=true leave_out=[{kinds[0]}], or "
             "set unseen=false"
         )
     return chosen

@@ -36,7 +36,7 @@ class RecoverTask(Task):
         None, "width of the painting in the picture, in cm, to measure strokes in mm", above(0)
     )
     scale: float | None = key(
-        None, "scale of the photograph to find strokes at; null = strokes are about 18 px wide", between(0.05, 8)
+        None, "scale of the photograph for finding strokes; null = strokes are about 18 px wide", between(0.05, 8)
     )
     copies: int = key(
         1, "number of rotated and mirrored copies per look; more are slower but more certain", between(1, 8)

@@ -137,5 +137,5 @@ class RecoveryData(L.LightningDataModule):
         """Wait for ``count`` paintings; raise UserError if no process makes them any more."""
         while len(paths()) < count:
             if self.processes and all(process.poll() is not None for process in self.processes):
-                raise UserError("no paintings can be made for training; the error of their process is above")
+                raise UserError("no paintings can be made for training; the error is reported above")
             time.sleep(WAIT)

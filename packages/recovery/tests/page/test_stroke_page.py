@@ -148,7 +148,7 @@ FIFTH = SIZE[0] * SIZE[1] / 5  # pixels in a fifth of the photograph
     [
         (7.0, FIFTH, None),
         (4.0, FIFTH, "narrower than 4.0 pixels"),
-        (7.0, 50.0, "on 3 % of the photograph only"),
+        (7.0, 50.0, "on only 3 % of the photograph"),
     ],
 )
 def test_what_is_doubtful_is_said_with_what_to_do_about_it(width, seen, words):

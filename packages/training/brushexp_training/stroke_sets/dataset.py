@@ -120,7 +120,7 @@ class Shard:
         self.first, n, window, self.seed = (whole_number_of(file, name) for name in ("first", "n", "window", "seed"))
         self.origin = Origin(text_of(file, "engine"), options, window)
         if self.first < 0 or not 1 <= n <= MOST_STROKES or window < 1:
-            least = f"0, 1 and 1 are the least, and {MOST_STROKES} strokes the most"
+            least = f"minimum 0, 1 and 1, maximum {MOST_STROKES} strokes"
             raise UserError(f"first is {self.first}, n is {n} and window is {window} ({least})")
         params = _whole_dataset(file, "params", np.float32, (n, 10))
         self.images = _whole_dataset(file, "images", np.uint8, (n, window, window, 4))
