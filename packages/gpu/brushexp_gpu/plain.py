@@ -36,7 +36,7 @@ def plain_cover(t, sx, sy, fx, fy, bx, by, x, y, half, sharp, widening, taper):
     d, u = tl.sqrt(rx * rx + ry * ry), t + t - 1.0
     ht = half * (1.0 - taper * u * u) * (1.0 + widening * u)
     cover = _rise((ht + d) * sharp) + _rise((ht - d) * sharp)
-    return tl.where(half > 0.0, tl.maximum(cover, 0.0), 0.0)  # rounding may give less than 0, or more for no stroke
+    return tl.where(half > 0.0, tl.maximum(cover, 0.0), 0.0)  # rounding may give less than 0, or paint without a stroke
 
 
 @inline

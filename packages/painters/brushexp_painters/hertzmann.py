@@ -88,7 +88,7 @@ class Hertzmann(Painter):
             strokes = Strokes.join(strokes, layer)
 
     def _scale(self, request: PaintRequest) -> float:
-        """Choose the pixels per unit so that the cells of the largest brush need `FIRST_LAYER` of the strokes."""
+        """Choose the pixels per unit such that the cells of the largest brush need `FIRST_LAYER` of the strokes."""
         cell = request.pitch * np.sqrt((1 + self.max_length / STEPS_PER_CURVE) / FIRST_LAYER)
         return float(cell / (self.grid * max(self.radii)))
 

@@ -17,7 +17,7 @@ from brushexp_painters._laying import numpy_generator, strokes_from_arrays, vect
 
 IN_A_BLOCK = 10  # approximate number of strokes per block, unless ``levels`` is set
 INSIDE = 0.9  # share of a block, measured from each side, in which a stroke's middle may lie
-BLUR = 1 / 16  # standard deviation of the blur of the error map for sampling places, in blocks
+BLUR = 1 / 16  # standard deviation, in blocks, by which the error map is blurred before sampling
 WIDTHS = (0.02, 0.6)  # range of stroke widths, in blocks
 INITIAL_SIZES = (0.1, 0.25)  # range of initial lengths and thicknesses, in blocks
 SHARPNESS = 4  # probability of a place is proportional to this power of the error

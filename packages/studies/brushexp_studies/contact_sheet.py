@@ -135,7 +135,7 @@ def _picture(cell: SheetCell, side: int) -> Image.Image | None:
         with nullcontext(source) if isinstance(source, Image.Image) else open_picture(source) as picture:
             zoom = side / max(picture.size)
             size = max(1, round(picture.width * zoom)), max(1, round(picture.height * zoom))
-            method = Image.Resampling.NEAREST if zoom > 1 else Image.Resampling.BICUBIC  # small ones show pixels
+            method = Image.Resampling.NEAREST if zoom > 1 else Image.Resampling.BICUBIC  # enlarged pixels stay visible
             return picture.convert("RGB").resize(size, method, reducing_gap=2.0)
     except UserError:
         return None

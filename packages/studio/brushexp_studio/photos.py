@@ -70,7 +70,7 @@ class Photos:
                 self._photos[key] = self._store(samples()[key], key, key)
             if key in PAINTINGS and key not in self._photos:
                 path = PAINTINGS[key]
-                self._photos[key] = self._store(path, key, str(path))  # lets its command name the file
+                self._photos[key] = self._store(path, key, str(path))  # the painting's command names this path
         if key not in self._photos:
             raise UserError("this picture no longer exists; choose it again")
         return self._photos[key]

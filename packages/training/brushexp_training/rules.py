@@ -80,7 +80,7 @@ def check_simulate(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
 
 def check_ends(cfg: DictConfig) -> None:
-    """Raise UserError if nothing would end a training."""
+    """Raise UserError if a training would never end."""
     check_monitors(cfg, TRAINING_CURVES)
     limits = (cfg.epochs, cfg.minutes, cfg.trainer.max_time, cfg.callbacks.get("timer"))
     if all(limit is None for limit in limits) and max(cfg.trainer.max_steps, cfg.trainer.max_epochs or -1) < 0:

@@ -27,7 +27,7 @@ TITLES = {
 
 
 def certainty_of(brushwork: SampledBrushwork, name: str) -> Array:
-    """Compute half of the interval (rows, columns) at each place, in degrees, or for sizes as a factor of 1 or more."""
+    """Compute half the interval (rows, columns) at each place, in degrees, or for sizes as a factor of at least 1."""
     one = brushwork.strokes[name]
     half: Array = 0.5 * (one.high - one.low) if name == "direction" else np.sqrt(one.high / one.low)
     return half

@@ -20,5 +20,5 @@ def resample(image: Array, zoom: float) -> Array:
 
 
 def nearest_pixels(size: int, other_size: int) -> Array:
-    """Return for each of ``size`` pixels of an axis the nearest of the ``other_size`` pixels of its zoomed copy."""
+    """Map each of an axis's ``size`` pixels to the nearest of the ``other_size`` pixels of its zoomed copy."""
     return ((np.arange(size) + 0.5) * other_size / size).astype(int).clip(0, other_size - 1)

@@ -31,7 +31,7 @@ class Hand:
     shaky: float = 4.0  # spread of directions in degrees
     color: float = 1.0  # strength of colour differences between strokes; 1 is 5, 3.5, 3.5 in CIELAB
     palette: int = 0  # number of paints; 0 = one per stroke
-    hatch: float = 0.0  # share of the picture hatched in patches of one direction, not along edges
+    hatch: float = 0.0  # share of the picture hatched in patches of one direction instead of along edges
     turn: float = TURN  # maximum bend of a stroke in each of `TRACE_STEPS` steps, in radians
     sway: float = 0.0  # spread of S-bends in widths
     taper: float = 0.0  # spread of the relative change of width from end to end

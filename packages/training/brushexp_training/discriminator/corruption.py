@@ -28,7 +28,7 @@ def corrupt(valid: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor, 
         chosen = kind == number
         shapes[chosen] = function(valid[chosen], generator)
     groups = _uniform(len(valid), len(GROUPS), generator) < 0.5
-    groups |= _uniform(len(valid), 1, generator) < 0.5  # in half of the strokes, all groups
+    groups |= _uniform(len(valid), 1, generator) < 0.5  # all groups in half of the strokes
     return shapes, torch.where(_columns(groups), 0.5 * (shapes + valid), shapes), kind
 
 
