@@ -73,7 +73,7 @@ class Gatys(Painter):
 
 
 def lattice_dots(request: PaintRequest) -> Strokes:
-    """Make a dot in the mean colour of each lattice cell, at most as many as strokes, in random order."""
+    """Make up to ``request.n`` dots on a lattice, each in the mean colour of its cell, in random order."""
     height, width = request.size
     rows = min(height, max(1, round(height / request.pitch)))
     columns = min(width, max(1, request.n // rows))
