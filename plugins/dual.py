@@ -1,11 +1,11 @@
-"""Shape and colour apart: ``renderer=dual``. A neural renderer in one file, as an example of how one is added.
+"""An example of a neural renderer in one file: ``renderer=dual`` predicts the shape of a stroke but not its colour.
 
-A colour need not be learned by convolutions: paint of any colour has the same shape. So the network sees only the
-seven numbers of the shape and draws two planes, a mask (alpha) and a shading; the colour is put in afterwards, exactly.
+Paint of any colour has the same shape, so the network does not need to learn colours. It receives only the seven
+numbers of the shape and draws two planes, a mask (alpha) and a shading; the exact colour is applied afterwards.
 
-What the framework does with it: `PatchRenderer` brings parameters into the range of training, calls `draw`, places the
+The framework does the rest: `PatchRenderer` brings the parameters into the range of training, calls `draw`, places the
 windows on the canvas and saves memory; `restore` loads the weights of ``checkpoint``;
-``brushexp task=train renderer=dual data=data/fluid`` trains it;
+``brushexp task=train renderer=dual data=data/fluid`` trains the network;
 ``brushexp renderer=dual renderer.checkpoint=outputs/x/dual.safetensors`` paints with it.
 """
 
@@ -22,34 +22,34 @@ from brushexp.contracts.families import PRECISIONS, PatchRenderer
 
 @register("renderer", "dual")
 class Dual(PatchRenderer):
-    """Network for the shape alone, exact colour on top: plugins/dual.py shows how a renderer is added.
+    """A network for the shape alone, with the exact colour on top; plugins/dual.py shows how to add a renderer.
 
     Args:
         window: side of the picture in pixels, a multiple of 16.
-        width: channels of the finest convolutions; four times as many at the coarsest ones.
-        shading: largest change of a colour's lightness by shading, 0 (none) to 1.
-        precision: precision of the network in painting; the framework sees to it.
-        checkpoint: a .safetensors file of task=train; null for random weights, to be trained.
+        width: number of channels of the finest convolutions; the coarsest ones have four times as many.
+        shading: maximum relative change of a colour's lightness by shading, 0 (none) to 1.
+        precision: precision of the network while painting; the framework applies it.
+        checkpoint: path of a .safetensors file written by task=train; null = random weights, for training.
     """
 
     def __init__(
         self,
         *,
-        window: Annotated[int, multiple_of(16)] = 64,  # a bound: what else is typed is refused with the nearest one
+        window: Annotated[int, multiple_of(16)] = 64,  # other values are refused with the nearest valid one
         width: Annotated[int, between(1, 1024)] = 32,
         shading: Annotated[float, between(0, 1)] = 0.5,
         precision: Annotated[str, one_of(*PRECISIONS)] = "float32",
         checkpoint: str | None = None,
     ) -> None:
         super().__init__()
-        self.window = window  # the contract: draw() makes pictures of this side
+        self.window = window  # the contract: draw() returns pictures of this side
         self.shading = shading
         self.precision = precision
-        self.side = window // 16  # pixels of the picture that the dense layers make
+        self.side = window // 16  # side in pixels of the picture that the dense layers make
         self.dense = nn.Sequential(
             nn.Linear(7, 256), nn.GELU(), nn.Linear(256, 256), nn.GELU(), nn.Linear(256, 4 * width * self.side**2)
         )
-        # Half as many channels at each doubling: the number of operations stays about the same.
+        # Channels are halved when the side is doubled, which limits the number of operations.
         channels = [4 * width, 4 * width, 2 * width, width]
         self.steps = nn.ModuleList(
             nn.Sequential(
@@ -61,7 +61,7 @@ class Dual(PatchRenderer):
             )
             for before, after in pairwise(channels)
         )
-        # Two planes at twice the size: pixel_shuffle turns 2 * 4 channels into 2 planes of 2 x 2 times the pixels.
+        # pixel_shuffle turns these 2 * 4 channels into 2 planes with twice the side.
         self.last = nn.Conv2d(width, 8, 3, padding=1)
         with torch.no_grad():
             self.last.weight.mul_(0.1)
@@ -69,7 +69,7 @@ class Dual(PatchRenderer):
         self.restore(checkpoint, window=window, width=width, shading=shading)
 
     def draw(self, parameters: Tensor) -> Tensor:
-        shape, color = parameters.split([7, 3], dim=1)  # the order is that of strokes.prior.parameters_of
+        shape, color = parameters.split([7, 3], dim=1)  # in the order of strokes.prior.parameters_of
         x = functional.gelu(self.dense(shape)).reshape(len(shape), -1, self.side, self.side)
         for step in self.steps:
             x = step(x)

@@ -1,8 +1,8 @@
-"""Strokes at random places: ``init=scatter``. A whole plugin is one file like this.
+"""An example of a plugin in one file: ``init=scatter`` lays strokes at random places.
 
-The decorator makes the class a choice on the command line. The keyword-only parameters of ``__init__`` become its
-options (``init.detail=0.5``), typed, with these defaults. What ``__call__`` receives and has to return is written in
-``brushexp/plugins/init/base.py``.
+The decorator makes the class a choice on the command line. The keyword-only parameters of ``__init__`` become typed
+options with these defaults (``init.detail=0.5``). ``brushexp/plugins/init/base.py`` documents the arguments and the
+result of ``__call__``.
 """
 
 import math
@@ -18,11 +18,11 @@ from brushexp.contracts.strokes import Strokes, roomy_window, strokes_along
 
 @register("init", "scatter")
 class Scatter(Initializer):
-    """Random places, denser where the picture has detail; random directions.
+    """Place strokes at random, more densely where the picture has detail, and in random directions.
 
     Args:
-        detail: share of the strokes that goes where the picture changes, 0 to 1; the rest is spread evenly.
-        size: length and width of a stroke in mean distances between strokes.
+        detail: share of the strokes placed in proportion to local contrast, 0 to 1; the rest is spread evenly.
+        size: length and width of a stroke, in stroke spacings.
     """
 
     def __init__(
@@ -38,11 +38,11 @@ class Scatter(Initializer):
         chance = (1 - self.detail) / (height * width) + self.detail * change / change.sum().clamp_min(1e-9)
         pixel = torch.multinomial(chance.flatten() + 1e-12, n, replacement=False, generator=generator)
         row, column = pixel // width, pixel % width
-        pitch = math.sqrt(height * width / n)  # mean distance between strokes, pixels
+        pitch = math.sqrt(height * width / n)  # stroke spacing in pixels
         angle = math.pi * torch.rand(n, generator=generator)
         half = torch.stack([angle.cos(), angle.sin()], -1) * self.size * pitch / 2
         return strokes_along(
-            torch.stack([-half, torch.zeros(n, 2), half], 1),  # from the positions, in pixels
+            torch.stack([-half, torch.zeros(n, 2), half], 1),  # pixels, relative to the positions
             self.size * pitch,
             target[:, row, column].T.contiguous(),
             0.95,

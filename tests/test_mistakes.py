@@ -57,7 +57,7 @@ MISTAKES = {
     "task=benchmark kinds=${seed}": ", which is not a list; type 'kinds=[a,b]'",
     "task=benchmark kinds=${counts}": "kinds holds 150, which is not text; type 'kinds=[a,b]'",
     "task=benchmark counts=${methods}": "counts resolves to null, which is not a list",
-    "task=canvas image=coffee canvas=nan": "canvas=nan names no folder; type canvas=big.zarr",
+    "task=canvas image=coffee canvas=nan": "canvas=nan is not a folder; type canvas=big.zarr",
     "steps=[3,": "cannot be parsed; a list is key=[a,b]",
     "output=nan": "output=nan is not a folder; type output=FOLDER, or output=./nan if that is its name",
     "output=Null": "output=Null is not a folder",

@@ -1,4 +1,4 @@
-"""Divide a canvas into tiles, and define the order in which they are painted."""
+"""Divide a canvas into tiles and define the order in which they are painted."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from brushexp.contracts.pictures import Region
 
 @dataclass(frozen=True, order=True)
 class Tile:
-    """A tile, given by its place in the grid."""
+    """A tile, identified by its row and column in the grid."""
 
     row: int
     column: int
@@ -37,7 +37,7 @@ class Grid:
 
     size: tuple[int, int]  # height and width in pixels
     side: int
-    margin: int  # at most half a side
+    margin: int  # margin in pixels, at most half a side
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -45,7 +45,7 @@ class Grid:
         return -(-self.size[0] // self.side), -(-self.size[1] // self.side)
 
     def tiles(self) -> list[Tile]:
-        """List all tiles, round by round."""
+        """All tiles, round by round."""
         rows, columns = self.shape
         tiles = [Tile(row, column) for row in range(rows) for column in range(columns)]
         return sorted(tiles, key=lambda tile: (tile.round, tile))
@@ -65,7 +65,7 @@ class Grid:
                 yield Tile(row, column)
 
     def around(self, tile: Tile) -> Iterator[Tile]:
-        """Yield the tiles that touch a tile, at most eight."""
+        """Yield the tiles, at most eight, that touch a tile."""
         return (other for other in self.tiles_in(self.region(tile).widened(1, self.size)) if other != tile)
 
     def before(self, tile: Tile) -> Iterator[Tile]:

@@ -1,4 +1,4 @@
-"""Paint a canvas's tiles on the workers of a Dask cluster, each as soon as its predecessors are painted."""
+"""Paint a canvas's tiles on the workers of a Dask cluster, each tile as soon as its predecessors are painted."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ if TYPE_CHECKING:
     from distributed import Client, Future
 
 SILENT = logging.CRITICAL + 1  # log level of workers; their errors reach us anyway
-ANY_PORT = "127.0.0.1:0"  # for Dask's dashboard, so that several canvases can be painted at once
+ANY_PORT = "127.0.0.1:0"  # address of Dask's dashboard; a free port lets several canvases be painted at once
 SLIM = {"distributed.worker.profile.enabled": False}  # profiling makes a worker's memory grow with its tiles
-WAIT = "10s"  # time for a scheduler to answer
-SLURM = "slurm"  # instead of an address
+WAIT = "10s"  # timeout for connecting to a scheduler
+SLURM = "slurm"  # value of cluster= that is not an address
 MEMORY = "4GB"  # memory of a Slurm job, unless Dask's settings say otherwise
-MOST_DEATHS = 3  # workers that one tile may kill; Dask's own default
+MOST_DEATHS = 3  # number of workers that one tile may kill; Dask's own default
 
 
 @contextmanager
 def workers(n: int, address: str | None) -> Iterator[Client]:
-    """Start ``n`` single-threaded workers here or by `SLURM`, or use those of the scheduler at ``address``."""
+    """Start ``n`` single-threaded workers on this machine or through Slurm, or use the workers of a given scheduler."""
     try:
         from dask import config  # noqa: PLC0415  (the extra ``canvas``)
         from distributed import Client, LocalCluster  # noqa: PLC0415
     except ImportError as error:
         raise UserError("canvas= needs Dask; install it with: pip install 'brushexp[canvas]'") from error
     for name in (*(name for name in logging.root.manager.loggerDict if name.startswith("distributed")), "asyncio"):
-        logging.getLogger(name).setLevel(SILENT)  # we report in our own words
+        logging.getLogger(name).setLevel(SILENT)  # errors are reported by `paint_all`
     with ExitStack() as stack:
         if address in (None, SLURM):
             stack.enter_context(config.set(SLIM))
@@ -51,14 +51,14 @@ def workers(n: int, address: str | None) -> Iterator[Client]:
         try:
             client = stack.enter_context(Client(address, timeout=WAIT))
         except (OSError, ValueError) as error:
-            cure = "start one with: dask scheduler; or leave cluster= out"
-            raise UserError(f"cluster={address} has no scheduler of Dask that answers ({error}); {cure}") from error
+            cure = "start one with: dask scheduler; or leave out cluster="
+            raise UserError(f"cluster={address} has no scheduler that answers ({error}); {cure}") from error
         yield client
 
 
 @contextmanager
 def out_of_reach() -> Iterator[None]:
-    """Block Ctrl-C here, and for good in threads and processes started here, since terminals send it to all."""
+    """Block Ctrl-C temporarily here, and permanently in child threads and processes, since terminals send it to all."""
     if not hasattr(signal, "pthread_sigmask"):  # on Windows
         yield
         return
@@ -81,7 +81,7 @@ def _by_slurm(n: int) -> Any:
     finally:
         signal.signal(signal.SIGINT, at_interrupt)  # importing dask-jobqueue changes it
     if which("sbatch") is None:
-        raise UserError("cluster=slurm submits jobs by sbatch, which is not here; start on a machine that has it")
+        raise UserError("cluster=slurm needs sbatch, which is not installed here; start on a machine that has it")
     memory = config.get("jobqueue.slurm.memory", None) or MEMORY
     scheduler = {"dashboard_address": ANY_PORT}
     cluster = SLURMCluster(cores=1, processes=1, memory=memory, silence_logs=SILENT, scheduler_options=scheduler)
@@ -90,10 +90,10 @@ def _by_slurm(n: int) -> Any:
 
 
 def paint_all(client: Client, canvas: Canvas, grid: Grid, todo: Sequence[Tile], show: Callable[[int], None]) -> float:
-    """Paint and draw the remaining tiles ``todo``; ``show`` receives the number of finished jobs.
+    """Paint and draw the remaining tiles ``todo``, and pass the number of finished jobs to ``show``.
 
-    A tile is painted after those ``before`` it, and drawn after those around it. A worker that dies is replaced, and
-    its tile starts over. Returns the largest memory of any worker in MB, NaN if the system does not report it.
+    A tile is painted after the tiles ``before`` it, and drawn after all tiles around it. A worker that dies is replaced
+    and its tile starts over. Returns the peak memory of any worker in MB, or NaN if the system does not report it.
     """
     painted: dict[Tile, Future] = {}
     for tile in todo:
@@ -107,7 +107,7 @@ def paint_all(client: Client, canvas: Canvas, grid: Grid, todo: Sequence[Tile], 
 
 
 def do_job(work: Callable[..., float | None], canvas: Canvas, tile: Tile, *before: object) -> float | None:
-    """Do a tile's work on a worker, after freeing the memory of earlier tiles."""
+    """Do a tile's work on a worker after freeing the memory of earlier tiles."""
     gc.collect()
     give_memory_back()
     return work(canvas, tile, *before)
@@ -119,7 +119,7 @@ def _follow(futures: list[Future], canvas: Canvas, show: Callable[[int], None]) 
     from distributed.scheduler import KilledWorker  # noqa: PLC0415
 
     memory = [math.nan]
-    again = f"type the same command to go on; tiles that are painted stay in {canvas.path}"
+    again = f"type the same command to continue; finished tiles are kept in {canvas.path}"
     try:
         for done, future in enumerate(as_completed(futures), start=1):
             if future.status == "cancelled":
@@ -128,7 +128,7 @@ def _follow(futures: list[Future], canvas: Canvas, show: Callable[[int], None]) 
             show(done)
     except KilledWorker as error:
         raise UserError(
-            f"a tile has ended {MOST_DEATHS} workers, for want of memory maybe; lower tile=, and {again}"
+            f"a tile has killed {MOST_DEATHS} workers, perhaps for lack of memory; lower tile= and {again}"
         ) from error
     except (CommClosedError, TimeoutError) as error:
         raise UserError(f"the scheduler is gone; {again}") from error

@@ -1,4 +1,4 @@
-"""Lay a tile's first strokes: fixed ones of painted neighbours, its own, and temporary ones in unpainted neighbours."""
+"""Lay a tile's first strokes: its own, fixed strokes of painted neighbours, and temporary strokes in unpainted ones."""
 
 from dataclasses import dataclass
 
@@ -18,10 +18,10 @@ from brushexp_canvases.store import CanvasStore
 class Laid:
     """A window's strokes before its first step, in pixels of the canvas; ``ring`` and ``depth`` are equally long."""
 
-    ring: Strokes  # of painted neighbours; they stay fixed
+    ring: Strokes  # strokes of painted neighbours; they stay fixed
     depth: Tensor  # depths of the ring
-    own: Strokes  # the tile's own
-    passing: Strokes  # in unpainted neighbours; below all others, not stored
+    own: Strokes  # the tile's own strokes
+    passing: Strokes  # temporary strokes in unpainted neighbours; they lie below all others and are not stored
 
 
 def lay(store: CanvasStore, tile: Tile, cfg: DictConfig, target: Tensor, focus: Tensor | None) -> Laid:
@@ -42,13 +42,13 @@ def lay(store: CanvasStore, tile: Tile, cfg: DictConfig, target: Tensor, focus: 
 
 
 def reaching(strokes: Strokes, region: Region, edge: float) -> Tensor:
-    """Test which of N strokes have boxes, widened by ``edge`` pixels, that overlap a region: (N,) bool."""
+    """Mark the strokes (N,) whose bounding boxes, widened by ``edge`` pixels, overlap a region."""
     low, high = boxes_of(strokes, 1 + edge)
     first = low.new_tensor([region.left, region.top])
     return ((high > first) & (low < first + low.new_tensor([region.width, region.height]))).all(1)
 
 
 def inside(position: Tensor, region: Region) -> Tensor:
-    """Test which positions (N, 2) lie in a region; adjacent regions share no position."""
+    """Mark the positions (N, 2) that lie in a region; adjacent regions share no position."""
     low = position.new_tensor([region.left, region.top])
     return ((position >= low) & (position < low + position.new_tensor([region.width, region.height]))).all(1)

@@ -13,12 +13,12 @@ from brushexp.contracts.families import ExportJob
 from brushexp.contracts.files import replacing, to_bytes
 from brushexp_canvases.pyramid import Level, grey_of, halve
 
-EARLIEST = (1980, 1, 1, 0, 0, 0)  # date of all files in an archive, so that equal paintings give equal bytes
+EARLIEST = (1980, 1, 1, 0, 0, 0)  # date of all files in an archive, so that equal paintings give equal archives
 
 
 @contextmanager
 def levels_of(job: ExportJob) -> Iterator[dict[str, list[Level]]]:
-    """Paint the levels of a ``painting`` and, if it is lit, of its ``height``, on disk until ``with`` ends.
+    """Paint the levels of a ``painting`` and, if it is lit, of its ``height``; they stay on disk until ``with`` ends.
 
     Heights are grey; the thickest paint is white.
     """
@@ -44,7 +44,7 @@ def levels_of(job: ExportJob) -> Iterator[dict[str, list[Level]]]:
 
 @contextmanager
 def archive(path: Path) -> Iterator[Path]:
-    """Yield a folder to write into, and pack it into a zip file at ``path``, completely or not at all."""
+    """Yield a folder to write into, and pack it into a zip file at ``path``, either completely or not at all."""
     with TemporaryDirectory(prefix="brushexp-") as folder:
         yield Path(folder)
         with replacing(path) as temporary, ZipFile(temporary, "w") as packed:

@@ -40,9 +40,9 @@ class Level:
 
 
 def halve(whole: Any, make: Callable[[int, tuple[int, int, int]], Any]) -> list[Level]:
-    """Fill arrays, each half as large as the last, until both sides are at most `TILE`; return all levels.
+    """Fill arrays, each half as large as the one before, until both sides are at most `TILE`; return all levels.
 
-    ``whole`` is (3, H, W) uint8; ``make`` returns an array to fill, given its number, from 1, and its shape.
+    ``whole`` is (3, H, W) uint8; ``make`` returns an array to fill, given its number, starting at 1, and its shape.
     """
     levels = [level_of(whole)]
     while max(levels[-1].size) > TILE:
@@ -64,7 +64,7 @@ def slices_of(region: Region) -> tuple[slice, slice, slice]:
 def add_levels(group: Any, name: str) -> list[Level]:
     """Add levels ``1``, ``2``, ... to level ``0`` (3, H, W) of a Zarr group, and mark it as an OME-Zarr image.
 
-    Each level averages squares of four pixels of the one before.
+    Each pixel of a level is the mean of four pixels of the level before.
     """
 
     def make(number: int, shape: tuple[int, int, int]) -> Any:
@@ -96,7 +96,7 @@ def level_of(array: Any) -> Level:
 
 
 def halved(pixels: np.ndarray) -> np.ndarray:
-    """Average pixels (3, h, w), uint8, over squares of four; an odd last row or column counts twice."""
+    """Average pixels (3, h, w), uint8, over 2 x 2 squares; an odd last row or column counts twice."""
     odd = [(0, 0), (0, pixels.shape[1] % 2), (0, pixels.shape[2] % 2)]
     even = np.pad(pixels, odd, mode="edge").astype(np.uint16)
     total = even[:, ::2, ::2] + even[:, 1::2, ::2] + even[:, ::2, 1::2] + even[:, 1::2, 1::2]
@@ -104,7 +104,7 @@ def halved(pixels: np.ndarray) -> np.ndarray:
 
 
 def write_dzi(folder: Path, name: str, levels: list[Level]) -> list[Path]:
-    """Write ``name.dzi`` and the tiles ``name_files/level/column_row.jpg`` of a Deep Zoom image; returns both paths."""
+    """Write ``name.dzi`` and the tiles ``name_files/level/column_row.jpg`` of a Deep Zoom image; return both paths."""
     height, width = levels[0].size
     everything = list(levels)
     while max(everything[-1].size) > 1:  # Deep Zoom continues down to a single pixel
@@ -122,7 +122,7 @@ def write_dzi(folder: Path, name: str, levels: list[Level]) -> list[Path]:
 
 @contextmanager
 def whole_folder(path: Path) -> Iterator[Path]:
-    """Yield a folder to write into, which replaces ``path`` once everything is written, and is removed otherwise."""
+    """Yield a temporary folder that replaces ``path`` if everything is written, and is removed otherwise."""
     with TemporaryDirectory(prefix=TEMPORARY[:-1], dir=path.parent) as temporary:
         (into := Path(temporary, path.name)).mkdir()
         yield into
@@ -140,12 +140,12 @@ def grey_of(shares: np.ndarray) -> np.ndarray:
 def write_iiif(folder: Path, names: dict[str, list[Level]], title: str, base: str = BASE) -> list[Path]:
     """Write pictures as static files of the IIIF Image API 3.0, level 0, and a manifest of the Presentation API 3.0.
 
-    ``names`` are the levels of each picture, all of one size; the first is the painting. The documents name each other
-    by addresses that begin with ``base``, where the folder will be served. Without an image server, viewers get the
-    tiles and whole pictures of up to `LARGEST_WHOLE` pixels.
+    ``names`` maps each picture to its levels; all pictures have the same size, and the first is the painting. The
+    documents refer to each other by addresses that begin with ``base``, where the folder will be served. Without an
+    image server, viewers get the tiles and whole pictures of up to `LARGEST_WHOLE` pixels.
     """
     if not base.startswith(("http://", "https://")):
-        raise UserError(f"base={base} is no address; give where the files will be served, https://example.org/rhone")
+        raise UserError(f"base={base} is not an address; give the files' future address, https://example.org/rhone")
     base = base.rstrip("/")
     folder.mkdir(exist_ok=True)
     for name, levels in names.items():
@@ -154,7 +154,7 @@ def write_iiif(folder: Path, names: dict[str, list[Level]], title: str, base: st
     first = next(iter(names))
     size = names[first][0].size
     write_json(path := folder / "manifest.json", manifest_of(base, list(names), size, title))
-    note_files(folder.parent, [file for file in folder.rglob("*") if file.is_file()])  # of a run, if it is one's folder
+    note_files(folder.parent, [file for file in folder.rglob("*") if file.is_file()])  # if it is a run's folder
     return [path, *(folder / name for name in names)]
 
 

@@ -1,6 +1,6 @@
 """Read pictures of any size strip by strip, as 8-bit sRGB.
 
-libvips reads TIFF, BigTIFF, PNG, JPEG, WebP and HEIC; GDAL reads JPEG 2000, which the libvips in wheels lacks; Zarr
+libvips reads TIFF, BigTIFF, PNG, JPEG, WebP and HEIC; GDAL reads JPEG 2000, which libvips lacks in its wheels; Zarr
 reads OME-Zarr.
 """
 
@@ -17,7 +17,7 @@ import numpy as np
 
 from brushexp.contracts import UserError
 
-STRIP = 256  # rows in memory at a time
+STRIP = 256  # number of rows in memory at a time
 HIGHEST, LEVELS = 65_535, 257  # white in 16 bits, and 16-bit levels per 8-bit level
 DEPTHS = (np.uint8, np.uint16)
 JPEG2000 = (b"\x00\x00\x00\x0cjP  \r\n\x87\n", b"\xff\x4f\xff\x51")  # first bytes of a file, and of a codestream
@@ -31,7 +31,7 @@ class Source(ABC):
 
     @abstractmethod
     def read(self, top: int, rows: int) -> np.ndarray:
-        """Read the pixels (3, rows, W), uint8, of a strip; strips must be read from top to bottom."""
+        """Read the pixels (3, rows, W), uint8, of a strip; strips must be read in order from the top."""
 
     def strips(self) -> Iterator[tuple[int, np.ndarray]]:
         """Yield the first row and the pixels (3, h, W) uint8 of each strip, from the top."""
@@ -47,23 +47,23 @@ def open_source(path: Path, resolution: int | None = None) -> Source:
             if not file.read(12).startswith(JPEG2000):
                 return PictureFile(path, resolution)
     if resolution is not None:
-        kinds = "OME-Zarr and JPEG 2000 are painted as they are"
-        raise UserError(f"resolution={resolution} is not for image={path}: {kinds}; drop resolution")
+        kinds = "OME-Zarr and JPEG 2000 are always painted at their own size"
+        raise UserError(f"resolution={resolution} has no effect on image={path}: {kinds}; drop resolution")
     return ZarrImage(path) if is_zarr else Jpeg2000File(path)
 
 
 @contextmanager
 def _explaining(path: Path, error: type[Exception], program: str, needed: str) -> Iterator[None]:
-    """Turn the error of a program that reads a file into a UserError."""
+    """Convert an error raised while a program reads a file into a UserError."""
     try:
         yield
     except error as reason:
         words = (str(reason).strip() or type(reason).__name__).splitlines()[-1]
-        raise UserError(f"image={path} cannot be read by {program} ({words}); give a whole {needed}") from reason
+        raise UserError(f"image={path} cannot be read by {program} ({words}); give an undamaged {needed}") from reason
 
 
 class PictureFile(Source):
-    """A file that libvips decodes as a stream: rotated by its EXIF, converted to sRGB by its profile, over white."""
+    """A file that libvips streams, rotated by its EXIF, converted to sRGB by its profile, and composited over white."""
 
     def __init__(self, path: Path, resolution: int | None = None) -> None:
         vips = _vips()
@@ -104,7 +104,7 @@ class Jpeg2000File(Source):
             raise UserError(f"image={path} is a JPEG 2000, which needs rasterio; {cure}") from error
         self._explaining = partial(_explaining, path, rasterio.errors.RasterioError, "GDAL", "JPEG 2000")
         with self._explaining(), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # that it has no map projection
+            warnings.simplefilter("ignore")  # rasterio warns that the file has no map projection
             self._file = rasterio.open(path, driver="JP2OpenJPEG")
         kinds = set(self._file.dtypes)
         if len(kinds) > 1 or not kinds <= SPACES.keys() or self._file.count > 4:
@@ -134,7 +134,7 @@ class ZarrImage(Source):
             described: Any = group.attrs.get("ome", group.attrs)
             array: Any = group[described["multiscales"][0]["datasets"][0]["path"]]
         except (KeyError, IndexError, TypeError, OSError, ValueError) as error:
-            raise UserError(f"image={path} is no OME-Zarr image ({error}); give one, or a picture file") from error
+            raise UserError(f"image={path} is not an OME-Zarr image ({error}); give one, or a picture file") from error
         channels = math.prod(array.shape[:-2])
         if channels not in (1, 3) or array.dtype not in DEPTHS:
             needed = "red, green and blue, or grey, in 8 or 16 bits are needed"

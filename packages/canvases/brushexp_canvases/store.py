@@ -19,12 +19,12 @@ PROGRAMS, FORMAT = "brushexp canvas ", "brushexp canvas 1"  # prefix of all form
 NUMBERS = sum(field.size or 1 for field in FIELDS.values()) + 2  # numbers per stroke: fields, brush and depth
 UNPAINTED = -1  # count of an unpainted tile
 PICTURES = ("target", "painting")
-HEIGHT = "height"  # a third picture if the paint has relief: its height in grey, black for bare canvas
-SQUARES = ("seam", "seam_pixels", "all", "all_pixels")  # a tile's squared errors near its borders, and in total
+HEIGHT = "height"  # a third picture, if the paint has relief: its height in grey, with black for bare canvas
+SQUARES = ("seam", "seam_pixels", "all", "all_pixels")  # a tile's squared errors near its borders and in total
 
 
 class CanvasStore:
-    """The arrays of a canvas; a tile is done once its number of strokes, which is written last, is stored.
+    """The arrays of a canvas; a tile counts as painted once its number of strokes, which is written last, is stored.
 
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:
@@ -40,7 +40,7 @@ class CanvasStore:
         if kind != FORMAT and kind.startswith(PROGRAMS):
             raise UserError(f"canvas={path} is a {kind}, and this brushexp reads {FORMAT}; update brushexp")
         if kind != FORMAT:
-            raise UserError(f"canvas={path} is no canvas of brushexp; give another path")
+            raise UserError(f"canvas={path} is not a canvas of brushexp; give another path")
         self.record: dict[str, Any] = dict(self.root.attrs["record"])
         size, side, margin = (self.root.attrs[name] for name in ("size", "side", "margin"))
         self.grid = Grid((size[0], size[1]), side, margin)
@@ -49,7 +49,7 @@ class CanvasStore:
     def create(
         path: Path, grid: Grid, capacity: int, record: dict[str, Any], pictures: Iterable[str] = PICTURES
     ) -> "CanvasStore":
-        """Make an empty canvas for at most ``capacity`` strokes per tile; ``record`` describes it."""
+        """Create an empty canvas for at most ``capacity`` strokes per tile; ``record`` describes it."""
         root = _open(path, "w")
         chunk = (3, grid.side, grid.side)
         for name in pictures:
@@ -64,7 +64,7 @@ class CanvasStore:
         return CanvasStore(path)
 
     def read(self, name: str, region: Region) -> np.ndarray:
-        """Read a part (3, h, w) uint8 of the ``target``, the ``painting``, or the `HEIGHT`."""
+        """Read a part (3, h, w), uint8, of the ``target``, the ``painting`` or the `HEIGHT`."""
         part: np.ndarray = self.root[f"{name}/0"][slices_of(region)]
         return part
 
@@ -92,11 +92,11 @@ class CanvasStore:
         self.root["count"][tile.row, tile.column] = len(strokes)
 
     def put_squares(self, tile: Tile, squares: Sequence[float]) -> None:
-        """Store a tile's errors, as named in `SQUARES`, and mark it as drawn."""
+        """Store a tile's errors, in the order of `SQUARES`, and mark it as drawn."""
         self.root["squares"][tile.row, tile.column] = squares
 
     def errors(self) -> dict[str, float]:
-        """Compute the mean squared errors of the canvas, in [0, 1]: ``mse``, and ``seams`` relative to elsewhere."""
+        """Compute the canvas's mean squared error ``mse``, in [0, 1], and the ratio ``seams`` of seams to the rest."""
         squares = dict(zip(SQUARES, np.nansum(self.root["squares"][:], axis=(0, 1)), strict=True))
         inside, pixels = squares["all"] - squares["seam"], squares["all_pixels"] - squares["seam_pixels"]
         has_both = squares["seam_pixels"] and inside
@@ -139,5 +139,5 @@ def _open(path: Path, mode: Literal["r+", "w"]) -> Any:
 
 def _array(group: Any, name: str, shape: tuple[int, ...], chunks: tuple[int, ...], dtype: str, fill: float) -> None:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Zarr warns of what other languages may not read
+        warnings.simplefilter("ignore")  # Zarr warns about features that other languages may not support
         group.create_array(name, shape=shape, chunks=chunks, dtype=dtype, fill_value=fill)

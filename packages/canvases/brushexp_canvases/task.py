@@ -24,8 +24,8 @@ from brushexp_canvases.store import HEIGHT, PICTURES, CanvasStore
 from brushexp_canvases.tile import Canvas, job_of
 
 log = logging.getLogger(__name__)
-LAYERS = ("painting", "target", "height")  # of the page; the first is under the curtain
-OF_THE_RUN = (  # keys that decide where and how tiles are painted, but not their look
+LAYERS = ("painting", "target", "height")  # layers of the page; the first is drawn left of the curtain
+OF_THE_RUN = (  # keys that decide where and how tiles are painted, but not what they look like
     *("canvas", "workers", "cluster", "pyramid", "output", "overwrite", "threads", "trainer", "logger", "callbacks"),
     *("report", "frames", "frame_side", "timelapse", "timelapse_seconds", "checkpoint_every", "objective", "metric"),
 )
@@ -40,14 +40,14 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     canvas = Canvas(str(path.resolve()), settings, str(Path("plugins").resolve()))
     todo = [tile for tile in store.grid.tiles() if not (store.is_painted(tile) and store.is_drawn(tile))]
     total, before, memory = len(store.grid.tiles()), time.monotonic(), math.nan
-    log.info("painting %d tiles of %d, %d are done", len(todo), total, total - len(todo))
+    log.info("painting %d of %d tiles; %d are done", len(todo), total, total - len(todo))
     if todo:
         n = min(cfg.workers or cores(), len(todo))
         try:
             with workers(n, cfg.cluster) as client, counting("painting and drawing tiles", 2 * len(todo)) as show:
                 memory = paint_all(client, canvas, store.grid, todo, show)
         except KeyboardInterrupt as interruption:
-            words = f"interrupted; tiles that are painted stay in {path}; to go on, type the same command"
+            words = f"interrupted; finished tiles are kept in {path}; to continue, type the same command"
             raise KeyboardInterrupt(words) from interruption
     seconds = time.monotonic() - before
     levels = {name: add_levels(store.root[name], name) for name in LAYERS if name in store.root}
@@ -77,7 +77,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def begin(path: Path, cfg: DictConfig) -> CanvasStore:
-    """Create a picture's canvas, and copy the picture into it strip by strip."""
+    """Create a canvas for a picture, and copy the picture into it strip by strip."""
     source = open_source(Path(cfg.image), cfg.resolution)
     grid = Grid(source.size, min(cfg.tile, max(source.size)), min(cfg.margin, max(source.size) // 2))
     capacity = 1 + round(grid.side**2 / cfg.pixels_per_stroke)
@@ -113,11 +113,11 @@ def settings_that_count(cfg: DictConfig) -> dict[str, Any]:
 
 
 def check_same(store: CanvasStore, cfg: DictConfig) -> None:
-    """Raise UserError if a canvas was begun with other settings."""
+    """Raise UserError if a canvas was begun with different settings."""
     before, now = todays_settings(store.record["settings"]), settings_that_count(cfg)
     for key in sorted(before.keys() | now.keys()):
         if before.get(key) != now.get(key):
             raise UserError(
-                f"canvas={store.path} was begun with {key}={before.get(key)}, and now {key}={now.get(key)}; "
-                "type that again, or give another canvas="
+                f"canvas={store.path} was begun with {key}={before.get(key)}, but now {key}={now.get(key)}; "
+                "type the old value again, or give another canvas="
             )

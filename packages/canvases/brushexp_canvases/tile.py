@@ -1,4 +1,4 @@
-"""Paint a tile among its neighbours' fixed strokes, and draw a tile from all strokes that reach it."""
+"""Paint a tile among the fixed strokes of its neighbours, and draw a tile from all strokes that reach it."""
 
 import logging
 from dataclasses import dataclass, replace
@@ -33,22 +33,22 @@ from brushexp_canvases.laying import lay, reaching
 from brushexp_canvases.pyramid import grey_of, slices_of
 from brushexp_canvases.store import HEIGHT, CanvasStore
 
-THICK = 0.25  # height, in pitches, from which paint is white
+THICK = 0.25  # height, in pitches, above which paint is white
 SEAM = 4  # pixels on each side of a border between tiles that count as the seam
 LIGHT_MARGIN = 2  # pixels around a part that affect its light
-BORDER, WEIGHT = 8, 1.2  # width in pixels of the zones along borders, and their weight relative to other pixels
+BORDER, WEIGHT = 8, 1.2  # width in pixels of the zone along each border, and its weight relative to other pixels
 
 
 @dataclass(frozen=True)
 class Canvas:
-    """A canvas as workers receive it: its path, and the settings as plain data."""
+    """The path and the settings of a canvas, as plain data that can be sent to workers."""
 
     path: str
     settings: dict[str, Any]
-    plugins: str  # the user's folder
+    plugins: str  # folder of the user's plugins
 
     def open(self) -> tuple[CanvasStore, DictConfig]:
-        """Load the plugins, as every new process must, and open the arrays and the config."""
+        """Load the plugins, which every new process must do, and open the arrays and the config."""
         logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # otherwise it logs the hardware for each tile
         load_plugins(Path(self.plugins), warns=False)
         use_threads(1)
@@ -61,7 +61,7 @@ class Canvas:
 
 
 class AllButFirst(Sampler):
-    """Look at the whole window, and move all strokes except the ``first`` ones, which are drawn unchanged."""
+    """Compare the whole window, and move all strokes except the ``first`` ones, which stay fixed."""
 
     cost, moves = "that of the whole window", "all but those of neighbours"
 
@@ -74,10 +74,10 @@ class AllButFirst(Sampler):
 
 
 class Remembered(Order):
-    """Order strokes as another order does, and remember their depths; the ``first`` strokes keep given depths.
+    """Wrap another order and remember the depths that it computes; the ``first`` strokes keep their given depths.
 
-    Together, the depths of all tiles order the canvas's strokes as the optimiser saw them. The last ``passing`` strokes
-    lie below all others.
+    Together, the depths of all tiles order the canvas's strokes as they were during optimisation. The last ``passing``
+    strokes lie below all others.
     """
 
     def __init__(self, order: Order, first: Tensor, passing: int) -> None:
@@ -97,11 +97,11 @@ class Remembered(Order):
 def paint_tile(canvas: Canvas, tile: Tile, *before: object) -> float | None:
     """Paint a tile and store its strokes; ``before`` only makes Dask wait for the preceding tiles.
 
-    Returns this process's peak memory so far in MB, None if the system does not report it.
+    Returns this process's peak memory so far in MB, or None if the system does not report it.
 
     The strokes of painted neighbours stay fixed, like the ring of a partial update (thesis 2020, 6.3). In unpainted
-    neighbours, temporary strokes are laid and optimised, so that the tile's own strokes end as if the painting went on,
-    and are then discarded. They lie below the tile's strokes, so that they do not help to cover it.
+    neighbours, temporary strokes are laid, optimised and finally discarded, so that the tile's own strokes end up as if
+    the painting continued there. They lie below the tile's strokes, so that they do not help to cover it.
     """
     store, cfg = canvas.open()
     if store.is_painted(tile):
@@ -114,7 +114,7 @@ def paint_tile(canvas: Canvas, tile: Tile, *before: object) -> float | None:
     focus = evened(weights, store.grid.near_borders(tile, window, BORDER))
     laid = lay(store, tile, cfg, target, focus)
     parts = laid.ring, laid.own, laid.passing
-    strokes = replace(Strokes.join(*parts), brush=torch.cat([part.brush for part in parts]))  # each keeps its brush
+    strokes = replace(Strokes.join(*parts), brush=torch.cat([part.brush for part in parts]))  # keep all brushes
     strokes = strokes.moved(shift=(-window.left, -window.top))
     painter, order = painter_of(cfg, target, strokes, focus, laid.depth, len(laid.passing))
     if painter.schedule.steps and len(laid.own):
@@ -129,10 +129,10 @@ def paint_tile(canvas: Canvas, tile: Tile, *before: object) -> float | None:
 
 
 def evened(focus: Tensor | None, near: np.ndarray) -> Tensor | None:
-    """Increase the weight of pixels ``near`` (h, w) borders between tiles over ``focus`` (h, w) or None.
+    """Increase the weights ``focus`` (h, w), or None for equal ones, of pixels ``near`` (h, w) borders between tiles.
 
-    This puts more strokes there. With as many as elsewhere, the error was 1.07 times as large, because neighbours'
-    strokes are laid without them.
+    More strokes are then laid near borders. With equal weights, the error there was 1.07 times as large, because each
+    tile's strokes are laid without regard to its neighbours' strokes.
     """
     if not near.any():
         return focus
@@ -144,7 +144,7 @@ def evened(focus: Tensor | None, near: np.ndarray) -> Tensor | None:
 def painter_of(
     cfg: DictConfig, target: Tensor, strokes: Strokes, focus: Tensor | None, ring: Tensor, passing: int
 ) -> tuple[StrokeOptimizer, Remembered]:
-    """Make a painter that keeps the first strokes fixed at the depths ``ring`` (R,); return it and its order.
+    """Make a painter that keeps the first R strokes fixed at the depths ``ring`` (R,); return it with its order.
 
     The last ``passing`` strokes lie below the others.
     """
@@ -158,7 +158,7 @@ def painter_of(
 
 
 def draw_tile(canvas: Canvas, tile: Tile, *before: object) -> None:
-    """Draw a tile, lit, once the tiles around it are painted, and store it with its errors."""
+    """Draw a tile, with light, once the tiles around it are painted, and store its pixels and errors."""
     store, cfg = canvas.open()
     if store.is_drawn(tile):
         return
@@ -179,7 +179,7 @@ def draw_tile(canvas: Canvas, tile: Tile, *before: object) -> None:
 
 
 def job_of(store: CanvasStore, cfg: DictConfig, region: Region) -> ExportJob:
-    """Return the painting of a part of a canvas, from all strokes that reach it, in pixels from its corner."""
+    """Return a part of a canvas as a painting: all strokes that reach the part, in pixels from its corner."""
     near = sorted({other for tile in store.grid.tiles_in(region) for other in (tile, *store.grid.around(tile))})
     strokes, depth = store.strokes_of(near)
     seen = reaching(strokes, region, LIGHT_MARGIN)
@@ -192,6 +192,6 @@ def job_of(store: CanvasStore, cfg: DictConfig, region: Region) -> ExportJob:
 
 
 def errors_of(pixels: np.ndarray, target: np.ndarray, near: np.ndarray) -> tuple[float, ...]:
-    """Sum squared errors, in [0, 1], of pictures (3, h, w), uint8, as named in `SQUARES`; ``near`` (h, w) is bool."""
+    """Sum squared errors, in [0, 1], of pictures (3, h, w), uint8, as listed in `SQUARES`; ``near`` (h, w) is bool."""
     squares = np.square((pixels.astype(np.float64) - target) / 255).sum(0)
     return float(squares[near].sum()), 3 * int(near.sum()), float(squares.sum()), 3 * near.size

@@ -1,4 +1,4 @@
-"""Canvases on disk: tiles, their strokes, seams, and what happens when painting ends early."""
+"""Tests of canvases on disk: tiles, their strokes, seams, and interrupted paintings."""
 
 import itertools
 import json
@@ -132,14 +132,14 @@ def test_a_canvas_goes_on_with_its_settings_and_a_tile_that_was_not_finished_to_
     store, canvas = painted(picture, tmp_path / "c.zarr")
     tile = Tile(1, 1)
     before = packed(*store.strokes_of([tile]))
-    store.root["strokes"][1, 1] = 0.5  # as if killed while it was written
+    store.root["strokes"][1, 1] = 0.5  # as if the process had been killed while writing the tile
     store.root["count"][1, 1] = -1
     assert not store.is_painted(tile)
     paint_tile(canvas, tile)
     np.testing.assert_array_equal(packed(*CanvasStore(store.path).strokes_of([tile])), before)
     store, _ = done
     check_same(store, config_of(picture, store.path, workers=2))
-    refuses("begun with steps=4, and now steps=5", check_same, store, config_of(picture, store.path, steps=5))
+    refuses("begun with steps=4, but now steps=5", check_same, store, config_of(picture, store.path, steps=5))
     assert "workers" not in settings_that_count(config_of(picture, store.path))
     (tmp_path / "x.zarr").mkdir()
     refuses(r"x\.zarr", CanvasStore, tmp_path / "x.zarr")
@@ -179,7 +179,7 @@ def test_under_a_lamp_the_height_of_the_paint_is_stored(picture: Path, tmp_path:
     height = job_of(store, canvas.config, everything).height()
     found = store.read("height", everything)[0].astype(float)
     assert height.std() > 0.05
-    assert np.abs(found - (255 * height / (THICK * 48**0.5)).clip(0, 255)).mean() < 6  # widths are those near a tile
+    assert np.abs(found - (255 * height / (THICK * 48**0.5)).clip(0, 255)).mean() < 6  # medians are local
 
 
 HAS_SLURM = pytest.mark.skipif(find_spec("dask_jobqueue") is None, reason="needs the extra slurm")
@@ -248,7 +248,7 @@ def test_jobs_of_slurm_paint_a_canvas(tmp_path: Path, monkeypatch: pytest.Monkey
     said = (tmp_path / "log").read_text()
     job = said.splitlines()[0].split()[-1]
     assert f"cancelled {job}" in said
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler, "Ctrl-C does what it did"
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler, "the handler of Ctrl-C is restored"
 
 
 def test_ctrl_c_waits_while_workers_start_and_never_reaches_them():
@@ -257,7 +257,7 @@ def test_ctrl_c_waits_while_workers_start_and_never_reaches_them():
     with pytest.raises(KeyboardInterrupt), out_of_reach():  # noqa: PT012
         signal.raise_signal(signal.SIGINT)
         steps.append(subprocess.run([sys.executable, "-S", "-c", asked], capture_output=True, check=True).stdout)
-    assert steps == [b"True\n"], "a worker that is begun meanwhile hears none"
+    assert steps == [b"True\n"], "a worker started meanwhile receives no Ctrl-C"
     assert not signal.pthread_sigmask(signal.SIG_BLOCK, [])
 
 

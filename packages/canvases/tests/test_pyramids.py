@@ -1,4 +1,4 @@
-"""Pyramids: every level is the mean of the one below, and viewers' files put together are the picture."""
+"""Tests of pyramids: every level averages the one below, and the tiles of viewers' files together form the picture."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The page of a pyramid, in a real browser: what it loads, and strokes that are drawn when they are near."""
+"""Tests of a pyramid's page in a real browser: which files it loads, and how it draws strokes up close."""
 
 import base64
 import io
@@ -33,7 +33,7 @@ DRAW = """(tile) => new Promise((done) => {
 
 
 def unpacked(path: Path, job: ExportJob) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-    """Points (x, y) of the strokes of a cell, from its corner, by the bits of their colours, the bottom one first."""
+    """Map the numbers of a cell's strokes, bottom to top, to their points (x, y) relative to the cell's corner."""
     name, packed = json.loads("[" + path.read_text().removeprefix("brushexp.cell(").removesuffix(");\n") + "]")
     assert name == path.stem
     data, count, result = base64.b64decode(packed["data"]), packed["count"], {}
@@ -53,7 +53,7 @@ def test_each_cell_has_the_strokes_that_reach_it_in_their_order(tmp_path: Path) 
     for path in (tmp_path / "strokes_files").iterdir():
         corner = CELL * np.array([int(number) for number in path.stem.split("_")])
         found = unpacked(path, job)
-        assert list(found) == sorted(found)  # of which the depth is the number
+        assert list(found) == sorted(found)  # a stroke's number is its depth
         for number, points in found.items():
             np.testing.assert_allclose(points.reshape(3, 2) + corner, curve[number].numpy(), atol=0.1)
         for number in {*range(len(half))} - {*found}:

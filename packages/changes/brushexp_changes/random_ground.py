@@ -17,7 +17,7 @@ from brushexp_changes.steps import check_steps
 class RandomGround(Change):
     """Paint each step on a ground of a random colour, so that the loss penalises bare ground.
 
-    Strokes end up closer together or more opaque than on a ground that happens to match the picture. Steps that look at
+    Strokes end up closer together or more opaque than on a ground that happens to match the picture. Steps that compare
     only a part of the picture keep the painting's own ground.
 
     Args:

@@ -1,4 +1,4 @@
-"""Keep stroke thickness between that of a smallest and a largest brush during optimisation."""
+"""Keep strokes no thinner than a smallest brush and no thicker than a largest brush during optimisation."""
 
 import math
 import re
@@ -14,7 +14,7 @@ from brushexp.contracts.painting import sizes_of
 from brushexp.contracts.strokes import Strokes, half_width_of
 from brushexp_changes.steps import check_steps
 
-LEAST_THICKNESS = 1e-6  # pixels: lower bound of divisors
+LEAST_THICKNESS = 1e-6  # lower bound in pixels of thicknesses used as divisors
 MM_PER_CM = 10
 
 
@@ -23,7 +23,7 @@ def size_from(text: str, option: str) -> tuple[float, str]:
     found = re.fullmatch(r"(\d+(?:\.\d*)?|\.\d+)(px|mm)?", text)
     if found is None or not math.isfinite(float(found[1])):
         word = option.rpartition(".")[2]
-        raise UserError(f"{option}={text} is no size; give pixels, {word}=3, or millimetres, {word}=2mm")
+        raise UserError(f"{option}={text} is not a size; give pixels, {word}=3, or millimetres, {word}=2mm")
     return float(found[1]), found[2] or "px"
 
 
@@ -35,9 +35,9 @@ SIZE = Rule(size_from)
 class Sizes(Change):
     """Bound stroke thickness by a smallest and a largest brush, in pixels or mm: ``smallest=2mm largest=20mm``.
 
-    After every step, each thickness is clamped to the bounds (projected gradient), and so is the widening of a stroke;
-    the other strokes then make up for what a clamped stroke cannot do. The tips of tapered strokes, and bristles, may
-    be thinner.
+    After every step, the thickness and the widening of each stroke are clamped to the bounds (projected gradient), and
+    the other strokes compensate for what a clamped stroke cannot paint. Bristles and the tips of tapered strokes may be
+    thinner.
 
     Args:
         smallest: minimum stroke thickness, in pixels of the painting (3) or in mm (2mm); null = no bound.
@@ -67,7 +67,7 @@ class Sizes(Change):
     def within(self, strokes: Strokes, width: int, zoom: float = 1.0) -> Strokes:
         """Clamp stroke thickness to the bounds, on a picture ``width`` pixels wide.
 
-        ``zoom`` is the number of pixels of the painting per pixel of that picture.
+        ``zoom`` is the number of pixels of the painting per pixel of the picture.
         """
         low, high = self.bounds(width, zoom)
         thick = (2 * half_width_of(strokes)).clamp_min(LEAST_THICKNESS)

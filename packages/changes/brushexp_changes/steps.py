@@ -1,4 +1,4 @@
-"""Check shared by changes that act during the steps: they need a painter that takes steps."""
+"""A check shared by changes that act during optimisation steps and therefore need a painter that takes steps."""
 
 from omegaconf import DictConfig
 

@@ -1,6 +1,6 @@
-"""What an earlier version has written, in which changes were keys and tasks of their own, still opens.
+"""Paintings of an earlier version, in which changes were separate keys and tasks, still open.
 
-Below earlier/ are two runs of 40 steps that it was interrupted in, after 25 and 18, and what it came to without that:
+The folder earlier/ has two runs of 40 steps, interrupted after 25 and 18 steps, and their uninterrupted results:
 
     brushexp coffee resolution=32 strokes=12 steps=40 look=oil wet=0.4 variety=0.3
     brushexp coffee resolution=32 strokes=12 steps=40 tubes=zorn mixtures=4 brushes=[60,30] width_cm=25 load=9
@@ -41,7 +41,7 @@ def test_an_interrupted_run_ends_as_the_one_that_was_not(tmp_path, name):
     code, output = ended(tmp_path, f"resume={name}")
     assert code == 0, output
     saved, whole = (load_catalogue(tmp_path / name / file) for file in ("catalogue.h5", "whole.h5"))
-    rounding = 2e-3  # processors round, and the focus has changed since
+    rounding = 2e-3  # processors round differently, and the focus has changed since
     assert_close(dict(saved.strokes.items()), dict(whole.strokes.items()), rtol=0, atol=rounding)
     assert (saved.depth == whole.depth).all()
     assert json_of(read_text(tmp_path / name / "metrics.json", ""))["steps"] == 40
@@ -84,7 +84,7 @@ def test_tasks_and_callbacks_of_then_are_changes_of_now():
     wet = todays_settings({"task": "paint", "callbacks": looks, "variety": 0.0, "wet": 0.5})["change"]["wet"]
     assert without_target(wet) == {"amount": 0.5, "every": 5, "after": 0.3}
     for settings in (guided, repaint, beside):
-        assert todays_settings(settings) == settings, "settings of today stay as they are"
+        assert todays_settings(settings) == settings, "current settings stay unchanged"
         for node in settings["change"].values():
             keep_built(plain_config(node))
     assert todays_key("region", {"task": "repaint", **plain}) == "change.region.mask"

@@ -1,4 +1,4 @@
-"""Strokes near lines that are drawn by hand follow them, and others stay."""
+"""Strokes near hand-drawn lines follow the lines, and other strokes stay unchanged."""
 
 import numpy as np
 import pytest
@@ -15,18 +15,18 @@ from brushexp.strokes.storage import load_catalogue
 from brushexp.tasks import paint
 
 SIZE = (60, 90)
-BANDS = (0.5 + 0.5 * torch.sin(torch.arange(90.0) / 4)).expand(3, *SIZE).contiguous()  # upright ones
+BANDS = (0.5 + 0.5 * torch.sin(torch.arange(90.0) / 4)).expand(3, *SIZE).contiguous()  # vertical bands
 
 
 def drawn(colors=(0, 0, 0)) -> np.ndarray:
-    """A level line on white in the left half."""
+    """Draw a horizontal line on white in the left half."""
     picture = np.full((*SIZE, 3), 255, np.uint8)
     picture[29:31, 5:40] = colors
     return picture
 
 
 def levelness(strokes) -> torch.Tensor:
-    return direction_of(curve_of(strokes))[:, 0]  # 1 is level, -1 upright
+    return direction_of(curve_of(strokes))[:, 0]  # 1 is horizontal, -1 vertical
 
 
 @pytest.mark.parametrize("init", ["layers", "slic", "grid"])
@@ -37,7 +37,7 @@ def test_strokes_near_a_line_follow_it_and_others_the_picture(init):
     x, y = strokes.position.T
     near, far = ((y - 30).abs() < 3) & (x > 8) & (x < 36), (x > 55) | (y < 15)
     assert near.sum() > 3 < far.sum()
-    assert levelness(strokes[near]).mean() < -0.5, "they follow the bands"
+    assert levelness(strokes[near]).mean() < -0.5, "the strokes follow the bands"
     assert levelness(turned[near]).min() > 0.8
     for name in FIELDS:
         assert torch.equal(getattr(turned, name)[far], getattr(strokes, name)[far]), name
@@ -57,7 +57,7 @@ def test_strokes_bend_with_a_bent_line():
     assert ((direction_of(curve) * around).sum(1)[on_it] > 0.9).all()
     long = on_it & (length_of(curve) > 15)
     assert long.sum() > 3
-    assert (outward[long] > 1).all(), "they bulge away from the centre of the ring"
+    assert (outward[long] > 1).all(), "the strokes bulge away from the centre of the ring"
 
 
 @pytest.mark.parametrize("colors", [(0, 0, 0), (255, 255, 0), (120, 200, 255)])

@@ -1,4 +1,4 @@
-"""A plan has the strokes of the painting, and dips that its brushes need; played back, it is the painting."""
+"""A plan lists the strokes of the painting and the dips of its brushes; played back, it gives the painting."""
 
 import csv
 from dataclasses import replace
@@ -211,7 +211,7 @@ def test_an_easier_plan_has_fewer_mixtures_brushes_and_strokes(tmp_path, caplog)
         assert brushes <= ({"25", "12"}, {"25", "12", "6"}, {"40", "20"})[number]
     assert counts == sorted(counts)
     assert counts[0] < 200
-    refuses("to.plan.difficulty=fun is not there; choose one of easy", build_named, "to", "plan", {"difficulty": "fun"})
+    refuses("to.plan.difficulty=fun does not exist; choose one of", build_named, "to", "plan", {"difficulty": "fun"})
     words = " ".join([*remarks_on(*recorded_plan(job, {})), title_of(job)])
     assert "hours" in words
     assert "ml of paint" in words

@@ -1,4 +1,4 @@
-"""Paints mix as paints do, and pictures have the colours that they can have."""
+"""Paints mix like real paints, and pictures have only colours that the paints can mix."""
 
 from dataclasses import replace
 
@@ -55,7 +55,7 @@ def test_a_file_of_reflectances_and_one_of_colours_are_read(tmp_path):
     flat.write_text("tube," + ",".join(f"R{w}" for w in waves) + "\ngrey," + ",".join(["0.2"] * 16) + "\n")
     (grey,) = load_tubes(str(flat)).mix(np.ones((1, 1)))
     assert grey == pytest.approx([seen(np.full((1, 16), 0.2))[0, 0]] * 3, abs=1e-6)
-    for between in ";\t":  # as spreadsheets write where numbers have a comma
+    for between in ";\t":  # separators of spreadsheets where the decimal mark is a comma
         text = flat.read_text().replace(",", between).replace("0.2", "0,2")
         (tmp_path / "theirs.csv").write_text(text)
         assert load_tubes(str(tmp_path / "theirs.csv")).mix(np.ones((1, 1)))[0] == pytest.approx(grey)
@@ -71,13 +71,13 @@ SPECTRUM = "tube," + ",".join(f"R{wave}" for wave in range(400, 701, 20)) + "\n"
 @pytest.mark.parametrize(("text", "message"), [
     ("name,color\na,red\n", "a name in the column tube"),
     ("tube,color\n", "give 1 to 24 tubes"),
-    ("tube,color\nwhite,#fff\na,reddish\n", "tube a: reddish is no colour; write it as #c8a040"),
-    ("tube,color\nwhite,#fff\nb\n", "tube b: nothing is no colour"),
+    ("tube,color\nwhite,#fff\na,reddish\n", "tube a: reddish is not a colour; write it as #c8a040"),
+    ("tube,color\nwhite,#fff\nb\n", "tube b: nothing is not a colour"),
     ("tube,color\nred,#f00\nblue,#00f\nRed ,#e00\n", "has two tubes named red; rename one"),
     (SPECTRUM + "a" + ",0.5" * 16 + "\nb" + ",0.5" * 15 + "\n", "tube b: R700 is empty, not a number; correct it"),
     (SPECTRUM + "a,x" + ",0.5" * 15 + "\n", "tube a: R400 is x, not a number"),
     (SPECTRUM + "a" + ",0.5" * 15 + ",nan\n", "tube a: R700 is nan, not a number"),
-    (SPECTRUM + "a" + ",0.5" * 15 + ",50\n", "tube a: a reflectance is not above 0 and at most 1"),
+    (SPECTRUM + "a" + ",0.5" * 15 + ",50\n", "tube a: a reflectance must be above 0 and at most 1"),
     ("tube,R400\na,0.5\n", "R700 in steps of 20"),
     ("tube,size\na,0.5\n", "cannot be read"),
 ])  # fmt: skip
@@ -127,7 +127,7 @@ def test_a_palette_of_pigments_has_colours_that_can_be_mixed(tubes):
     assert 0 <= colors.min() <= colors.max() <= 1
     mixtures = all_mixtures(load_tubes(tubes)).color.double().numpy()
     assert np.median(differences(colors, mixtures).min(1)) < 2
-    assert (to_lab(colors[:1])[0, 2] < -25) == (tubes == "primaries"), "Zorn's black is his blue"
+    assert (to_lab(colors[:1])[0, 2] < -25) == (tubes == "primaries"), "Zorn's palette has black instead of blue"
 
 
 CANVAS = (60, 90)

@@ -1,4 +1,4 @@
-"""The ground has another colour at each step, and its own when the picture is shown."""
+"""The ground has a new colour at each step, and its own colour whenever the picture is shown."""
 
 import torch
 from brushexp_changes.random_ground import RandomGround, random_color
@@ -11,7 +11,7 @@ from brushexp.plugins.change.base import Change
 
 
 class Watch(Change):
-    """Changes nothing, and keeps the ground of each step."""
+    """Record the ground of each step, and change nothing."""
 
     def __init__(self):
         self.grounds = []
@@ -22,7 +22,7 @@ class Watch(Change):
 
 
 def grounds_of(change, steps=10, **parts):
-    """Take steps; return the painting's own ground, and that of each step."""
+    """Take steps; return the painting's own ground and the ground of each step."""
     watch = Watch()
     painter = painter_of(steps=steps, options={"changes": {"random_ground": change, "watch": watch}}, **parts)
     loop, own = None, painter.picture.background
@@ -35,7 +35,7 @@ def grounds_of(change, steps=10, **parts):
 def test_the_ground_changes_with_the_step_and_is_its_own_when_the_picture_is_shown():
     own, grounds = grounds_of(RandomGround(until=0.5))
     assert len({tuple(ground.tolist()) for ground in grounds}) == 6
-    assert torch.equal(grounds[3], random_color(own, 3)), "a resumed run draws it again"
+    assert torch.equal(grounds[3], random_color(own, 3)), "a resumed run draws the same colour"
     assert all(ground is own for ground in grounds[5:])
 
 

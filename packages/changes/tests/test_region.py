@@ -40,7 +40,7 @@ def perform_in(folder, *words):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Folder of a small painting in each of the looks, and of masks."""
+    """Write a small painting in each look, and masks, into a folder."""
     folder = tmp_path_factory.mktemp("painted")
     mask = np.zeros((64, 96), np.uint8)
     masks = {"empty": mask, "other": mask[:20], "tiny": mask.copy(), "mask": mask.copy()}
@@ -57,7 +57,7 @@ def folder(tmp_path_factory):
 def test_strokes_inside_the_mask_change_and_every_pixel_outside_stays_to_the_bit(folder, tmp_path, look, sampler):
     region = [f"catalogue={folder / look}", f"region={folder / 'mask.png'}"]
     other = ["image=chelsea", "palette=toned", "palette.chroma=0"]  # another target, of the same shape
-    steps = [f"sampler={sampler}", "steps=6", "optimizer.lr=0.6"]  # so large that strokes would leave the mask
+    steps = [f"sampler={sampler}", "steps=6", "optimizer.lr=0.6"]  # a rate at which strokes would leave the mask
     before = load_catalogue(folder / look / "catalogue.h5")
     saved, after, pixels = perform_in(tmp_path / "run", *region, *other, *steps)
     strokes, outside = before.strokes[before.depth.argsort()], pixels_of(folder / "mask.png") == 0
@@ -69,7 +69,7 @@ def test_strokes_inside_the_mask_change_and_every_pixel_outside_stays_to_the_bit
     assert 3 < change["position"].sum() <= change["color"].sum()
     job = job_of(strokes, (64, 96), light=Light(depth=float(look == "oil")))
     inner = Fence(strokes, room_in(torch.from_numpy(~outside), job), SOFT_EDGE).inner
-    assert not torch.stack([*change.values()])[:, ~inner].any(), "what does not lie inside is the same to the bit"
+    assert not torch.stack([*change.values()])[:, ~inner].any(), "pixels outside are bit-identical"
     assert torch.equal(saved.background, before.background)
 
 
@@ -93,7 +93,7 @@ def test_a_painting_of_a_large_photograph_is_repainted_at_the_size_at_which_it_w
     ("working_resolution=96", "", "96"),
     ("working_resolution=96", "working_resolution=200", "200"),
     ("working_resolution=96", "working_resolution=null", None),
-    ("", "", "451"),  # all of a small painting
+    ("", "", "451"),  # the whole of a small painting
     ("resolution=96", "", None),
 ])  # fmt: skip
 def test_a_typed_working_resolution_replaces_that_of_the_painting(folder, tmp_path, first, typed, side):
@@ -111,14 +111,14 @@ def test_a_stroke_that_leaves_the_region_returns_to_where_it_was_and_keeps_its_n
     curves = middles[:, None] + torch.tensor([[-4.0, 0], [0, 0], [4.0, 0]])
     strokes = strokes_along(curves, torch.tensor([2.0, 4.0, 3.0, 3.0]), torch.zeros(4, 3), torch.ones(4))
     fence = Fence(strokes, room, SOFT_EDGE)
-    assert fence.inner.tolist() == [True, True, False, True], "beyond the canvas nothing is seen"
+    assert fence.inner.tolist() == [True, True, False, True], "paint beyond the canvas is invisible"
     moved = strokes.moved(shift=(-25.0, 0)).map(torch.clone)
     moved.color[:], moved.width[:] = 0.5, 2 * strokes.width
     kept = fence(moved, strokes, None)
     assert kept.color[:, 0].tolist() == [0.5, 0.5, 0, 0.5]
-    assert torch.equal(kept.position[:3], strokes.position[:3]), "they would lie outside, or always did"
+    assert torch.equal(kept.position[:3], strokes.position[:3]), "they would leave the region, or were never inside"
     assert torch.equal(kept.position[3], moved.position[3])
-    assert half_width_of(kept).median() == half_width_of(strokes).median(), "the light goes by it"
+    assert half_width_of(kept).median() == half_width_of(strokes).median(), "the light depends on the median width"
 
 
 @pytest.mark.parametrize(("depth", "tiles"), [(0.0, 7), (1.0, 8)])
@@ -132,10 +132,10 @@ def test_paint_keeps_away_from_pixels_that_a_tile_or_the_light_shows_outside(dep
 
 @pytest.mark.parametrize(("words", "message"), [
     ("catalogue=plain change=region", "change=region has no mask; type region=mask.png"),
-    ("region=mask.png", "is a part of a painting; add catalogue=outputs/"),
+    ("region=mask.png", "selects a part of a painting; add catalogue=outputs/"),
     ("region=other.png catalogue=plain", "region=.*other.png has 96 x 20 pixels.*same aspect ratio"),
-    ("region=empty.png catalogue=plain", "has no bright pixel; make white in it what is to be repainted"),
-    ("region=tiny.png catalogue=plain", "holds no stroke of .*plain wholly; make it larger"),
+    ("region=empty.png catalogue=plain", "has no bright pixel; paint the area to repaint white"),
+    ("region=tiny.png catalogue=plain", "no stroke of .*plain lies wholly inside region=.*; make it larger"),
     ("region=mask.png catalogue=plain image=astronaut", "comes to 96 x 96 pixels, and the painting has 96 x 64; give"),
     ("region=mask.png catalogue=plain painter=haeberli", "region=mask.png is for painter=gradient, not haebe"),
     ("region=mask.png catalogue=plain wet=0.5", "wet=0.5 drags paint out of region=mask.png; drop wet"),

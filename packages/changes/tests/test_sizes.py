@@ -1,4 +1,4 @@
-"""Strokes stay between the smallest and the largest brush at every step."""
+"""Strokes stay between the sizes of the smallest and the largest brush at every step."""
 
 from dataclasses import replace
 
@@ -28,7 +28,7 @@ def thickness(strokes):
 
 
 class Watch(Change):
-    """Changes nothing, and keeps the strokes after each step."""
+    """Record the strokes after each step, and change nothing."""
 
     def __init__(self):
         self.seen = []
@@ -40,7 +40,7 @@ class Watch(Change):
 
 
 class Reds(Change):
-    """Red strokes only."""
+    """Make all strokes red."""
 
     def limit(self, strokes, before, rows, state):
         return replace(strokes, color=RED.expand_as(strokes.color))
@@ -73,7 +73,7 @@ def test_millimetres_are_those_of_the_painting_and_what_is_no_size_or_has_no_str
         Sizes(smallest="2mm", largest="2", width_cm=7.0).bounds(140)
     refuses(r"smallest=2mm is above largest=\.5mm", Sizes, smallest="2mm", largest=".5mm")
     for words, message in (
-        (["smallest=3cm"], r"^smallest=3cm is no size; give pixels, smallest=3, or millimetres, smallest=2mm$"),
+        (["smallest=3cm"], r"^smallest=3cm is not a size; give pixels, smallest=3, or millimetres, smallest=2mm$"),
         (["smallest=3", "largest=1mm", "resolution=64"], "^smallest=3 is above largest=1mm; exchange them"),
         (["largest=3", "painter=hertzmann"], "largest=3 is for painter=gradient, not hertzmann; drop painter"),
     ):

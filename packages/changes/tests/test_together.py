@@ -1,4 +1,4 @@
-"""Several changes of one painting keep what each of them promises."""
+"""Several changes of one painting each do what they promise."""
 
 import numpy as np
 import pytest
@@ -16,13 +16,13 @@ from brushexp.strokes.catalogue import FIELDS
 from brushexp.strokes.storage import load_catalogue
 
 QUIET = {"look": "oil", "pixels_per_stroke": 40, "light": {"depth": 0}, "threads": 1}
-RIGHT = 60  # column from which pixels are outside of the region
+RIGHT = 60  # first column outside the region
 REPAINTED = {"steps": 12, "density": "fixed", "focus": None}
 
 
 @pytest.fixture(scope="module")
 def painted(tmp_path_factory):
-    """Folder of a painting of upright bands, of a level line, and of a region."""
+    """Write a painting of vertical bands, a horizontal line and a region into a folder."""
     folder = tmp_path_factory.mktemp("painted")
     mask = np.zeros(SIZE, np.uint8)
     mask[:, :RIGHT] = 255
@@ -52,7 +52,7 @@ def test_guides_region_and_tubes_paint_one_painting(painted, tmp_path):
     after = load_catalogue(tmp_path / "run" / "catalogue.h5")
 
     was, now = (pixels_of(folder / "run" / "painting.png") for folder in (painted, tmp_path))
-    assert np.abs(was - now)[:, RIGHT:].max() == 0, "pixels outside the region are the same to the bit"
+    assert np.abs(was - now)[:, RIGHT:].max() == 0, "pixels outside the region are bit-identical"
     assert np.abs(was - now)[:, :RIGHT].mean() > 1
 
     strokes, first = laid(after), laid(before)
@@ -64,13 +64,13 @@ def test_guides_region_and_tubes_paint_one_painting(painted, tmp_path):
     colors = strokes.color[changed]
     mixtures = all_mixtures(load_tubes("zorn")).color.double()
     assert torch.cdist(colors.double(), mixtures).amin(1).max() < 1e-6
-    assert len(torch.unique(colors, dim=0)) <= 5, "strokes in the region have colours of mixtures"
+    assert len(torch.unique(colors, dim=0)) <= 5, "strokes in the region have the colours of mixtures"
 
     x, y = strokes.position.T
     near = changed & ((y - 30).abs() < 3) & (x > 8) & (x < 36)
     assert near.sum() > 3
-    assert levelness(first[near]).mean() < -0.5, "they followed the bands"
-    assert levelness(strokes[near]).mean() > 0.7, "and follow the line"
+    assert levelness(first[near]).mean() < -0.5, "the strokes followed the bands"
+    assert levelness(strokes[near]).mean() > 0.7, "the strokes now follow the line"
 
 
 def test_each_change_has_its_say_where_others_have_one_too(painted):

@@ -1,4 +1,4 @@
-"""Strokes keep to what a table has."""
+"""Strokes use only the tubes and brushes on a table."""
 
 import time
 from dataclasses import replace
@@ -78,7 +78,7 @@ def test_best_colours_lower_the_squared_error_of_all_strokes_at_once():
     strokes = own.with_mixtures(own.with_brushes(random_strokes(60, SIZE, seed=2)))
     state, errors = painter_of(strokes, OfTubes()).now(), []
     order = front_to_back(StageOrder(own).depth(strokes, None))
-    state = replace(state, order=lambda _: order)  # one that colours do not change
+    state = replace(state, order=lambda _: order)  # an order that does not depend on colours
     for _ in range(6):
         errors.append(float((state.draw(strokes, order) - state.target).square().sum()))
         strokes = replace(strokes, color=best_colors(strokes, state))
@@ -98,12 +98,12 @@ def test_colours_are_free_at_first_and_those_of_mixtures_in_the_end():
     painter.schedule.step = 20
     assert apart() == 0
     painter.schedule.step, painter.stop = 0, Status.INTERRUPTED
-    assert apart() == 0, "a painting that is stopped can be painted, too"
+    assert apart() == 0, "a painting that was stopped early uses mixtures only"
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Folder of a small painting with tubes."""
+    """Write a small painting with tubes into a folder."""
     folder = tmp_path_factory.mktemp("tubes")
     words = ["chelsea", "tubes=zorn", "mixtures=5", "brushes=[40,20]", "strokes=60", "steps=20", "resolution=64"]
     cfg = composed(
@@ -162,7 +162,7 @@ def test_a_table_of_a_spreadsheet_is_read_with_its_mark_and_one_in_other_letters
     ({"wet": 0.5}, "drop wet, or drop tubes"),
     ({"color": "pigment"}, "paint of tubes= is opaque"),
     ({"painter": "hertzmann"}, "is for painter=gradient"),
-    ({"tubes": "eigth"}, "is no file and no set"),
+    ({"tubes": "eigth"}, "is neither a file nor a set"),
 ])  # fmt: skip
 def test_what_no_table_has_is_refused_in_words(words, message):
     refuses(message, settings_of, "paint", {"image": "chelsea", "resolution": 64, "tubes": "zorn", **words})
@@ -183,4 +183,4 @@ def test_tubes_and_the_look_ask_for_each_other_unless_another_look_is_typed():
 
 
 def test_a_set_that_is_not_there_is_refused():
-    refuses("tubes=zurn is no file and no set; choose one of acrylics, eight, ", load_tubes, "zurn")
+    refuses("tubes=zurn is neither a file nor a set; choose one of acrylics, eight, ", load_tubes, "zurn")

@@ -1,4 +1,4 @@
-"""Wet strokes drag paint along, and steps may know of it: the wet painting is then nearer to the target."""
+"""Wet strokes drag paint along; strokes optimised for the wet painting bring it closer to the target."""
 
 from dataclasses import replace
 
@@ -37,10 +37,10 @@ def test_wet_strokes_drag_what_lies_under_their_starts(widening):
     assert len(strokes) == 3 + 4, "a bare canvas is dry"
     torch.testing.assert_close(strokes[:3].color, dry.color)
     assert torch.equal(strokes.brush[:3], dry.brush)
-    assert set(strokes.brush[3:].tolist()) < set(dry.brush.tolist()), "a film has the bristles of its stroke"
+    assert set(strokes.brush[3:].tolist()) < set(dry.brush.tolist()), "a film has the same bristles as its stroke"
     before, after = painter.picture.draw(dry, order), painter.picture.draw(strokes, wet_order)
     reds = after[0, 20, [34, 46, 58, 68]]
-    assert (reds[:-1] > reds[1:] + 0.02).all(), "the red is spent along the blue stroke"
+    assert (reds[:-1] > reds[1:] + 0.02).all(), "the red runs out along the blue stroke"
     torch.testing.assert_close(after[:, 20, 76], before[:, 20, 76])
     assert torch.equal(after[:, :12, :52], before[:, :12, :52]), "a film is no thicker than its stroke"
 
@@ -67,7 +67,7 @@ def test_the_wet_painting_is_nearer_to_the_target():
 
 
 class Watch(Change):
-    """Changes nothing, and keeps the target of each step."""
+    """Record the target of each step, and change nothing."""
 
     def __init__(self):
         self.targets = []

@@ -1,1 +1,1 @@
-"""Bits of a painting: strokes are rounded and coded as a file, which is read and painted again."""
+"""Compress a painting: round its strokes, code them as a small file, and read and paint that file again."""

@@ -1,7 +1,7 @@
-"""Code whole numbers by a range coder, with a fitted distribution for each group of them.
+"""Code integers with a range coder and a fitted distribution for each group.
 
-A distribution is discretised Student's t with more weight at 0: its weights come of sums, products and quotients in
-double precision alone, which IEEE 754 fixes to the bit, so that every machine decodes what any machine has coded.
+A distribution is a discretised Student's t with extra weight at 0. Its weights are computed only by sums, products and
+quotients in double precision, which IEEE 754 defines exactly, so that every machine can decode the files of all others.
 """
 
 from dataclasses import dataclass
@@ -11,15 +11,15 @@ from itertools import product
 import numpy as np
 from constriction import stream
 
-RADIUS = 127  # farthest number from 0 that has a weight of its own
-ESCAPE = 2 * RADIUS + 1  # symbol of a number that lies farther away and follows in plain bits
-ESCAPE_WEIGHT = 2.0**-12  # of all weights
+RADIUS = 127  # largest magnitude with a weight of its own
+ESCAPE = 2 * RADIUS + 1  # symbol announcing a larger number, which follows in plain bits
+ESCAPE_WEIGHT = 2.0**-12  # weight of the escape symbol, as a share of all weights
 ROOT_2 = 1.4142135623730951
 SCALES = tuple(0.25 * 2 ** (step // 2) * (ROOT_2 if step % 2 else 1.0) for step in range(16))
-POWERS = (1, 2, 4, 8)  # of the tails: from Cauchy's to nearly Gaussian ones
-AT_ZERO = (0.0, 0.125, 0.25, 0.5, 0.75, 0.875, 0.96875, 0.9921875)  # shares of all weights that are added at 0
-WORD, PLAIN_WORDS = 16, 3  # bits of a piece of a plain number, and pieces of one
-LARGEST = 2 ** (WORD * PLAIN_WORDS - 2)  # magnitude of numbers that can be coded
+POWERS = (1, 2, 4, 8)  # exponents of the tails, from Cauchy's to nearly Gaussian
+AT_ZERO = (0.0, 0.125, 0.25, 0.5, 0.75, 0.875, 0.96875, 0.9921875)  # weight added at 0, as a share of all weights
+WORD, PLAIN_WORDS = 16, 3  # number of bits in a piece of a plain number, and number of pieces
+LARGEST = 2 ** (WORD * PLAIN_WORDS - 2)  # exclusive bound on the magnitude of numbers that can be coded
 MAX_SHIFT = 48
 
 Group = np.ndarray  # (n,) int64
@@ -27,31 +27,31 @@ Group = np.ndarray  # (n,) int64
 
 @dataclass(frozen=True)
 class Distribution:
-    """A distribution of whole numbers; ``shift`` low bits of a number are coded plainly."""
+    """A distribution of integers; the lowest ``shift`` bits of each number are coded plainly."""
 
     shift: int = 0
-    scale: int = 0  # place in `SCALES`
-    power: int = 0  # place in `POWERS`
-    at_zero: int = 0  # place in `AT_ZERO`
+    scale: int = 0  # index into `SCALES`
+    power: int = 0  # index into `POWERS`
+    at_zero: int = 0  # index into `AT_ZERO`
 
     def packed(self) -> int:
-        """Pack the distribution into a whole number."""
+        """Pack the distribution into an integer."""
         return ((self.shift * len(SCALES) + self.scale) * len(POWERS) + self.power) * len(AT_ZERO) + self.at_zero
 
     @classmethod
     def unpacked(cls, packed: int) -> "Distribution":
-        """Unpack a distribution; ValueError if there is none such."""
+        """Unpack a distribution; raise ValueError if the number stands for none."""
         rest, at_zero = divmod(packed, len(AT_ZERO))
         rest, power = divmod(rest, len(POWERS))
         shift, scale = divmod(rest, len(SCALES))
         if not 0 <= shift <= MAX_SHIFT:
-            raise ValueError(f"{packed} is no distribution")
+            raise ValueError(f"{packed} is not a distribution")
         return cls(shift, scale, power, at_zero)
 
 
 @cache
 def weights_of(scale: int, power: int, at_zero: int) -> np.ndarray:
-    """Compute the weights (2 * RADIUS + 2,) of the numbers from -RADIUS to RADIUS, and of the escape."""
+    """Compute the weights (2 * RADIUS + 2,) of the numbers from -RADIUS to RADIUS and of the escape symbol."""
     numbers = np.arange(-RADIUS, RADIUS + 1, dtype=np.float64)
     far = 1.0 + (numbers / SCALES[scale]) * (numbers / SCALES[scale])
     tails = far
@@ -59,7 +59,7 @@ def weights_of(scale: int, power: int, at_zero: int) -> np.ndarray:
         tails = tails * tails
     weights = 1.0 / tails
     total = 0.0
-    for weight in weights.tolist():  # one after another: a sum in pairs depends on the machine
+    for weight in weights.tolist():  # in sequence, because a pairwise sum depends on the machine
         total += weight
     weights = weights / total * (1.0 - AT_ZERO[at_zero])
     weights[RADIUS] += AT_ZERO[at_zero]
@@ -101,7 +101,7 @@ def bits_of(distribution: Distribution, numbers: Group) -> float:
 
 
 def encode(groups: list[tuple[Distribution, Group]]) -> bytes:
-    """Code groups of numbers, each less than `LARGEST` from 0, one after another."""
+    """Code groups of numbers in sequence; all magnitudes are below `LARGEST`."""
     coder = stream.queue.RangeEncoder()
     for distribution, numbers in groups:
         if not len(numbers):
@@ -115,15 +115,15 @@ def encode(groups: list[tuple[Distribution, Group]]) -> bytes:
 
 
 class Decoder:
-    """Decodes the groups that `encode` has coded, in the same order; damage raises a ValueError."""
+    """Decodes the groups coded by `encode` in the same order; damaged data raise ValueError."""
 
     def __init__(self, data: bytes) -> None:
         if len(data) % 4:
-            raise ValueError("the coded numbers are cut short")
+            raise ValueError("the coded numbers are truncated")
         self._coder = stream.queue.RangeDecoder(np.frombuffer(data, "<u4").astype(np.uint32))
 
     def decode(self, distribution: Distribution, count: int) -> Group:
-        """Decode the next group, of ``count`` numbers."""
+        """Decode the next group of ``count`` numbers."""
         if not count:
             return np.zeros(0, np.int64)
         try:
@@ -132,7 +132,7 @@ class Decoder:
             escaped = symbols == ESCAPE
             high = symbols - RADIUS
             high[escaped] = self._plain(WORD * PLAIN_WORDS, int(escaped.sum())) - LARGEST
-        except AssertionError as error:  # of the library
+        except AssertionError as error:  # raised by the library
             raise ValueError("the coded numbers are damaged") from error
         return (high << distribution.shift) | low
 

@@ -16,17 +16,17 @@ log = logging.getLogger(__name__)
 
 @register("to", "bits")
 class Bits(Exporter):
-    """``strokes.bits``: rounded strokes in a small file, to keep, send and give back: catalogue=strokes.bits.
+    """``strokes.bits``: rounded strokes in a small file, to store, to send, and to paint again: catalogue=strokes.bits.
 
-    Numbers are rounded as coarsely as the picture allows, each by how much it shows, and coded; strokes that do not
-    overlap may change places. What is read back is a painting of as many strokes, which looks as ``fidelity`` says, or
-    as good as ``size`` bytes allow. Settings that draw it (renderer, colour space, paper, lamp) are in the file, others
-    are not.
+    Each number is rounded according to its effect on the picture, and then coded; strokes that do not overlap may be
+    reordered. The decoded painting has the same number of strokes, and either the PSNR ``fidelity`` or the highest PSNR
+    that fits into ``size`` bytes. The file contains only the settings needed to draw the painting: renderer, colour
+    space, paper and lamp.
 
     Args:
-        fidelity: PSNR of the decoded painting against the one that is exported, dB; more takes more bits.
-        size: largest size of the file, which replaces ``fidelity``: 1500B, 20kB, 0.5MB; null = no limit.
-        steps: number of gradient steps in which unrounded values compensate for rounded ones; 0 is quick.
+        fidelity: PSNR of the decoded painting against the exported one, in dB; a higher value needs more bits.
+        size: maximum size of the file, which replaces ``fidelity``: 1500B, 20kB, 0.5MB; null = no limit.
+        steps: number of gradient steps in which unrounded values compensate for rounded ones; 0 is fastest.
     """
 
     def __init__(
@@ -44,7 +44,7 @@ class Bits(Exporter):
         write_bytes(path, coded.data)
         bits = 8 * len(coded.data) / max(1, count)
         about = path.name, len(coded.data), bits, psnr_of(max(coded.loss, SAME))
-        log.info("%s: %d bytes, %.1f bits a stroke, %.2f dB against the exported painting", *about)
+        log.info("%s: %d bytes, %.1f bits per stroke, %.2f dB against the exported painting", *about)
         return [path]
 
     def _coded(self, job: ExportJob) -> Coded:

@@ -1,4 +1,4 @@
-"""The file of coded strokes, ``strokes.bits``, specified in docs/formats.md."""
+"""Write and read files of coded strokes, ``strokes.bits``; docs/formats.md specifies the format."""
 
 import json
 import struct
@@ -27,14 +27,14 @@ from brushexp_coding.streams import Reader, Writer
 
 MAGIC = b"BXST"
 VERSION = 1
-HEAD = struct.Struct("<4sBI")  # magic, version, checksum of all that follows
+HEAD = struct.Struct("<4sBI")  # magic number, version, checksum of the rest
 SIZES = struct.Struct("<IIIIHHHHI")  # strokes, height, width, columns, background, bytes of settings and of alpha
-HAS_WINDOWS, HAS_BRUSHES = 1 << 30, 1 << 31  # beside the bits of the columns that are not 0 for all strokes
+HAS_WINDOWS, HAS_BRUSHES = 1 << 30, 1 << 31  # flags; the lower bits mark the columns that are not 0 for all strokes
 MOST_STROKES = 1_000_000
-LARGEST_SETTINGS = 2**16  # bytes, unpacked
-KEPT_SETTINGS = ("renderer", "color", "paper", "light")  # what draws a painting
-LEVELS = 65_535  # of the background
-GROUPS = (  # columns that have one prediction, in the order in which they are coded
+LARGEST_SETTINGS = 2**16  # bytes, uncompressed
+KEPT_SETTINGS = ("renderer", "color", "paper", "light")  # settings that determine how a painting is drawn
+LEVELS = 65_535  # maximum level of a background channel
+GROUPS = (  # columns that share a prediction, in coding order
     (Column.MIDDLE_X, Column.MIDDLE_Y),
     (Column.THICKNESS,),
     (Column.CHORD_X, Column.CHORD_Y),
@@ -46,10 +46,10 @@ GROUPS = (  # columns that have one prediction, in the order in which they are c
     (Column.DRIFT_RED, Column.DRIFT_GREEN, Column.DRIFT_BLUE),
     OF_WINDOWS,
 )
-FEWEST_TO_CLASS = 400  # strokes from which distributions depend on the coarseness of a stroke
-TRIPLE = 3  # columns of a colour
-PLACED_BY = (Prediction.NOTHING, Prediction.LAST)  # nobody is near before the middles are known
-TYPICAL = (  # settings are packed with this in mind
+FEWEST_TO_CLASS = 400  # minimum number of strokes at which distributions depend on the coarseness of a stroke
+TRIPLE = 3  # number of columns of a colour
+PLACED_BY = (Prediction.NOTHING, Prediction.LAST)  # the nearest stroke is unknown until all centres are decoded
+TYPICAL = (  # typical settings, the preset dictionary of their compression
     b'{"renderer": "analytic", "renderer_hash": "", "seed": 0, "config": "renderer:\\n  _target_: renderer/analytic\\n'
     b"  soft: 2.0\\n  taper: 0.0\\ncolor:\\n  _target_: color/rgb\\npaper:\\n  _target_: paper/smooth\\nlight:\\n"
     b'  depth: 0.0\\n  azimuth: 135.0\\n  elevation: 45.0\\n  gloss: 0.0\\n"}'
@@ -57,9 +57,9 @@ TYPICAL = (  # settings are packed with this in mind
 
 
 def file_of(rounded: Rounded, saved: Saved) -> bytes:
-    """Write rounded strokes as a file, with the canvas and the settings, but not the strokes, of ``saved``."""
+    """Write rounded strokes as a file, with the canvas and the settings of ``saved`` but not its strokes."""
     if len(rounded) > MOST_STROKES:
-        raise UserError(f"{len(rounded)} strokes are more than to=bits holds, {MOST_STROKES}; use to=json")
+        raise UserError(f"{len(rounded)} strokes are more than the {MOST_STROKES} that to=bits can hold; use to=json")
     settings = _packed_settings(saved)
     alpha = b"" if saved.alpha is None else png_of(saved.alpha)
     present = [bool(rounded.numbers[:, column].any()) for column in range(rounded.numbers.shape[1])]
@@ -72,24 +72,24 @@ def file_of(rounded: Rounded, saved: Saved) -> bytes:
 
 
 def read_bits(data: bytes) -> Saved:
-    """Read the painting in a file; raise a UserError that says what is wrong."""
+    """Read the painting in a file; raise UserError if the file is not valid."""
     rounded, saved = rounded_of(data)
     strokes = rounded.strokes()
     return Saved(strokes, torch.arange(len(strokes), dtype=torch.int32), *saved[:2], **saved[2])
 
 
 def rounded_of(data: bytes) -> tuple[Rounded, tuple[tuple[int, int], torch.Tensor, dict[str, Any]]]:
-    """Read the whole numbers of a file, the size and the background of its canvas, and its settings."""
+    """Read the rounded strokes of a file, the size and the background of its canvas, and its settings."""
     magic, version, checksum = HEAD.unpack_from(data) if len(data) >= HEAD.size else (b"", 0, 0)
     if magic != MAGIC:
-        raise UserError("no file of coded strokes; give a strokes.bits of task=export to=bits")
+        raise UserError("not a file of coded strokes; give a strokes.bits of task=export to=bits")
     check_format_version(version, VERSION)
     body = data[HEAD.size :]
     if zlib.crc32(body) != checksum:
         raise UserError("damaged or cut short: its checksum differs; export it again with to=bits")
     count, height, width, mask, *background, packed, alpha = SIZES.unpack_from(body)
     if count > MOST_STROKES:
-        raise UserError(f"has {count} strokes; at most {MOST_STROKES} are read")
+        raise UserError(f"has {count} strokes, but at most {MOST_STROKES} can be read")
     at = SIZES.size + packed
     settings = _unpacked_settings(body[SIZES.size : at])
     settings["alpha"] = alpha_of(body[at : at + alpha]) if alpha else None
@@ -104,7 +104,7 @@ def rounded_of(data: bytes) -> tuple[Rounded, tuple[tuple[int, int], torch.Tenso
 
 
 def _coded(rounded: Rounded, present: list[bool]) -> bytes:
-    """Code the coarseness, the brushes, and the columns group by group, each with its best prediction."""
+    """Code the coarseness, the brushes, and the columns group by group, each group with its best prediction."""
     writer, alike = Writer(), np.zeros(len(rounded), np.int64)
     for kind in rounded.coarseness.T:
         writer.write_column(kind, alike)
@@ -131,7 +131,7 @@ def _coded(rounded: Rounded, present: list[bool]) -> bytes:
 
 
 def _decoded(data: bytes, count: int, rungs: np.ndarray, present: list[bool], mask: int) -> Rounded:
-    """Undo `_coded`."""
+    """Decode the result of `_coded`."""
     reader, alike = Reader(data), np.zeros(count, np.int64)
     coarseness = np.stack([reader.read_column(alike) for _ in range(2)], axis=1)
     if (np.abs(coarseness) > MAX_COARSENESS).any():
@@ -150,20 +150,20 @@ def _decoded(data: bytes, count: int, rungs: np.ndarray, present: list[bool], ma
 
 
 def _groups(present: list[bool]) -> list[list[Column]]:
-    """List the columns of each group that are not 0 for all strokes."""
+    """List for each group the columns that are not 0 for all strokes."""
     groups = ([column for column in group if column < len(present) and present[column]] for group in GROUPS)
     return [group for group in groups if group]
 
 
 def _classes(coarseness: np.ndarray) -> np.ndarray:
-    """Classify the shape of each stroke (N,) as finer than the middle (0), as coarse (1), or coarser (2)."""
+    """Classify the rounding of each stroke's shape (N,): finer than the median (0), equal (1) or coarser (2)."""
     if len(coarseness) < FEWEST_TO_CLASS:
         return np.zeros(len(coarseness), np.int64)
     return np.sign(coarseness[:, 0]) + 1
 
 
 def _packed_settings(saved: Saved) -> bytes:
-    """Pack the names of the renderer and its weights, the seed, and the settings that draw a painting."""
+    """Pack the renderer's name, the hash of its weights, the seed, and the settings in `KEPT_SETTINGS`."""
     kept = {key: value for key, value in config_of(saved).items() if key in KEPT_SETTINGS}
     config = OmegaConf.to_yaml(OmegaConf.create(kept)) if kept else ""
     about = {"renderer": saved.renderer, "renderer_hash": saved.renderer_hash, "seed": saved.seed, "config": config}
@@ -176,5 +176,5 @@ def _unpacked_settings(packed: bytes) -> dict[str, Any]:
     about = json_of(text.decode())
     kinds = {"renderer": str, "renderer_hash": str, "seed": int, "config": str}
     if not isinstance(about, dict) or {name: type(value) for name, value in about.items()} != kinds:
-        raise ValueError("its settings are others")
+        raise ValueError("its settings have unexpected names or types")
     return about

@@ -1,12 +1,13 @@
-"""Code the strokes of a painting: how coarsely each number may be rounded, and what is lost.
+"""Choose how coarsely each number of a painting's strokes is rounded, and code the strokes.
 
-- The sensitivity of the picture to each number is estimated by its gradient of random pictures (Hutchinson 1989).
-- A column has a step, and a stroke two octaves of coarseness, of shape and paint, such that rounding any number costs
-  the picture about as much: the allocation that needs the fewest bits for an error (reverse water-filling).
-- Strokes that do not overlap are exchanged, so that neighbours follow each other.
-- Columns are rounded one group after another; before each, a few steps of gradient descent let the columns that are
-  not yet rounded make up for those that are.
-- All steps are scaled until the picture has the error, or the file the size, that is allowed.
+- The sensitivity of the picture to each number is estimated from gradients of random projections (Hutchinson, 1989).
+- Each column has a step, and each stroke has two octaves of coarseness, one for its shape and one for its paint, chosen
+  so that rounding any number adds about the same error. This needs the fewest bits for a given error (reverse
+  water-filling).
+- Strokes that do not overlap are reordered, so that neighbours follow each other.
+- Columns are rounded group by group. Before each group, a few steps of gradient descent let the columns that are not
+  yet rounded compensate for those that are.
+- All steps are scaled together until the picture has the allowed error, or the file has the allowed size.
 """
 
 from collections.abc import Callable
@@ -36,16 +37,16 @@ from brushexp_coding.rounding import (
 from brushexp_coding.search import BOLDEST, coarsest, finest
 from brushexp_coding.sizes import size_text
 
-SIDE = 1024  # pixels of the longer side, at most, of the picture in which errors are measured
-PROBES = 12  # random pictures
-FINEST, COARSEST = -8, 3  # octaves of coarseness; beyond, strokes that are hardly seen would come to be seen
-UNSEEN = 2.0**-24  # sensitivity of a number that is not seen
-TRIALS, SLOW_TRIALS = 6, 3  # of the scale of all steps: without descent, with it
-REFINED = 2.5  # error of rounding at once over that of rounding in stages, about
+SIDE = 1024  # maximum longer side in pixels of the picture on which errors are measured
+PROBES = 12  # number of random projections
+FINEST, COARSEST = -8, 3  # octaves of coarseness; with coarser rounding, barely visible strokes would become visible
+UNSEEN = 2.0**-24  # sensitivity of a number that has no visible effect
+TRIALS, SLOW_TRIALS = 6, 3  # number of scales tried without and with gradient descent
+REFINED = 2.5  # approximate ratio of the errors of rounding at once and of rounding in stages
 LEAST_ERROR, MOST_ERROR = 1e-7, 1e-2  # mean squared errors of the finest and the coarsest sensible rounding
-RATE = 0.1  # of the descent (Adam), in steps of rounding
-SAME = 1e-8  # mean squared error below which two pictures are the same
-STAGES = (  # columns that are rounded together, the first ones first
+RATE = 0.1  # learning rate of the descent (Adam), in rounding steps
+SAME = 1e-8  # mean squared error below which two pictures count as equal
+STAGES = (  # groups of columns that are rounded together, in order
     (*OF_WINDOWS, Column.CHORD_X, Column.CHORD_Y),
     (Column.BEND_X, Column.BEND_Y),
     (Column.MIDDLE_X, Column.MIDDLE_Y, Column.THICKNESS),
@@ -57,31 +58,31 @@ STAGES = (  # columns that are rounded together, the first ones first
 
 @dataclass(frozen=True)
 class Coded:
-    """A painting as a file, and what was made of it."""
+    """A painting coded as a file, with its rounded strokes, its decoded picture and its loss."""
 
     data: bytes  # the file
     rounded: Rounded
-    picture: Tensor  # (3, h, w) of the decoded strokes; its longer side is `SIDE` pixels at most
-    loss: float  # by how much the mean squared error against the goal has grown
+    picture: Tensor  # (3, h, w), drawn from the decoded strokes; its longer side has at most `SIDE` pixels
+    loss: float  # increase of the mean squared error against the goal
 
 
 def code(job: ExportJob, *, allowed: float, goal: Tensor | None = None, steps: int = 60) -> Coded:
-    """Code the strokes of a job so coarsely that the mean squared error of the picture grows by ``allowed`` at most.
+    """Code the strokes of a job as coarsely as possible while the picture's error grows by at most ``allowed``.
 
     Args:
-        job: painting; its light and paper are not looked at.
-        allowed: mean square of pixels in [0, 1], more than 0.
-        goal: (3, h, w) picture that the strokes stand for; None for their own.
-        steps: number of gradient steps in all; 0 rounds all columns at once.
+        job: painting; its light and paper are ignored.
+        allowed: mean squared error, greater than 0, of pixels in [0, 1].
+        goal: (3, h, w) picture that the strokes should approximate; None for the picture that they draw.
+        steps: total number of gradient steps; 0 rounds all columns at once.
     """
     fit = _Fit(job, goal)
     return fit.coded(fit.coarsest(allowed, steps))
 
 
 def code_within(job: ExportJob, *, size: int, goal: Tensor | None = None, steps: int = 60, option: str) -> Coded:
-    """Code the strokes of a job as finely as fits into a file of ``size`` bytes; for the other arguments see `code`.
+    """Code the strokes of a job as finely as fits into a file of ``size`` bytes; see `code` for the other arguments.
 
-    A UserError says which ``option`` is too small if the coarsest rounding needs more bytes.
+    Raises UserError, which names ``option`` as too small, if the coarsest rounding needs more bytes.
     """
     fit = _Fit(job, goal)
     coded = fit.coded(fit.finest(size, steps))
@@ -99,7 +100,7 @@ def code_within(job: ExportJob, *, size: int, goal: Tensor | None = None, steps:
 
 
 class _Fit:
-    """Searches how the strokes of a job are to be rounded."""
+    """Searches for the best rounding of a job's strokes."""
 
     def __init__(self, job: ExportJob, goal: Tensor | None) -> None:
         self._canvas, self._saved = Canvas(job), job.saved
@@ -129,7 +130,7 @@ class _Fit:
         return min((trial[0] for trial in (at_once, in_stages) if trial is not None), key=self._loss_of)
 
     def coded(self, rounded: Rounded) -> Coded:
-        """Write a file, and draw what it holds."""
+        """Write a file and draw its strokes."""
         with torch.no_grad():
             picture = self._canvas.draw(rounded.strokes())
         return Coded(file_of(rounded, self._saved), rounded, picture, mean_square(picture - self._goal) - self._before)
@@ -150,14 +151,14 @@ def mean_square(difference: Tensor) -> float:
 
 
 class Canvas:
-    """Draws strokes of a job in its size, or in `SIDE` pixels, with gradient."""
+    """Draws strokes differentiably at the size of a job, limited to `SIDE` pixels."""
 
     def __init__(self, job: ExportJob) -> None:
         self.job, self.size = job, job.at_most(SIDE).size
         self.zoom = max(self.size) / max(job.size)
 
     def draw(self, strokes: Strokes) -> Tensor:
-        """Draw strokes, the bottom one first: a picture (3, h, w)."""
+        """Draw strokes, ordered bottom to top, as a picture (3, h, w)."""
         top_down = torch.arange(len(strokes)).flip(0)
         layers = self.job.renderer(strokes.moved(zoom=self.zoom))
         return self.job.compositor(layers, top_down, self.size, self.job.saved.background).image
@@ -165,12 +166,12 @@ class Canvas:
 
 @dataclass(frozen=True)
 class Template:
-    """What of N strokes is coded, the bottom one first."""
+    """N strokes, bottom to top, and which of their properties are coded."""
 
     strokes: Strokes
-    windows: bool = False  # whether their windows are
-    brushes: bool = False  # whether their brushes are
-    turned: bool = False  # whether they are turned, so that all lead to the right
+    windows: bool = False  # whether windows are coded
+    brushes: bool = False  # whether brushes are coded
+    turned: bool = False  # whether strokes are reversed where needed, so that all lead to the right
 
     def values(self) -> Tensor:
         """Compute the values (N, C) of the columns, float64."""
@@ -178,13 +179,13 @@ class Template:
         return facing_right(values) if self.turned else values
 
     def made_of(self, values: Tensor) -> Strokes:
-        """Make strokes of other values (N, C), float64, as they come out of a file."""
+        """Make strokes from other values (N, C), float64, as when a file is read."""
         strokes = strokes_of(values, windows=self.windows).map(lambda value: value.float())
         return replace(strokes, brush=self.strokes.brush) if self.brushes else strokes
 
 
 def template_of(canvas: Canvas, strokes: Strokes, own: Tensor) -> Template:
-    """Find the least that draws the same picture: many renderers draw neither windows nor brushes."""
+    """Find the template with the least data that draws the same picture; many renderers ignore windows and brushes."""
     least_first = (
         Template(strokes, turned=True),
         Template(strokes),
@@ -199,7 +200,7 @@ def template_of(canvas: Canvas, strokes: Strokes, own: Tensor) -> Template:
 
 
 class _Rounding:
-    """Rounds the strokes of a template at several scales of all steps."""
+    """Rounds the strokes of a template at any scale of all steps."""
 
     def __init__(self, canvas: Canvas, template: Template, goal: Tensor) -> None:
         self._canvas, self._template, self._goal, self._values = canvas, template, goal, template.values()
@@ -209,7 +210,7 @@ class _Rounding:
             self._allocate(-np.log2(self._sensitivity().numpy().clip(UNSEEN)))
 
     def scale_for(self, error: float) -> float:
-        """Compute the scale at which rounding at once should cost so much, were the picture linear in the numbers."""
+        """Estimate the scale at which rounding at once adds an error, assuming a picture linear in the numbers."""
         return (12 * error / max(1, self._values.numel())) ** 0.5
 
     def error(self, rounded: Rounded) -> float:
@@ -218,7 +219,7 @@ class _Rounding:
             return mean_square(self._canvas.draw(rounded.strokes()) - self._goal)
 
     def at(self, scale: float, steps: int) -> Rounded:
-        """Round at a scale, group by group, with ``steps`` of gradient descent in all."""
+        """Round at a scale, group by group, with ``steps`` steps of gradient descent in total."""
         rungs = np.array([rung_near(scale * 2.0**octave) for octave in self._octaves])
         brushes = self._template.strokes.brush.numpy() if self._template.brushes else None
         rounded = Rounded(
@@ -236,7 +237,7 @@ class _Rounding:
         return replace(rounded, numbers=round_values(values, rounded.steps))
 
     def _descended(self, values: Tensor, fixed: Tensor, steps: np.ndarray, count: int) -> Tensor:
-        """Move the values of columns that are not ``fixed`` (C,) towards the goal."""
+        """Optimise the values of columns that are not ``fixed`` (C,) to approach the goal."""
         unit = torch.from_numpy(steps)
         moving = (values / unit).requires_grad_()
         optimizer = torch.optim.Adam([moving], lr=RATE, betas=(0.9, 0.99))
@@ -250,7 +251,7 @@ class _Rounding:
         return torch.where(fixed, values, moving.detach().nan_to_num(0.0) * unit)
 
     def _sensitivity(self) -> Tensor:
-        """Estimate (N, C) by how much a number changes the picture: root of the mean square of all its pixels."""
+        """Estimate the change (N, C) of the picture per change of each number, as a root mean square over pixels."""
         values = self._values.clone().requires_grad_()
         picture = self._canvas.draw(self._template.made_of(values))
         random, squares = torch.Generator().manual_seed(0), torch.zeros_like(self._values)
@@ -261,7 +262,7 @@ class _Rounding:
         return (squares / picture.numel()).sqrt()
 
     def _allocate(self, wanted: np.ndarray) -> None:
-        """Split the octaves (N, C) of the steps that are wanted into those of strokes and those of columns."""
+        """Split the desired octaves (N, C) of steps into octaves of strokes and octaves of columns."""
         rows = (wanted < -np.log2(UNSEEN)).all(1)
         rows = rows if rows.any() else ~rows
         paint = is_paint(wanted.shape[1])
@@ -271,5 +272,5 @@ class _Rounding:
             self._coarseness[:, kind] = np.rint(mean - np.median(mean[rows])).clip(FINEST, COARSEST)
             own = wanted[:, columns] - self._coarseness[:, kind, None]
             self._octaves[columns] = own[rows].mean(0)
-        for triple in ((Column.RED, Column.GREEN, Column.BLUE), DRIFT):  # which are coded as luma and chroma
+        for triple in ((Column.RED, Column.GREEN, Column.BLUE), DRIFT):  # coded as luma and chroma
             self._octaves[list(triple)] = self._octaves[list(triple)].mean()

@@ -1,4 +1,4 @@
-"""``bits=20kB``: as close to the picture as a file of so many bytes allows."""
+"""``bits=20kB``: match the picture as closely as a file of a given size allows."""
 
 from copy import deepcopy
 from dataclasses import dataclass
@@ -11,8 +11,8 @@ from brushexp.contracts.families import Change
 from brushexp.contracts.painting import PIXELS_OF_A_STROKE, sizes_of
 from brushexp_coding.sizes import SIZE, size_from, size_text
 
-BITS = 85  # of a stroke: on average 0.11 dB below the best of six such numbers, at most 0.29 (benchmarks/byte_goal.py)
-OVERHEAD = 60  # bytes of a file without strokes, about
+BITS = 85  # bits per stroke; on average 0.11 dB, at most 0.29 dB, below the best of six (benchmarks/byte_goal.py)
+OVERHEAD = 60  # approximate bytes of a file without strokes
 
 
 @register("change", "bits")
@@ -20,12 +20,12 @@ OVERHEAD = 60  # bytes of a file without strokes, about
 class BytesForStrokes(Change):
     """Choose the number of strokes and their rounding so that ``strokes.bits`` has a given size: ``bits=20kB``.
 
-    More strokes come closer to the picture, but each must then be rounded more coarsely. With about 85 bits a stroke
-    the decoded painting is closest. So the painting has as many strokes as fit at 85 bits, or fewer if you limit their
-    number, and they are rounded as finely as fits into the file (``metric=bits``).
+    More strokes match the picture more closely, but each must then be rounded more coarsely. The decoded painting is
+    closest at about 85 bits per stroke. The painting therefore has as many strokes as fit at 85 bits, or fewer if you
+    limit their number, and they are rounded as finely as fits into the file (``metric=bits``).
 
     Args:
-        size: largest size of strokes.bits: 1500B, 20kB, 0.5MB; null = no goal.
+        size: maximum size of strokes.bits: 1500B, 20kB, 0.5MB; null = no limit.
     """
 
     size: Annotated[str, SIZE] | None = None

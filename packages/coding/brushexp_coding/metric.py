@@ -1,4 +1,4 @@
-"""Measure rate and distortion: the size of the strokes as a file, and the picture that is painted of it."""
+"""Measure rate and distortion: the size of the coded strokes, and the error of the picture painted from them."""
 
 import logging
 from dataclasses import replace
@@ -16,7 +16,7 @@ from brushexp_coding.fitting import SIDE, Coded, code, code_within, mean_square
 from brushexp_coding.sizes import SIZE, size_from
 
 log = logging.getLogger(__name__)
-LEAST = 1e-7  # mean squared error that rounding may add to a painting that is its target
+LEAST = 1e-7  # mean squared error that rounding may add to a painting identical to its target
 FILE = "strokes.bits"
 
 
@@ -24,14 +24,14 @@ FILE = "strokes.bits"
 class BitsPerPixel(Metric):
     """Bits per pixel of the strokes, rounded and coded as a file (strokes.bits).
 
-    They are rounded as coarsely as ``loss`` allows, or as finely as fits into ``size`` bytes; with a size, the run
-    keeps the file. Beside the bits stands ``psnr_decoded``, the PSNR of what is painted from that very file: these two
-    belong together, and `psnr` is that of the strokes before they are rounded.
+    Strokes are rounded as coarsely as ``loss`` allows, or as finely as fits into ``size`` bytes; with a size, the run
+    keeps the file. Compare the bits with ``psnr_decoded``, the PSNR of the painting decoded from the same file, not
+    with ``psnr``, which belongs to the strokes before rounding.
 
     Args:
-        loss: PSNR that rounding may cost, dB.
-        size: largest size of the file, which replaces ``loss``: 1500B, 20kB, 0.5MB; null = no limit.
-        steps: number of gradient steps after rounding; 0 is quick but takes more bits.
+        loss: maximum loss of PSNR by rounding, in dB.
+        size: maximum size of the file, which replaces ``loss``: 1500B, 20kB, 0.5MB; null = no limit.
+        steps: number of gradient steps during rounding; 0 is fastest but needs more bits.
     """
 
     title, digits = "bits per pixel", 3
@@ -55,7 +55,7 @@ class BitsPerPixel(Metric):
             with torch.enable_grad():
                 data = self._coded(comparison, job).data
         except UserError as error:
-            log.warning("%s is not written: %s", FILE, error)
+            log.warning("%s was not written: %s", FILE, error)
             return None
         saved = read_bits(data)
         decoded = replace(job, saved=replace(job.saved, strokes=saved.strokes, depth=saved.depth)).picture()
@@ -65,7 +65,7 @@ class BitsPerPixel(Metric):
         if self.size is not None:
             self.remarks, self.files = {"bytes": len(data), "psnr_decoded": psnr}, {FILE: data}
             bits = 8 * len(data) / max(1, len(saved.strokes))
-            log.info("%s: %d bytes, %.1f bits a stroke, %.2f dB when it is decoded", FILE, len(data), bits, psnr)
+            log.info("%s: %d bytes, %.1f bits per stroke, %.2f dB after decoding", FILE, len(data), bits, psnr)
         return 8 * len(data) / target[0].numel()
 
     def _coded(self, comparison: Comparison, job: ExportJob) -> Coded:

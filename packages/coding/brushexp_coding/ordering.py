@@ -8,16 +8,16 @@ from torch import linspace, tensor
 from brushexp.contracts.families import Renderer
 from brushexp.contracts.strokes import Strokes, curve_of, point_at
 
-CELL = 4  # pixels of a side
-PIECES = 16  # of a curve, whose ends stand for it
-CHOICES = 1024  # strokes of which the nearest is taken, at most
+CELL = 4  # side of a cell in pixels
+PIECES = 16  # number of pieces whose ends represent a curve
+CHOICES = 1024  # maximum number of strokes among which the nearest is chosen
 
 
 def neighbouring_order(strokes: Strokes, size: tuple[int, int], renderer: Renderer) -> np.ndarray:
-    """Find another order (N,) of strokes, the bottom one first before and after, in which most follow a near one.
+    """Find an order (N,) of strokes, bottom to top, in which most strokes follow a neighbour.
 
-    Strokes that may touch the same cell of the canvas (H, W) keep their order, and all others may be exchanged: where
-    no pixel has paint of both, it does not matter which is laid first.
+    Strokes that may touch the same cell of the canvas (H, W) keep their order. All others may be exchanged, because the
+    order of two strokes has no effect if no pixel has paint of both.
     """
     middle = point_at(curve_of(strokes).double(), tensor(0.5).double()).numpy()
     waits, followers = _constraints(strokes, size, renderer)
@@ -35,7 +35,7 @@ def neighbouring_order(strokes: Strokes, size: tuple[int, int], renderer: Render
 
 
 def _constraints(strokes: Strokes, size: tuple[int, int], renderer: Renderer) -> tuple[list[int], list[list[int]]]:
-    """Count for each stroke those right below it in some cell, and list those right above it."""
+    """Count for each stroke the strokes directly below it in any cell, and list the strokes directly above it."""
     top: dict[int, int] = {}
     waits, followers = [0] * len(strokes), [list[int]() for _ in range(len(strokes))]
     for stroke, cells in enumerate(touched_cells(strokes, size, renderer)):
@@ -48,11 +48,11 @@ def _constraints(strokes: Strokes, size: tuple[int, int], renderer: Renderer) ->
 
 
 def touched_cells(strokes: Strokes, size: tuple[int, int], renderer: Renderer) -> Iterator[list[int]]:
-    """List for each stroke the cells of the canvas (H, W) that it may touch, and perhaps a few more."""
+    """Yield for each stroke the cells of the canvas (H, W) that it may touch, possibly with a few more."""
     layers = renderer(strokes)
     curve = layers.curve.detach().double()
     points = point_at(curve[:, None], linspace(0, 1, PIECES + 1).double()[None]).numpy()  # (N, PIECES + 1, 2)
-    between = np.linalg.norm(np.diff(points, axis=1), axis=2).max(1) / 2  # farthest of a piece from its ends
+    between = np.linalg.norm(np.diff(points, axis=1), axis=2).max(1) / 2  # maximum distance of a piece from its ends
     bend = np.linalg.norm((curve[:, 0] - 2 * curve[:, 1] + curve[:, 2]).numpy(), axis=1)
     reach = layers.reach.detach().double().numpy() + between + bend / (4 * PIECES**2) + CELL / np.sqrt(2)
     columns, rows = -(-size[1] // CELL), -(-size[0] // CELL)

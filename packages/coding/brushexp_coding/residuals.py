@@ -1,4 +1,4 @@
-"""Predict the numbers of a stroke from those of strokes before it, so that small ones are left to be coded."""
+"""Predict the numbers of a stroke from those of earlier strokes, so that only small residuals must be coded."""
 
 from enum import IntEnum
 
@@ -6,21 +6,21 @@ import numpy as np
 
 from brushexp_coding.entropy import LARGEST
 
-BEFORE = 1024  # strokes among which the nearest one is sought
+BEFORE = 1024  # number of earlier strokes among which the nearest is chosen
 
 
 class Prediction(IntEnum):
-    """From what the numbers of a column are predicted."""
+    """The source from which the numbers of a column are predicted."""
 
     NOTHING = 0
-    LAST = 1  # the stroke before
-    NEAREST = 2  # of the strokes before, the one whose middle lies nearest
+    LAST = 1  # the previous stroke
+    NEAREST = 2  # the earlier stroke whose centre is nearest
 
 
 def nearest_before(middle: np.ndarray) -> np.ndarray:
-    """Find for each stroke the nearest (N,) of the `BEFORE` strokes before it, the last of equals; 0 for the first.
+    """Find the nearest (N,) of the `BEFORE` strokes before each stroke, or the last of equals; 0 for the first stroke.
 
-    ``middle`` is (N, 2) in pixels. Only differences, squares and a sum are taken, so every machine finds the same.
+    ``middle`` is (N, 2) in pixels. Only differences, squares and a sum are computed, so all machines agree.
     """
     count = len(middle)
     best, least = np.zeros(count, np.int64), np.full(count, np.inf)
@@ -35,14 +35,14 @@ def nearest_before(middle: np.ndarray) -> np.ndarray:
 
 
 def sources(prediction: Prediction, count: int, nearest: np.ndarray | None) -> np.ndarray | None:
-    """Return for each of ``count`` strokes the earlier one (N,) that predicts it; None for no prediction."""
+    """Return the earlier stroke (N,) that predicts each of ``count`` strokes; None if nothing is predicted."""
     if prediction == Prediction.LAST:
         return np.maximum(np.arange(count) - 1, 0)
     return nearest if prediction == Prediction.NEAREST else None
 
 
 def rescaled(numbers: np.ndarray, octaves: np.ndarray) -> np.ndarray:
-    """Compute numbers * 2**octaves, rounded, in whole numbers, and within what can be coded."""
+    """Compute numbers * 2**octaves, rounded to integers and clamped to the range that can be coded."""
     finer = numbers << np.maximum(octaves, 0)
     half = (1 << np.maximum(-octaves, 1)) >> 1
     coarser = (numbers + half) >> np.maximum(-octaves, 0)
@@ -50,7 +50,7 @@ def rescaled(numbers: np.ndarray, octaves: np.ndarray) -> np.ndarray:
 
 
 def residuals_of(numbers: np.ndarray, octaves: np.ndarray, source: np.ndarray | None) -> np.ndarray:
-    """Subtract from numbers (N, K) those of each stroke's source, in steps of the stroke itself; the first stays."""
+    """Subtract each source's numbers from those of its stroke (N, K), in the stroke's steps; keep the first stroke."""
     if source is None or len(numbers) < 2:
         return numbers
     residuals = numbers.copy()
@@ -59,7 +59,7 @@ def residuals_of(numbers: np.ndarray, octaves: np.ndarray, source: np.ndarray | 
 
 
 def restored(residuals: np.ndarray, octaves: np.ndarray, source: np.ndarray | None) -> np.ndarray:
-    """Undo `residuals_of`."""
+    """Invert `residuals_of`."""
     if source is None or len(residuals) < 2:
         return residuals
     numbers, finer = residuals.copy(), octaves[source] - octaves
@@ -69,7 +69,7 @@ def restored(residuals: np.ndarray, octaves: np.ndarray, source: np.ndarray | No
 
 
 def decorrelated(residuals: np.ndarray) -> np.ndarray:
-    """Turn differences of red, green and blue (N, 3) into luma and two chromas, without loss (YCoCg-R)."""
+    """Convert differences of red, green and blue (N, 3) losslessly into luma and two chroma values (YCoCg-R)."""
     red, green, blue = residuals.T
     orange = red - blue
     middle = blue + (orange >> 1)
@@ -78,7 +78,7 @@ def decorrelated(residuals: np.ndarray) -> np.ndarray:
 
 
 def correlated(decorrelated_: np.ndarray) -> np.ndarray:
-    """Undo `decorrelated`."""
+    """Invert `decorrelated`."""
     luma, orange, magenta = decorrelated_.T
     middle = luma - (magenta >> 1)
     blue = middle - (orange >> 1)

@@ -1,4 +1,4 @@
-"""Round strokes to whole numbers, and make strokes of them again."""
+"""Round strokes to integers, and convert the integers back to strokes."""
 
 from dataclasses import dataclass, replace
 from enum import IntEnum
@@ -19,23 +19,23 @@ from brushexp.contracts.strokes import (
 )
 from brushexp_coding.entropy import LARGEST
 
-FINE = 64  # place of the step 1 on the ladder of steps
-RUNGS = (1.0, 1.1875, 1.4140625, 1.6796875)  # four steps of an octave, exact in double precision
-LADDER = np.array([RUNGS[(rung - FINE) % 4] * 2.0 ** ((rung - FINE) // 4) for rung in range(256)])  # of all steps
-ROOM = 2.0  # pixels of a window beyond the stroke
-MAX_COARSENESS = 8  # octaves to either side by which a stroke may be coarser than another
+FINE = 64  # index of the step 1 on the ladder of steps
+RUNGS = (1.0, 1.1875, 1.4140625, 1.6796875)  # four steps per octave, exact in double precision
+LADDER = np.array([RUNGS[(rung - FINE) % 4] * 2.0 ** ((rung - FINE) // 4) for rung in range(256)])  # all possible steps
+ROOM = 2.0  # margin in pixels of a window around the stroke
+MAX_COARSENESS = 8  # maximum magnitude of a stroke's coarseness, in octaves
 
 
 class Column(IntEnum):
-    """Numbers of a stroke, lengths in pixels. Those from OFFSET_X on are coded for renderers that draw in windows."""
+    """Numbers of a stroke, lengths in pixels; OFFSET_X to SIDE are only coded for renderers that draw in windows."""
 
     THICKNESS = 0
-    CHORD_X = 1  # from start to end
+    CHORD_X = 1  # vector from start to end
     CHORD_Y = 2
-    BEND_X = 3  # from the middle of the chord to the control point
+    BEND_X = 3  # vector from the middle of the chord to the control point
     BEND_Y = 4
     SOFTNESS = 5
-    MIDDLE_X = 6  # of the curve
+    MIDDLE_X = 6  # centre of the curve
     MIDDLE_Y = 7
     OPACITY = 8
     RED = 9
@@ -45,9 +45,9 @@ class Column(IntEnum):
     DRIFT_RED = 13
     DRIFT_GREEN = 14
     DRIFT_BLUE = 15
-    OFFSET_X = 16  # from the middle of the curve to that of the window
+    OFFSET_X = 16  # vector from the centre of the curve to the centre of the window
     OFFSET_Y = 17
-    SIDE = 18  # of the window
+    SIDE = 18  # side of the window
 
 
 DRIFT = tuple(range(Column.DRIFT_RED, Column.DRIFT_BLUE + 1))
@@ -58,21 +58,21 @@ REVERSED = (Column.CHORD_X, Column.CHORD_Y, Column.WIDENING, *DRIFT)
 
 @dataclass(frozen=True)
 class Rounded:
-    """N strokes as whole numbers, the bottom one first: a value is number * step of its column * 2**coarseness.
+    """N strokes as integers, bottom to top; a value is number * step of its column * 2**coarseness.
 
-    A stroke has two octaves of coarseness, one of its shape and one of its paint, since where a stroke lies matters by
-    its contrast with what is around it, and its colour by the area that is seen of it.
+    A stroke has separate octaves of coarseness for its shape and its paint: errors of its shape matter in proportion to
+    its contrast with the surroundings, and errors of its colour in proportion to its visible area.
     """
 
-    numbers: np.ndarray  # (N, C) int64, C the number of columns
-    coarseness: np.ndarray  # (N, 2) int64, of the shape and of the paint
-    rungs: np.ndarray  # (C,) int64 places of the columns' steps on the `LADDER`
-    windows: bool  # whether the windows are those of the file; otherwise they fit closely around the curves
-    brushes: np.ndarray | None = None  # (N,) int64; None where the renderer does not choose by it
+    numbers: np.ndarray  # (N, C) int64, where C is the number of columns
+    coarseness: np.ndarray  # (N, 2) int64, one octave for the shape and one for the paint
+    rungs: np.ndarray  # (C,) int64 indices of the columns' steps on the `LADDER`
+    windows: bool  # whether windows are stored; otherwise they fit closely around the curves
+    brushes: np.ndarray | None = None  # (N,) int64; None if the renderer ignores brushes
 
     @classmethod
     def none(cls) -> "Rounded":
-        """Make 0 strokes."""
+        """Make an empty set of strokes."""
         columns = len(Column) - len(OF_WINDOWS)
         return cls(np.zeros((0, columns), np.int64), np.zeros((0, 2), np.int64), np.zeros(columns, np.int64), False)
 
@@ -86,7 +86,7 @@ class Rounded:
 
     @property
     def middles(self) -> np.ndarray:
-        """Middles (N, 2) of the curves in pixels, float64."""
+        """Centres (N, 2) of the curves in pixels, float64."""
         place = slice(Column.MIDDLE_X, Column.MIDDLE_Y + 1)
         return self.numbers[:, place] * self.steps[:, place]
 
@@ -96,19 +96,19 @@ class Rounded:
         return self.coarseness[:, is_paint(self.numbers.shape[1]).astype(int)]
 
     def strokes(self) -> Strokes:
-        """Make the strokes that the numbers stand for, as a file of them is painted."""
+        """Make the strokes that the numbers stand for."""
         strokes = strokes_of(torch.from_numpy(self.numbers * self.steps), windows=self.windows)
         strokes = strokes.map(lambda value: value.float())
         return strokes if self.brushes is None else replace(strokes, brush=torch.from_numpy(self.brushes))
 
 
 def is_paint(columns: int) -> np.ndarray:
-    """Test which of ``columns`` columns belong to the paint."""
+    """Mark which of the first ``columns`` columns belong to the paint."""
     return np.isin(np.arange(columns), PAINT)
 
 
 def rung_near(step: float) -> int:
-    """Return the place of the largest step of the ladder that is not larger than ``step``."""
+    """Return the index of the largest step on the ladder that is at most ``step``."""
     return max(0, int(np.searchsorted(LADDER, step * (1 + 1e-9), side="right")) - 1)
 
 
@@ -125,7 +125,7 @@ def values_of(strokes: Strokes, *, windows: bool) -> Tensor:
 
 
 def strokes_of(values: Tensor, *, windows: bool) -> Strokes:
-    """Make strokes of the values (N, C) of the columns, differentiable; values out of range are clamped."""
+    """Make strokes differentiably from the values (N, C) of the columns; values out of range are clamped."""
     column = values.unbind(1)
     middle, chord, bend = (values[:, at : at + 2] for at in (Column.MIDDLE_X, Column.CHORD_X, Column.BEND_X))
     control = middle + bend / 2
@@ -160,13 +160,13 @@ def strokes_of(values: Tensor, *, windows: bool) -> Strokes:
 
 
 def round_values(values: Tensor, steps: np.ndarray) -> np.ndarray:
-    """Round values (N, C) to whole numbers of their steps (N, C)."""
+    """Round values (N, C) to integer multiples of their steps (N, C)."""
     numbers = np.rint(values.detach().numpy() / steps)
     return np.clip(numbers, 1 - LARGEST // 2, LARGEST // 2 - 1).astype(np.int64)
 
 
 def facing_right(values: Tensor) -> Tensor:
-    """Turn strokes (N, C) so that they lead to the right, which changes no picture of a renderer without textures."""
+    """Reverse strokes (N, C) that lead to the left, which does not change pictures of renderers without textures."""
     back = (values[:, Column.CHORD_X] < 0) | ((values[:, Column.CHORD_X] == 0) & (values[:, Column.CHORD_Y] < 0))
     signs = torch.ones_like(values)
     signs[:, list(REVERSED)] = torch.where(back, -1.0, 1.0).to(values)[:, None]

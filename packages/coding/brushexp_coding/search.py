@@ -1,4 +1,4 @@
-"""Search the scale of all steps of rounding: the coarsest for an error, the finest for a size."""
+"""Search for the scale of all rounding steps: the coarsest scale for an error, or the finest for a file size."""
 
 from collections.abc import Callable
 
@@ -6,18 +6,18 @@ import numpy as np
 
 from brushexp_coding.rounding import Rounded
 
-MOST_TRIALS = 30  # of a scale
-BOLDEST = 4.0  # factor by which a trial's scale differs from that before
-ENOUGH, AIM = 0.8, 0.92  # shares of the error that is allowed
-FULL, AIM_SIZE = 0.985, 0.995  # shares of the size that is allowed
+MOST_TRIALS = 30  # maximum number of scales tried
+BOLDEST = 4.0  # maximum ratio between the scales of consecutive trials
+ENOUGH, AIM = 0.8, 0.92  # shares of the allowed error that end the search, and that a trial aims at
+FULL, AIM_SIZE = 0.985, 0.995  # shares of the allowed size that end the search, and that a trial aims at
 
 
 def coarsest(
     at: Callable[[float], Rounded], loss_of: Callable[[Rounded], float], allowed: float, scale: float, trials: int
 ) -> tuple[Rounded, float]:
-    """Find about the largest scale at which rounding costs no more than is allowed.
+    """Find approximately the largest scale at which the loss by rounding is at most ``allowed``.
 
-    After ``trials`` the coarsest that was fine enough is taken; without one, the search goes on with finer ones.
+    After ``trials`` trials, the largest admissible scale so far is returned; if there is none, the search continues.
     """
     best: tuple[Rounded, float] | None = None
     too_coarse = np.inf
@@ -45,9 +45,9 @@ def finest(
     *,
     limits: tuple[float, float],
 ) -> tuple[Rounded, float] | None:
-    """Find about the smallest scale within ``limits`` at which the file has at most ``size`` bytes; None if none has.
+    """Find approximately the smallest scale within ``limits`` at which the file has at most ``size`` bytes, or None.
 
-    Each value of a stroke takes about a bit more at half the scale.
+    Each value of a stroke takes about one bit more at half the scale.
     """
     best: tuple[Rounded, float] | None = None
     too_fine = 0.0

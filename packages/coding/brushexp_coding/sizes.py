@@ -1,17 +1,17 @@
-"""Sizes of files as people type them: 1500B, 20kB, 0.5MB."""
+"""Parse and write file sizes as people type them: 1500B, 20kB, 0.5MB."""
 
 import math
 import re
 
 from brushexp.contracts import Rule, UserError
 
-BYTES = {"": 1, "b": 1, "k": 1e3, "kb": 1e3, "m": 1e6, "mb": 1e6}  # of a unit
+BYTES = {"": 1, "b": 1, "k": 1e3, "kb": 1e3, "m": 1e6, "mb": 1e6}  # bytes per unit
 LARGEST = 1e9  # bytes
-DIGITS = 3  # significant ones of a size that is written
+DIGITS = 3  # significant digits of a written size
 
 
 def size_from(text: str, option: str) -> int:
-    """Read a size in bytes; raise UserError for a text that is none."""
+    """Parse a size in bytes; raise UserError for any other text."""
     found = re.fullmatch(r"(\d+(?:\.\d*)?|\.\d+) ?([a-z]*)", text.lower())
     unit = BYTES.get(found[2]) if found else None
     if found is None or unit is None:
@@ -23,7 +23,7 @@ def size_from(text: str, option: str) -> int:
 
 
 def size_text(size: float) -> str:
-    """Write a size in bytes, rounded up to three digits.
+    """Write a size in bytes, rounded up to three significant digits.
 
     >>> size_text(950), size_text(1231), size_text(20_000), size_text(999_900), size_text(500_000)
     ('950B', '1.24kB', '20kB', '1MB', '500kB')

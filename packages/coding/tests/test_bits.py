@@ -1,4 +1,4 @@
-"""Files of coded strokes: what is coded comes back to the bit, and what is painted of it is as near as was asked."""
+"""Coded strokes are decoded bit-identically, and the decoded painting has the requested PSNR."""
 
 import zlib
 from base64 import b64decode
@@ -97,7 +97,7 @@ def rounded_strokes(count, seed, *, windows=False, brushes=False, spread=200.0):
     rungs = generator.integers(0, 256, columns)
     own = generator.integers(0, 2**31, count) if brushes else None
     whole = values.clip(1 - LARGEST // 2, LARGEST // 2 - 1).astype(np.int64)
-    rungs[(whole == 0).all(0)] = 0  # the steps of columns that are not there are not in the file
+    rungs[(whole == 0).all(0)] = 0  # the file omits the steps of empty columns
     return Rounded(whole, coarseness, rungs, windows, own)
 
 
@@ -118,7 +118,7 @@ def test_a_file_holds_what_is_coded_to_the_bit(count, seed, windows, brushes, sp
     read_bits(file_of(coded, saved)).check()
 
 
-# Three strokes, written by version 1: files stay readable, on every machine.
+# Three strokes written by version 1, which must stay readable on every machine.
 OLDEST = (
     "QlhTVAEvDPt+AwAAADAAAABAAAAA//8AAACAAIAAgAgAAAAAAKumQqAo1QIANT8/Pz4+OTg1MzMzNzQ0NEgAAAACsgUA9gUCAErE"
     "D0jEBwIAAbIFAAAE8gQAtAcAAAD0BgDwAwAABvYFAgAAsgUAAgKyBQr4BgK2BgAAALIFAAAA9gQAsAMB8ANcqJrVHwrBJEYReQnN"
@@ -261,7 +261,7 @@ def test_alpha_settings_and_ground_come_back(tmp_path):
     assert torch.equal(saved.alpha, alpha)
     assert saved.seed == 2**63
     assert "soft: 1.25" in saved.config
-    assert "image" not in saved.config, "what draws no picture is left out"
+    assert "image" not in saved.config, "settings that do not affect the picture are omitted"
     assert torch.allclose(saved.background, job.saved.background, atol=1e-5)
 
 
@@ -280,7 +280,7 @@ def test_a_file_of_the_future_and_other_files_are_refused(tmp_path):
     path.write_bytes(HEAD.pack(MAGIC, VERSION + 1, 0) + bytes(40))
     refuses(f"a.bits: has format_version {VERSION + 1}, and this brushexp reads {VERSION}", load_catalogue, path)
     path.write_bytes(b"something else that is long enough")
-    refuses("no file of coded strokes; give a strokes.bits", load_catalogue, path)
+    refuses("not a file of coded strokes; give a strokes.bits", load_catalogue, path)
     refuses("there is no file", load_catalogue, tmp_path / "none.bits")
 
 

@@ -1,4 +1,4 @@
-"""Files of a given size: they fit, are as good as they can be, and a size that cannot be is refused."""
+"""Files of a given size fit into it and use it well, and impossible sizes are refused."""
 
 import json
 import logging
@@ -91,7 +91,7 @@ def test_a_size_that_is_too_small_is_refused_with_one_that_works(count, tmp_path
     line = refusal(Bits(size="1B", steps=6).write, job, tmp_path)
     start, _, size = line.partition("; type to.bits.size=")
     assert start == f"to.bits.size=1B is too small for {count} strokes"
-    assert not [*tmp_path.iterdir()], "no file is left"
+    assert not [*tmp_path.iterdir()], "no file is written"
     (path,) = Bits(size=size, steps=6).write(job, tmp_path)
     assert path.stat().st_size <= size_from(size, "size")
     if count > 1:
@@ -106,7 +106,7 @@ def test_the_log_says_size_rate_and_quality(tmp_path, caplog):
     size = path.stat().st_size
     drawn = export_job(load_catalogue(path)).picture()
     about = caplog.messages[-1]
-    assert about.startswith(f"strokes.bits: {size} bytes, {8 * size / 40:.1f} bits a stroke, ")
+    assert about.startswith(f"strokes.bits: {size} bytes, {8 * size / 40:.1f} bits per stroke, ")
     said = float(about.split(", ")[-1].split(" dB")[0])
     assert said == pytest.approx(picture_psnr(drawn, job.picture()), abs=0.2)
 
@@ -128,7 +128,7 @@ def test_a_metric_without_a_file_that_fits_warns(caplog):
     metric = BitsPerPixel(size="90B", steps=0)
     assert metric(Comparison(image, image, None, job.strokes, job)) is None
     assert not metric.files
-    assert "strokes.bits is not written: bits=90B is too small for 60 strokes; type bits=" in caplog.text
+    assert "strokes.bits was not written: bits=90B is too small for 60 strokes; type bits=" in caplog.text
 
 
 @pytest.fixture(scope="module")
@@ -142,7 +142,7 @@ def photo(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def paintings(photo, tmp_path_factory):
-    """Paintings of two sizes in bytes, and their folders."""
+    """Paint two paintings of different sizes in bytes; return them and their folders."""
     painted = {}
     for size in (300, 900):
         folder = tmp_path_factory.mktemp("run")

@@ -1,4 +1,4 @@
-"""Published tables of rate and distortion are those of the records."""
+"""The published tables of rate and distortion agree with the records."""
 
 import sys
 from pathlib import Path

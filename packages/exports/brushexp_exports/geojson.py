@@ -17,10 +17,10 @@ from brushexp_exports.stroke_outlines import OutlinedStroke, outlined_strokes
 class GeoJson(Exporter):
     """Writes ``strokes.geojson``: each stroke as a polygon with its measures, bottom first, for QGIS, R and GeoPandas.
 
-    Coordinates start at the lower left corner, x to the right and y upwards as on maps, in pixels, or in millimetres
-    with ``width_cm``. They are positions on the canvas, not on the earth, unlike in RFC 7946. Properties: ``stroke``,
-    its number in the catalogue, ``order`` (0 for the bottom stroke), ``length`` from tip to tip, ``width``,
-    ``direction`` in degrees clockwise from horizontal, ``color`` and ``opacity``.
+    As on maps, coordinates start at the lower left corner, with x to the right and y upwards. They are in pixels, or in
+    millimetres with ``width_cm``. Unlike in RFC 7946, they are positions on the canvas, not on the earth. Properties:
+    ``stroke``, its number in the catalogue; ``order``, 0 for the bottom stroke; ``length`` from tip to tip; ``width``;
+    ``direction`` in degrees clockwise from horizontal; ``color`` and ``opacity``.
 
     Args:
         width_cm: width of the canvas in cm; null = coordinates in pixels.

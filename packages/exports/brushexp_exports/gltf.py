@@ -14,10 +14,10 @@ from brushexp.contracts.families import Exporter, ExportJob
 from brushexp.contracts.files import replacing
 from brushexp_exports.ribbons import ACROSS, POINTS, TRIANGLES, Ribbons, ribbons_of, triangles_of
 
-LARGEST_FILE = 2**32  # bytes of a file: its lengths have 32 bits
-ANIMATION_STEPS = 100  # of the strokes, each of which appears at once in the animation
-FLOAT, SHORT, INT = 5126, 5123, 5125  # numbers of types
-VERTICES, CORNERS = 34962, 34963  # numbers of kinds of data
+LARGEST_FILE = 2**32  # bytes; the format stores lengths in 32 bits
+ANIMATION_STEPS = 100  # groups of strokes that appear one after another in the animation
+FLOAT, SHORT, INT = 5126, 5123, 5125  # glTF's codes for component types
+VERTICES, CORNERS = 34962, 34963  # glTF's codes for buffer targets
 COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 PER_STROKE = POINTS * (4 * (3 + 3 + 2 + 1 + 1) + 2 * 4) + TRIANGLES * 3 * 4  # bytes
 Array = np.ndarray
@@ -59,7 +59,7 @@ class Gltf(Exporter):
         return [folder / "painting.glb"]
 
     def _add_strokes(self, file: "_Glb", ribbons: Ribbons, count: int, unit: float) -> None:
-        """Add strokes in parts, each with the second at which it appears."""
+        """Add the strokes in groups, each with the second at which it appears."""
         shape = ribbons.points.shape[:3]
         begin = ribbons.number[:, None] + ribbons.along
         columns = {
@@ -85,7 +85,7 @@ class Gltf(Exporter):
 
 
 def light_of(ribbons: Ribbons) -> Array:
-    """Return linear RGB and opacity (N, S, 4) in 16 bits."""
+    """Return linear RGB and opacity (N, S, 4) as 16-bit integers."""
     color = build_named("color", "linear", {}).encode(torch.from_numpy(ribbons.color)).numpy()
     opacity = np.broadcast_to(ribbons.opacity[:, None, None], (*color.shape[:2], 1))
     return np.rint(65535 * np.concatenate([color, opacity], 2).clip(0, 1)).astype(np.uint16)
@@ -112,7 +112,7 @@ class _Glb:
         self.add_mesh("ground", columns, np.array([[0, 1, 2], [0, 2, 3]]), self.add_material("ground", ground))
 
     def add_material(self, name: str, color: Any, *, opaque: bool = True) -> int:
-        """Add a matt material, linear RGB multiplied by the colour of the vertices; return its number."""
+        """Add a matt material, whose linear RGB multiplies the colours of vertices; return its number."""
         paint = {"baseColorFactor": [*color, 1], "metallicFactor": 0, "roughnessFactor": 0.6}
         mode = {} if opaque else {"alphaMode": "BLEND"}
         self.scene["materials"].append({"name": name, "pbrMetallicRoughness": paint, "doubleSided": True} | mode)
@@ -128,7 +128,7 @@ class _Glb:
         return len(self.scene["nodes"]) - 1
 
     def add_appearance(self, node: int, second: float) -> None:
-        """Hide a node, by a size of 0, until a second of the animation."""
+        """Hide a node, by scaling it to 0, until ``second`` of the animation."""
         times = self._add(np.array([[0.0], [second]]), bounds=True)
         sizes = self._add(np.array([[0.0] * 3, [1.0] * 3]))
         self.sampler.append({"input": times, "output": sizes, "interpolation": "STEP"})
@@ -148,7 +148,7 @@ class _Glb:
         return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body
 
     def _add(self, values: Array, target: int | None = None, *, bounds: bool = False) -> int:
-        """Add numbers (n, k), in 32 bits unless they have 16; return the number of their accessor."""
+        """Add numbers (n, k), stored in 32 bits unless they have 16; return the number of their accessor."""
         kinds = {np.dtype(np.uint16): SHORT, np.dtype(np.uint32): INT}
         values = values if values.dtype in kinds else values.astype(np.float32)
         data = np.ascontiguousarray(values).tobytes()

@@ -14,8 +14,8 @@ from brushexp.contracts.families import ExportJob
 from brushexp.contracts.files import replacing
 from brushexp.contracts.members import SheetExporter
 
-LARGEST_SIDE = 65_500  # pixels, of libjpeg
-MADE = slice(24, 36)  # bytes of an ICC profile that hold the time when it was made: year, month, day, ...
+LARGEST_SIDE = 65_500  # pixels; the limit of libjpeg
+MADE = slice(24, 36)  # bytes of an ICC profile that hold its creation time: year, month, day, ...
 
 
 @register("to", "jpg")
@@ -23,8 +23,8 @@ MADE = slice(24, 36)  # bytes of an ICC profile that hold the time when it was m
 class Jpg(SheetExporter):
     """Writes ``painting.jpg``: the picture at any ``resolution``, small enough to send, with an sRGB profile.
 
-    Colours are stored for every pixel (4:4:4), because edges of strokes are crisp. Unlike with PNG, the whole picture
-    is in memory at once.
+    Colours are stored for every pixel (4:4:4), because strokes have crisp edges. Unlike for PNG, the whole picture is
+    in memory at once.
 
     Args:
         quality: JPEG quality, from 1 (small) to 95 (nearly lossless).
@@ -48,7 +48,7 @@ class Jpg(SheetExporter):
 
 @cache
 def srgb() -> bytes:
-    """Make an sRGB profile with the same bytes every time."""
+    """Make an sRGB profile that is always byte-identical."""
     profile = bytearray(ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes())
     profile[MADE] = struct.pack(">6H", 2000, 1, 1, 0, 0, 0)
     return bytes(profile)

@@ -12,23 +12,23 @@ from brushexp.contracts.families import ExportJob
 from brushexp.contracts.layers import overlay
 from brushexp.contracts.strokes import half_width_of
 
-ROUNDING = 2  # levels of 255 by which layers of 8 bits may differ from the painting
+ROUNDING = 2  # levels, of 255, by which 8-bit layers may differ from the painting
 
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """A picture and its name in the list of layers."""
+    """A layer: a picture and its name in the list of layers."""
 
     name: str
     pixels: np.ndarray  # (H, W, 4) uint8, straight alpha
 
 
 def layers_of(job: ExportJob, count: int) -> tuple[np.ndarray, list[Layer]]:
-    """Paint the visible picture, (H, W, 3) uint8 or (H, W, 4) if transparent, and its layers, lowest first.
+    """Paint the visible picture, (H, W, 3) uint8 or (H, W, 4) if transparent, and its layers, bottom to top.
 
-    The layers are the ground, the strokes in at most ``count`` layers with equal numbers of strokes, and, if these do
-    not give the painting to within `ROUNDING`, the difference: ``light and paper``. All are transparent where the
-    painting is.
+    The layers are the ground, then at most ``count`` layers with equal numbers of strokes, and, if these do not
+    reproduce the painting to within `ROUNDING`, the remaining difference as ``light and paper``. All layers are
+    transparent where the painting is.
     """
     picture, alpha, layers = job.picture(), job.alpha(), [*_painted(job, count)]
     shown = _flattened(layers, job.size)
@@ -40,7 +40,7 @@ def layers_of(job: ExportJob, count: int) -> tuple[np.ndarray, list[Layer]]:
 
 
 def _painted(job: ExportJob, count: int) -> Iterator[Layer]:
-    """Draw ground and strokes, lowest layer first."""
+    """Draw the layers of ground and strokes, bottom to top."""
     ground = np.empty((*job.size, 4), np.uint8)
     ground[:] = [*(255 * job.saved.background.cpu()).round().tolist(), 255]
     yield Layer("ground", ground)
@@ -54,7 +54,7 @@ def _painted(job: ExportJob, count: int) -> Iterator[Layer]:
 def _drawn(job: ExportJob, number: Tensor) -> np.ndarray:
     """Draw strokes ``number`` (n,) without ground, light and paper: (H, W, 4) uint8, straight alpha.
 
-    Colour and alpha reproduce the strokes over black and over white, with paint mixed as numbers.
+    Colour and alpha reproduce the strokes over both black and white, with paint mixed in RGB.
     """
     some = replace(job.saved, strokes=job.strokes[number], depth=job.saved.depth[number])
     plain = replace(job.bare(), space=build_named("color", "rgb", {}))
@@ -74,7 +74,7 @@ def _cut(pixels: np.ndarray, alpha: np.ndarray) -> np.ndarray:
 
 
 def _flattened(layers: list[Layer], size: tuple[int, int]) -> np.ndarray:
-    """Composite layers as other programs do: (H, W, 3) uint8, over black."""
+    """Composite layers over black as other programs do: (H, W, 3) uint8."""
     below = np.zeros((*size, 3), np.float32)
     for layer in layers:
         share = layer.pixels[..., 3:].astype(np.float32) / 255

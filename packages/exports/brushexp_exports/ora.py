@@ -16,7 +16,7 @@ from brushexp.contracts.files import replacing
 from brushexp.contracts.members import PrintExporter
 from brushexp_exports.layers import Layer, layers_of
 
-THUMBNAIL = 256  # pixels of its longer side at most
+THUMBNAIL = 256  # maximum longer side in pixels
 LAYER = (
     '  <layer name={} src="data/{}.png" x="0" y="0" opacity="1.0" composite-op="svg:src-over" visibility="visible"/>\n'
 )
@@ -27,9 +27,9 @@ LAYER = (
 class OpenRaster(PrintExporter):
     """Writes ``painting.ora``: the ground, layers of strokes from bottom to top, light and paper.
 
-    Together the layers show the painting to within two levels of 255, and each can be edited or hidden. The uppermost
-    one, ``light and paper``, holds what the strokes alone do not show: lamp, paper, and mixing of paint other than in
-    RGB (``color=``). With ``background=transparent`` all layers are transparent where the picture is. The whole
+    Together the layers show the painting to within two levels of 255, and each can be edited or hidden. The top layer,
+    ``light and paper``, contains the effects that strokes alone cannot show: light, paper, and paint mixed other than
+    in RGB (``color=``). With ``background=transparent`` all layers are transparent where the picture is. The whole
     painting is in memory at once.
 
     Args:
@@ -53,7 +53,7 @@ class OpenRaster(PrintExporter):
         return [folder / "painting.ora"]
 
     def _stack(self, job: ExportJob, layers: list[Layer]) -> str:
-        """List the layers, uppermost first, in the format of the file."""
+        """List the layers, top to bottom, in the format of the file."""
         height, width = job.size
         dots = f' xres="{self.density:.0f}" yres="{self.density:.0f}"' if self.density else ""
         rows = [LAYER.format(quoteattr(layer.name), number) for number, layer in enumerate(layers)]
@@ -68,5 +68,5 @@ def png_of(pixels: np.ndarray) -> bytes:
 
 
 def _add(archive: ZipFile, name: str, data: bytes, packing: int = ZIP_DEFLATED) -> None:
-    """Add a file without a time, so that equal paintings have equal bytes."""
+    """Add a file without a timestamp, so that equal paintings give equal files."""
     archive.writestr(ZipInfo(name), data, packing)

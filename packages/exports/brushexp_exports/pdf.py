@@ -1,4 +1,4 @@
-"""Write the painting as a page for print (ISO 32000-1) that holds only the picture."""
+"""Write the painting as a page for print (ISO 32000-1) that contains only the picture."""
 
 import logging
 from dataclasses import dataclass
@@ -11,17 +11,15 @@ from brushexp.contracts.members import CM, DPI, Compression, Sheet, SheetExporte
 
 log = logging.getLogger(__name__)
 POINTS = 72  # points in an inch
-PREDICTOR = 12  # number that PDF has for rows with the PNG filter "up"
+PREDICTOR = 12  # PDF's code for rows with the PNG filter "up"
 
 
 @register("to", "pdf")
 @dataclass(kw_only=True)
 class Pdf(SheetExporter):
-    """Writes ``painting.pdf``: one page with the picture, lossless, at a size on paper, ``to.pdf.size_cm=60x40``.
+    """Writes ``painting.pdf``: one page with the lossless picture at a given size, ``to.pdf.size_cm=60x40``.
 
-    With a bleed, the page's trim box is the picture without it.
-
-    It is painted and packed in bands, like a PNG.
+    With a bleed, the page's trim box excludes it. Like a PNG, the picture is painted and compressed in bands.
 
     Args:
         compression: compression level, 1 (fast) to 9 (small).
@@ -67,7 +65,7 @@ class Pdf(SheetExporter):
         return [path]
 
     def _say_size(self, sheet: Sheet) -> None:
-        """Log the size on paper and, if it follows from the pixels, how to choose it."""
+        """Log the printed size and, if it follows from the number of pixels, how to choose it."""
         dpi = self.density or DPI
         height, width = (CM * (side - 2 * sheet.bleed) / dpi for side in sheet.size)
         bleed = f", plus {self.bleed:g} mm of bleed" if sheet.bleed else ""

@@ -1,4 +1,4 @@
-"""Film the painting process, laying strokes from bottom to top."""
+"""Film the painting process, with strokes laid from bottom to top."""
 
 import logging
 from collections.abc import Iterable, Iterator
@@ -35,10 +35,10 @@ class Process(Exporter):
         seconds: duration of the painting in seconds.
         fps: frames per second.
         format: format of the film: mp4 (a GIF without PyAV) or gif.
-        hold: time for which the finished painting stays, in seconds.
+        hold: time for which the finished painting is shown, in seconds.
         pace: pace of the strokes: even lays the same number every second; quickening starts slowly, with large strokes.
-        growing: whether to draw each stroke from start to end, about seven times over, instead of all at once; null =
-            unless the renderer is slow.
+        growing: whether each stroke grows from start to end, drawn about seven times, instead of appearing at once;
+            null = unless the renderer is slow.
     """
 
     seconds: Annotated[float, between(0.1, 300)] = 10.0
@@ -73,14 +73,14 @@ def shrink_to_side(job: ExportJob, side: int) -> ExportJob:
     """Shrink a painting larger than ``side`` pixels on its longer side, and log it."""
     small = job.at_most(side)
     if small is not job:
-        log.info("the film has %d x %d pixels, the largest possible size", small.size[1], small.size[0])
+        log.info("the film has %d x %d pixels, the maximum size", small.size[1], small.size[0])
     return small
 
 
 def states(job: ExportJob, shares: Iterable[np.ndarray]) -> Iterator[Tensor]:
-    """Yield the canvas (3, H, W) with ``shares`` of each stroke; use each before requesting the next.
+    """Yield the canvas (3, H, W) with ``shares`` of each stroke; use each canvas before requesting the next.
 
-    It has the painting's paper and lamp; heights are composited like colours.
+    The canvas has the painting's paper and lamp; heights are composited like colours.
     """
     if not job.blend.layered:
         log.warning("with this blend every frame is drawn from scratch, which is slow; try blend=tiled")
@@ -107,12 +107,12 @@ def _lay_in_steps(
 ) -> Iterator[Tensor]:
     """Yield pictures (3, H, W) of the ``bare`` canvas (3,) with ``shares`` of each stroke of a job.
 
-    Shares (N,) decrease from 1 to 0 from the bottom stroke up, and never decrease between states. Finished strokes are
-    composited onto the paint below, so that each is drawn once, unless the blend is not `layered`.
+    Shares (N,) decrease from 1 to 0 from the bottom stroke upwards, and never decrease from one state to the next. If
+    the blend is `layered`, finished strokes are composited onto the paint below, so that each is drawn only once.
     """
     canvas, bottom = space.encode(bare)[:, None, None].repeat(1, *job.size), 0
     strokes = job.strokes[job.bottom_up]
-    if not profile_of(job)[1]:  # its renderer draws none of these, and a part of a stroke has others
+    if not profile_of(job)[1]:  # its renderer ignores these, and they differ for a part of a stroke
         strokes = replace(strokes, **dict.fromkeys(LATER_FIELDS))  # type: ignore[arg-type]
     for share in shares:
         finished, begun = (int(some.sum()) for some in (share >= 1, share > 0))
@@ -130,7 +130,7 @@ def _lay_in_steps(
 def _lay(canvas: Tensor, strokes: Strokes, renderer: Drawer, blend: Blend, space: ColorSpace) -> None:
     """Composite n strokes, bottom first, onto a canvas (C, H, W) in channels of the colour space, in place.
 
-    On black, a blend shows the contribution of the strokes; on white, also the light they let through.
+    Over black, a blend gives the contribution of the strokes; over white, it adds the light that they let through.
     """
     if not len(strokes):
         return

@@ -18,9 +18,9 @@ from brushexp_exports.layers import layers_of
 if TYPE_CHECKING:
     from psd_tools.psd.image_resources import ImageResources
 
-LARGEST_SIDE = 30_000  # pixels, of the form
-FIXED = 2**16  # resolutions are fixed-point numbers with so many parts
-PER_INCH, CENTIMETRES = 1, 2  # numbers of its units
+LARGEST_SIDE = 30_000  # pixels; the limit of the format
+FIXED = 2**16  # denominator of the fixed-point numbers that store resolutions
+PER_INCH, CENTIMETRES = 1, 2  # the format's codes for units
 
 
 @register("to", "psd")
@@ -29,8 +29,8 @@ class Psd(PrintExporter):
     """Writes ``painting.psd``: the layers of ``to=ora`` for other programs; needs ``pip install 'brushexp[psd]'``.
 
     The layers are the ground, strokes from bottom to top, light and paper; together they show the painting to within
-    two levels of 255. The file has an sRGB profile, and the finished picture for programs that read no layers. The
-    whole painting is in memory at once.
+    two levels of 255. The file has an sRGB profile, and contains the finished picture for programs that do not read
+    layers. The whole painting is in memory at once.
 
     Args:
         layers: number of layers of strokes, with equal numbers of strokes.
@@ -54,12 +54,12 @@ class Psd(PrintExporter):
             raise UserError(f"{excess}; choose a smaller resolution=, or to=ora")
         finished, layers = layers_of(job, self.layers)
         document = PSD(FileHeader(channels=4, height=height, width=width), image_resources=self._resources())
-        image = PSDImage(document)  # with an alpha channel, layers have alpha instead of a mask
+        image = PSDImage(document)  # if this has an alpha channel, layers get alpha instead of a mask
         for layer in layers:
             pixels = Image.fromarray(layer.pixels)
             left, top, right, bottom = pixels.getchannel("A").getbbox() or (0, 0, 1, 1)
             image.create_pixel_layer(pixels.crop((left, top, right, bottom)), layer.name, top, left)
-        if finished.shape[2] == 4:  # the format stores colours over white, and a mark for alpha that is not a selection
+        if finished.shape[2] == 4:  # the format stores colours over white, and a flag that alpha is not a selection
             finished = np.dstack([over_white(finished[..., :3], finished[..., 3:]), finished[..., 3]])
             info = document.layer_and_mask_information.layer_info
             assert info is not None
@@ -73,7 +73,7 @@ class Psd(PrintExporter):
         return [folder / "painting.psd"]
 
     def _resources(self) -> "ImageResources":
-        """Make the resources of the file for its profile and resolution."""
+        """Make the file's resources for its profile and resolution."""
         from psd_tools.constants import Resource  # noqa: PLC0415
         from psd_tools.psd.image_resources import ImageResource, ImageResources  # noqa: PLC0415
 

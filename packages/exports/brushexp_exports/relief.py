@@ -1,4 +1,4 @@
-"""Write the painting as a lit relief, and its shape for printers and 3-D programs."""
+"""Write the painting as a lit relief, with its height and normals for printers and 3-D programs."""
 
 import logging
 from dataclasses import replace
@@ -17,7 +17,7 @@ from brushexp.contracts.machine import check_memory
 
 log = logging.getLogger(__name__)
 WHITE = 2**16 - 1  # level of the highest point in height.png
-BYTES_PER_PIXEL = 14  # memory of heights in 32 bits, two pictures, and the copy that Pillow makes of one
+BYTES_PER_PIXEL = 14  # memory for 32-bit heights, two pictures, and Pillow's copy of one of them
 
 
 @register("to", "relief")
@@ -26,9 +26,9 @@ class Relief(Exporter):
 
     The lamp is the painting's own unless ``light.*`` sets another; paintings without light get ``light.depth=1``.
 
-    ``height.png`` has 16 bits: black is the bare canvas, white the highest point, whose height is given in the log and
-    in the texts of the file, ``Description`` and ``HeightOfWhite`` (pixels). ``normals.png`` is a tangent-space normal
-    map in the convention of OpenGL: red to the right, green up, blue towards the viewer, -1 to 1 as 0 to 255.
+    ``height.png`` has 16 bits: black is the bare canvas, and white is the highest point, whose height is given in the
+    log and in the file's text fields ``Description`` and ``HeightOfWhite`` (pixels). ``normals.png`` is a tangent-space
+    normal map in OpenGL's convention: red points right, green up, blue towards the viewer, with -1 to 1 as 0 to 255.
     """
 
     def check(self, count: int, size: tuple[int, int]) -> None:
@@ -60,7 +60,7 @@ class Relief(Exporter):
 
 
 def levels_of(height: np.ndarray) -> np.ndarray:
-    """Round heights (H, W) >= 0 to 16 bits, with the highest as white, scaling in place to save memory."""
+    """Quantise heights (H, W) >= 0 to 16 bits, with white for the highest; scale them in place to save memory."""
     highest = float(height.max())
     height *= WHITE / highest if highest > 1e-6 else 0.0  # lower values are rounding errors
     return np.rint(height, out=height).clip(0, WHITE).astype(np.uint16)

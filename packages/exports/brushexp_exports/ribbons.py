@@ -1,4 +1,4 @@
-"""Turn strokes into 3-D ribbons of paint: stacked grids of points along and across each stroke."""
+"""Convert strokes to 3-D ribbons of paint: stacked grids of points along and across each stroke."""
 
 from dataclasses import dataclass
 
@@ -13,22 +13,22 @@ BODY, CAPS, ACROSS = 9, 3, 3  # sections of a ribbon on its curve, and of each r
 SECTIONS = BODY + 2 * CAPS
 POINTS = SECTIONS * ACROSS
 TRIANGLES = 2 * (SECTIONS - 1) * (ACROSS - 1)
-CELLS = 256  # of the longer side, in which strokes are found to lie upon each other
-EDGE_HEIGHT = 0.3  # height of the edges of a ribbon above what it lies on, in thicknesses; its middle is 1 above
+CELLS = 256  # grid cells along the longer side, used to find overlapping strokes
+EDGE_HEIGHT = 0.3  # height of a ribbon's edges above the paint below, in thicknesses; its middle is 1 above
 Array = np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
 class Ribbons:
-    """N visible strokes, bottom first, as grids of S sections of A points; in pixels, y upwards, z towards the viewer.
+    """N visible strokes, bottom to top, as grids of S sections of A points, in pixels, y up, z towards the viewer.
 
     The centre of the canvas is the origin, and its plane is z = 0.
     """
 
-    number: Array  # (N,) of each stroke in the order from the bottom to the top
+    number: Array  # (N,) rank of each stroke, counted from the bottom
     points: Array  # (N, S, A, 3) from the start of a stroke to its end, and from its right to its left
     normals: Array  # (N, S, A, 3) unit vectors, upwards
-    along: Array  # (S,) 0 at the start to 1 at the end
+    along: Array  # (S,) from 0 at the start to 1 at the end
     color: Array  # (N, S, 3) display-referred RGB in [0, 1]
     opacity: Array  # (N,)
     width: Array  # (N, S) thickness of the stroke in pixels
@@ -36,7 +36,7 @@ class Ribbons:
 
 @torch.no_grad()
 def ribbons_of(job: ExportJob, thickness: float) -> Ribbons:
-    """Lay strokes as ribbons, ``thickness`` pixels high in the middle, on those below them, clipped to the canvas."""
+    """Stack strokes as ribbons that are ``thickness`` pixels high in the middle and clipped to the canvas."""
     profile, _ = profile_of(job)
     order = job.bottom_up.cpu()
     rows = {name: getattr(profile, name).detach().cpu()[order].double() for name in profile.per_stroke}
@@ -69,7 +69,7 @@ def ribbons_of(job: ExportJob, thickness: float) -> Ribbons:
 
 
 def _with_ends(curve: torch.Tensor, t: torch.Tensor, half: torch.Tensor) -> tuple[torch.Tensor, ...]:
-    """Return middle (N, S, 2), half width (N, S) and left direction (N, S, 2) of sections, including round ends."""
+    """Return the centre (N, S, 2), half width (N, S) and left direction (N, S, 2) of each section, with round ends."""
     middle = point_at(curve[:, None], t)
     start, control, end = (point[:, None] for point in curve.unbind(1))
     beside = t.clamp(1e-4, 1 - 1e-4)[..., None]
@@ -90,7 +90,7 @@ def _with_ends(curve: torch.Tensor, t: torch.Tensor, half: torch.Tensor) -> tupl
 
 
 def _levels(flat: Array, size: tuple[int, int]) -> Array:
-    """Bound the number (N,) of strokes below each by the cells that boxes of its parts (N, S, A, 2) touch."""
+    """Bound the number (N,) of strokes below each stroke by the cells that boxes of its parts (N, S, A, 2) touch."""
     cells = np.floor(flat * (CELLS / max(size))).astype(int).clip(0, CELLS - 1)
     low = np.minimum(cells[:, :-1].min(2), cells[:, 1:].min(2)).tolist()
     high = (np.maximum(cells[:, :-1].max(2), cells[:, 1:].max(2)) + 1).tolist()

@@ -11,28 +11,28 @@ from brushexp.contracts.families import ExportJob
 from brushexp.contracts.pictures import hex_of
 from brushexp.contracts.strokes import curve_of, length_of, point_at
 
-PIECES = 16  # of a curve
-CAP = 6  # places between the sides at each round end
-AT_ONCE = 4096  # strokes
-LEAST_STEP = 1e-9  # pixels: a shorter chord has no direction
+PIECES = 16  # number of pieces per curve
+CAP = 6  # number of points between the sides at each round end
+AT_ONCE = 4096  # number of strokes outlined in one batch
+LEAST_STEP = 1e-9  # length in pixels below which a chord has no direction
 Array = np.ndarray
 
 
 class OutlinedStroke(NamedTuple):
-    """A stroke with its outline and measures; in pixels, x to the right, y down."""
+    """A stroke with its outline and measures, in pixels, with x to the right and y down."""
 
-    number: int  # in the catalogue
-    order: int  # 0 is the bottom one
-    outline: Array  # (P, 2), counterclockwise as it is seen; the first place does not come again
-    length: float  # from tip to tip
+    number: int  # number in the catalogue
+    order: int  # 0 is the bottom stroke
+    outline: Array  # (P, 2), counterclockwise for the viewer; the first point is not repeated
+    length: float  # length from tip to tip
     width: float
-    direction: float  # degrees from level, clockwise as it is seen, 0 to 180
+    direction: float  # degrees clockwise from horizontal, 0 to 180
     color: str  # "#rrggbb"
     opacity: float
 
 
 def outlined_strokes(job: ExportJob) -> Iterator[OutlinedStroke]:
-    """Outline the strokes of a painting, bottom first."""
+    """Yield the outlined strokes of a painting, bottom to top."""
     order = 0
     for number in job.bottom_up.cpu().split(AT_ONCE):
         strokes = job.strokes[number.to(job.strokes.position.device)].map(lambda value: value.detach().cpu().double())
@@ -74,5 +74,5 @@ def outline_lines(curve: Tensor, width: Array) -> Array:
 
 
 def _beside(points: Array, angle: Array, width: Array) -> Array:
-    """Return the points half a width away from ``points`` in the direction of an angle."""
+    """Return the points half a width away from ``points`` in the direction ``angle``."""
     return points + 0.5 * width[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], -1)

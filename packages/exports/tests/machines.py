@@ -1,4 +1,4 @@
-"""What is drawn, and what plotters and milling machines do with the files: lines of each tool, in millimetres."""
+"""Read the files of plotters and milling machines as lines of each tool, in millimetres."""
 
 import re
 from dataclasses import replace
@@ -15,7 +15,7 @@ from scenes import random_strokes
 from brushexp.plugins.export.base import ExportJob
 from brushexp.strokes.catalogue import Strokes
 
-SIZE = (60, 90)  # not square: on A4 across with margins of 10 mm, 277 / 90 mm per pixel
+SIZE = (60, 90)  # on landscape A4 with margins of 10 mm, a pixel is 277 / 90 mm
 
 
 def job_of(strokes: Strokes, depth=None, size=SIZE) -> ExportJob:
@@ -23,7 +23,7 @@ def job_of(strokes: Strokes, depth=None, size=SIZE) -> ExportJob:
 
 
 def inside(n: int, seed: int = 0) -> Strokes:
-    """Strokes that lie wholly on the canvas, opaque, in different colours."""
+    """Make opaque strokes in different colours that lie wholly on the canvas."""
     strokes = random_strokes(n, SIZE, seed=seed, bend=0.1)
     place = torch.rand(n, 2, generator=torch.Generator().manual_seed(seed)) * 0.3 + 0.35
     return replace(strokes, position=place * torch.tensor([90.0, 60.0]), opacity=torch.ones(n))
@@ -34,14 +34,14 @@ def plan_by(job: ExportJob, **options) -> PenPlan:
 
 
 def read_gcode(text: str) -> list[tuple[int, np.ndarray]]:
-    """Tool and points of every line that is drawn; refuses what no machine should be told."""
+    """Return the tool and the points of every drawn line; fail on commands that no machine should receive."""
     lines, down, place = [], False, 0j
-    tool = 0 if "M0" in text else 1  # which a plan of one pen begins with
+    tool = 0 if "M0" in text else 1  # a plan for one pen begins with that pen in the holder
     blocks = [row for row in text.splitlines() if not row.startswith(";")]
     assert (blocks[:2], blocks[-1]) == (["G21", "G90"], "M2")
     for block in blocks:
         if change := re.fullmatch(r"M0 ; tool (\d+), .+", block):
-            assert not down, "tools are changed with the pen up"
+            assert not down, "the pen must be up when tools are changed"
             tool = int(change[1])
         elif block == "G0 Z5":
             down = False
@@ -50,7 +50,7 @@ def read_gcode(text: str) -> list[tuple[int, np.ndarray]]:
             down = True
             lines.append((tool, [place]))
         elif move := re.fullmatch(r"(G[01]) X(\S+) Y(\S+)", block):
-            assert down == (move[1] == "G1"), "quick moves with the pen up, slow ones with the pen down"
+            assert down == (move[1] == "G1"), "the pen must be up for fast moves and down for slow moves"
             place = complex(float(move[2]), float(move[3]))
             if down:
                 lines[-1][1].append(place)
@@ -62,7 +62,7 @@ def read_gcode(text: str) -> list[tuple[int, np.ndarray]]:
 
 
 def read_hpgl(text: str) -> list[tuple[int, np.ndarray]]:
-    """Pen and points in mm of every line that is drawn."""
+    """Return the pen and the points, in mm, of every drawn line."""
     lines, pen, relative, place = [], 0, False, 0j
     for command in text.strip().rstrip(";").split(";"):
         name, numbers = command[:2], np.array([float(x) for x in command[2:].split(",") if x])

@@ -1,4 +1,4 @@
-"""Plans for brushes that are dipped: a machine that reads them paints the strokes, with the paint of their wells."""
+"""A machine that follows a plan for dipped brushes paints the strokes with the paint of their wells."""
 
 from dataclasses import replace
 from itertools import groupby
@@ -20,11 +20,11 @@ from brushexp.strokes.catalogue import Strokes
 
 TRAY = {"wells": "20x12:120x12:3x1", "water": "150x12", "cloth": "200x12", "margin_mm": 30.0, "load": 10.0}
 COLORS = torch.tensor([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-NEAR = 0.1  # mm: HPGL has steps of 0.025 mm, and lines are simplified
+NEAR = 0.1  # tolerance in mm; HPGL has steps of 0.025 mm, and lines are simplified
 
 
 def by_stages(n: int = 24) -> Strokes:
-    """Strokes of two widths and three colours, sorted by both."""
+    """Make strokes of two widths and three colours, sorted by both."""
     strokes = inside(n)
     number = torch.arange(n) * 6 // max(n, 1)
     width = torch.where(number < 3, 6.0, 3.0)
@@ -67,7 +67,7 @@ def test_a_machine_paints_the_strokes_with_the_paint_and_brush_of_each(tmp_path,
             painted.append(k)
     assert sorted(painted) == list(range(24))
     stages = [k * 6 // 24 for k in painted]
-    assert stages == sorted(stages), "the order of depth"
+    assert stages == sorted(stages), "strokes are painted in order of depth"
 
 
 def test_the_report_says_how_much_is_painted_with_how_many_loads_and_where_the_wells_are():
@@ -96,7 +96,7 @@ def test_brushes_are_changed_as_seldom_as_stages_allow_and_a_tray_that_is_too_sm
 @pytest.mark.parametrize(("options", "what"), [
     ({"wells": "20x12:120x60:3x2"}, "wells: 70 x 60 mm lies"),
     ({"water": "100x100"}, "water: 100 x 100 mm lies"),
-    ({"cloth": "25x100"}, "cloth: 25 x 100 mm lies"),  # which is wiped 20 mm to both sides
+    ({"cloth": "25x100"}, "cloth: 25 x 100 mm lies"),  # the brush is wiped 20 mm to each side
 ])  # fmt: skip
 def test_a_brush_is_not_dipped_rinsed_or_wiped_in_the_painting(options, what):
     cure = "move it outside, or make room: a larger to.gcode.paper, "

@@ -1,4 +1,4 @@
-"""Strokes in space: the form of the file, and that from the front they look as the painting does."""
+"""The glTF file is well formed, and its strokes look like the painting from the front."""
 
 import json
 import struct
@@ -17,7 +17,7 @@ WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 
 
 def scene_of(path):
-    """The description in a file, and a function that reads numbers by their accessor."""
+    """Return a file's description, and a function that reads the numbers of an accessor."""
     data = path.read_bytes()
     assert struct.unpack("<4sII", data[:12]) == (b"glTF", 2, len(data))
     length, kind = struct.unpack("<I4s", data[12:20])
@@ -35,7 +35,7 @@ def scene_of(path):
 
 
 def meshes_of(path):
-    """Name, columns and triangles of each mesh."""
+    """Yield the name, the columns and the triangles of each mesh."""
     scene, numbers = scene_of(path)
     for mesh in scene["meshes"]:
         (part,) = mesh["primitives"]
@@ -50,7 +50,7 @@ def opaque_job():
 
 
 def seen_from_the_front(path, size, unit):
-    """Colours (H, W, 3) in linear RGB of what is uppermost at the middle of each pixel; NaN for the ground."""
+    """Find the linear RGB (H, W, 3) of the top surface at each pixel's centre; NaN where that is the ground."""
     y, x = np.mgrid[: size[0], : size[1]] + 0.5
     place = np.stack([x - size[1] / 2, size[0] / 2 - y], -1) * unit
     height, color = np.full(size, 0.0), np.full((*size, 3), np.nan)
@@ -79,7 +79,7 @@ def test_from_the_front_strokes_look_as_the_painting_does(tmp_path):
     linear = build_named("color", "linear", {}).encode(painted.reshape(-1, 3)).reshape(painted.shape).numpy()
     wrong = np.abs(color - linear).max(-1) > 0.02
     assert (~np.isnan(color[..., 0])).mean() > 0.4
-    assert wrong[~np.isnan(color[..., 0])].mean() < 0.05  # soft edges
+    assert wrong[~np.isnan(color[..., 0])].mean() < 0.05  # only soft edges differ
     ground = np.array([0.9, 0.8, 0.7])
     bare = np.abs(painted.numpy() - ground).max(-1) < 0.01
     assert np.isnan(color[..., 0])[bare].mean() > 0.98

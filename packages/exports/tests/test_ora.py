@@ -1,4 +1,4 @@
-"""Layers in OpenRaster and PSD: the form, and that they show the painting."""
+"""Layers in OpenRaster and PSD are well formed and show the painting."""
 
 from dataclasses import replace
 from io import BytesIO
@@ -32,7 +32,7 @@ def job_of(**changes):
 
 
 def layers_of(path):
-    """The layers of a file, the lowest first, as names and pixels in [0, 1]."""
+    """Read the layers of a file, bottom to top, as names and pixels in [0, 1]."""
     with ZipFile(path) as archive:
         root = ElementTree.fromstring(archive.read("stack.xml"))
         layers = [*root.find("stack")][::-1]
@@ -119,7 +119,7 @@ def written(job, folder, **options):
 
 
 def layers_in(path):
-    """The layers of a file as psd-tools reads them, the lowest first, as names and pixels in [0, 1] on the canvas."""
+    """Read the layers of a file with psd-tools, bottom to top, as names and pixels in [0, 1] on the canvas."""
     layers = []
     for layer in PSDImage.open(path):
         pixels = np.zeros((*SIZE, 4))

@@ -1,4 +1,4 @@
-"""Files of stroke plans: what they say of pens, layers and paper, in words that machines and their programs take."""
+"""Files of stroke plans describe pens, layers and paper in the languages of machines and their programs."""
 
 import logging
 import re

@@ -1,4 +1,4 @@
-"""Stroke plans: what a machine reads is the painting, on the paper, in an order that saves its time."""
+"""A machine that follows a stroke plan draws the painting on the paper, in an order that saves time."""
 
 import re
 from dataclasses import replace
@@ -19,11 +19,11 @@ from brushexp.plugins.export.base import ExportJob
 from brushexp.strokes.bezier import curve_of, half_width_of, strokes_along
 from brushexp.strokes.catalogue import Strokes
 
-GRID = 0.025 / 2 * 2**0.5  # mm by which HPGL rounds at most
+GRID = 0.025 / 2 * 2**0.5  # maximum rounding error of HPGL in mm
 
 
 def curves_on_paper(strokes: Strokes, exporter: Gcode | Hpgl, size=SIZE) -> tuple[np.ndarray, np.ndarray]:
-    """Points (N, 200) of the curves in mm from the lower left corner, y up, and half widths (N,)."""
+    """Return points (N, 200) of the curves, in mm from the lower left corner, y up, and half widths (N,)."""
     paper, corner, scale = exporter.frame(size)
     t = np.linspace(0, 1, 200)
     weights = np.stack([(1 - t) ** 2, 2 * t * (1 - t), t**2])
@@ -41,7 +41,7 @@ def drawn_by(kind, job: ExportJob, folder, **options) -> tuple[list[tuple[int, n
 
 
 def away(points: np.ndarray, line: np.ndarray) -> np.ndarray:
-    """Distance of points (P,) from a polyline (M,)."""
+    """Compute the distance of points (P,) from a polyline (M,)."""
     start, leg = line[:-1], np.diff(line)
     along = np.real(np.conj(leg) * (points[:, None] - start)) / np.maximum(np.abs(leg) ** 2, 1e-30)
     return np.abs(points[:, None] - start - np.clip(along, 0, 1) * leg).min(1)
@@ -118,7 +118,7 @@ def test_everything_is_on_the_picture_and_in_a_stroke(tmp_path, kind, options):
         assert top - scale * SIZE[0] - GRID <= line.imag.min() <= line.imag.max() <= top + GRID
         middles = (line[:-1] + line[1:]) / 2
         beyond = np.min([np.abs(middles[:, None] - c).min(1) - h for c, h in zip(curves, half, strict=True)], axis=0)
-        assert beyond.max() <= JOINED_PENS * exporter.pen_mm, "the pen leaves the paper before it goes anywhere"
+        assert beyond.max() <= JOINED_PENS * exporter.pen_mm, "the pen is lifted for any longer move"
 
 
 @BOTH
@@ -142,21 +142,21 @@ def test_what_is_hidden_is_left_out():
     both = job_of(Strokes.join(below, above))
     assert [plan_by(both, hidden=hidden).left_out for hidden in ("cut", "skip", "draw")] == [1, 1, 0]
     faint = replace(both.strokes, opacity=torch.tensor([1.0, 0.3]))
-    assert plan_by(catalogues.changed(both, strokes=faint)).left_out == 0, "it shines through"
+    assert plan_by(catalogues.changed(both, strokes=faint)).left_out == 0, "faint paint is transparent"
     cross = job_of(Strokes.join(across, above))
     options = {"pens": ["lime", "blue"], "passes": 1}
     whole, cut = (plan_by(cross, hidden=hidden, **options) for hidden in ("skip", "cut"))
     (green,) = (lines for _, tool, lines in cut.runs() if tool == 1)
     assert len(green) == 2
     assert whole.drawn - cut.drawn == pytest.approx(8.0 * 277 / 90, abs=2.5 * 0.5)
-    assert plan_by(cross, layers=2, **options).drawn == pytest.approx(whole.drawn), "paint covers paint"
+    assert plan_by(cross, layers=2, **options).drawn == pytest.approx(whole.drawn), "paint covers lower layers"
 
 
 def test_pens_have_the_colours_that_are_seen_or_given_and_layers_keep_the_depth_of_strokes():
     red = straight((0.0, 30.0), (90.0, 30.0), width=60.0)
     grey = straight((20.0, 30.0), (70.0, 30.0), width=10.0, color=(0.0, 0.0, 0.0), opacity=0.5)
     mixed = [[int(color[k : k + 2], 16) for k in (1, 3, 5)] for color in plan_by(job_of(Strokes.join(red, grey))).tools]
-    assert np.abs(np.array(mixed) - [[255, 0, 0], [128, 0, 0]]).max() <= 8  # pixels at edges are mixed
+    assert np.abs(np.array(mixed) - [[255, 0, 0], [128, 0, 0]]).max() <= 8  # edge pixels have mixed colours
     lines = (
         straight((5.0, 10.0), (80.0, 10.0), color=(0.9, 0.1, 0.1)),
         straight((5.0, 40.0), (80.0, 40.0), color=(0.1,) * 3),

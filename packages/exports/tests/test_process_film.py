@@ -1,4 +1,4 @@
-"""The film of the painting shows its strokes as they are laid, ends with the painting, and is as long as was asked."""
+"""The film shows strokes as they are laid, ends with the finished painting, and has the requested duration."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -30,7 +30,7 @@ def painted(n: int = 40, size: tuple[int, int] = (36, 52), renderer=None, blend=
 
 
 def painted_at_once(job: ExportJob, share: np.ndarray) -> torch.Tensor:
-    """This share of each stroke, the bottom one first, drawn directly."""
+    """Draw a share of each stroke, bottom to top, in a single pass."""
     n = int((share > 0).sum())
     with torch.no_grad():
         layers = job.renderer(cut_short(job.strokes[job.bottom_up[:n]], torch.from_numpy(share[:n]).float()))
@@ -38,7 +38,7 @@ def painted_at_once(job: ExportJob, share: np.ndarray) -> torch.Tensor:
 
 
 def whole(job: ExportJob, counts: list[int]) -> list[np.ndarray]:
-    """Shares of strokes that are there or not."""
+    """Return shares of strokes that are either complete or absent."""
     return [(np.arange(len(job.strokes)) < count).astype(float) for count in counts]
 
 
@@ -72,7 +72,7 @@ def test_each_state_is_the_painting_of_its_strokes_and_a_slow_blend_says_so(rend
 
 
 def seen_at(strokes: Strokes, t: torch.Tensor) -> torch.Tensor:
-    """Place, thickness and colour of each stroke at parameters t."""
+    """Compute the position, thickness and colour of each stroke at parameters t."""
     u = 2 * t[:, None] - 1
     thickness = half_width_of(strokes)[:, None] * (1 + strokes.widening[:, None] * u)
     return torch.cat([point_at(curve_of(strokes), t), thickness, strokes.color + drift_of(strokes) * u], 1)
@@ -149,7 +149,7 @@ def test_films_begin_with_the_canvas_end_with_the_painting_and_are_as_long_as_wa
     assert (len(frames), rate) == (count, fps)
     assert abs(sum(durations) - 1000 * count / fps) <= 5
     height, width = size
-    for film, rough in ((frames, 12), (pictures, 3)):  # a video has fewer colours than pixels
+    for film, rough in ((frames, 12), (pictures, 3)):  # videos subsample colours
         assert max(film[0].shape[0] - height, film[0].shape[1] - width) <= 1
         first, last = (film[k][:height, :width].astype(float) for k in (0, -1))
         assert round(seconds * fps) < 2 or np.abs(first / 255 - job.saved.background.numpy()).max() < 0.03
@@ -163,5 +163,5 @@ def test_a_slow_renderer_draws_each_stroke_once_unless_they_grow(tmp_path, growi
     job = changed(painted(10, renderer=brush), strokes=random_strokes(200, (36, 52)), depth=torch.randperm(200).int())
     Process(seconds=2.0, hold=0.0, growing=growing).write(job, tmp_path)
     assert (most - 1) * 200 / 2 < brush.drawn <= 2 * most * 200, (
-        "once for the paint, once for the light it lets through"
+        "each stroke is drawn once for its paint and once for the light it lets through"
     )

@@ -1,4 +1,4 @@
-"""``to=relief``: a lit painting, its heights and its normals, which agree with each other."""
+"""``to=relief`` writes a lit painting, heights and normals that agree with each other."""
 
 import logging
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Strokes as polygons for maps (GeoJSON) and as annotations of a picture (IIIF)."""
+"""Strokes are exported as polygons for maps (GeoJSON) and as annotations of a picture (IIIF)."""
 
 import json
 from xml.etree import ElementTree
@@ -19,7 +19,7 @@ SIZE = (60, 80)
 
 
 def job_of(*ends: tuple[tuple[float, float], tuple[float, float]], width: float = 6.0) -> ExportJob:
-    """Straight red strokes, of which the first in the catalogue is the top one."""
+    """Make a painting of straight red strokes, with the first stroke of the catalogue on top."""
     curve = torch.tensor([[a, [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2], b] for a, b in ends]).reshape(-1, 3, 2)
     count = len(curve)
     color = torch.tensor([[1.0, 0, 0]]).expand(count, 3)

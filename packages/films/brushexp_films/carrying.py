@@ -1,4 +1,4 @@
-"""Carry strokes from picture to picture: move those where the film changes, and leave all others alone."""
+"""Carry strokes from picture to picture: move strokes where the film changes, and leave all others unchanged."""
 
 import logging
 import math
@@ -18,36 +18,36 @@ from brushexp.contracts.strokes import Catalogue, Strokes, curve_of, half_width_
 from brushexp_films.changes import Changes, optical_flow
 
 log = logging.getLogger(__name__)
-ALONG, ACROSS = 12, (-0.6, 0.0, 0.6)  # points of a stroke at which changes are looked up, along and across
-CHANGED_SHARE = 0.5  # share of a stroke in changed places from which it moves; below, side effects elsewhere would show
-MOVED_SHARE = 0.05  # share of the moving strokes that are laid elsewhere, besides harmful ones
-NEW_STROKE_SIZE = 0.5  # size of replaced strokes, in pitches (mean distances between strokes)
-TOLERANCE = 0.03  # root mean square error, 0 to 1, that is good enough
+ALONG, ACROSS = 12, (-0.6, 0.0, 0.6)  # points along and across a stroke at which changes are looked up
+CHANGED_SHARE = 0.5  # share of a stroke in changed areas above which it moves; otherwise its side effects would show
+MOVED_SHARE = 0.05  # share of the moving strokes that are laid elsewhere, in addition to harmful strokes
+NEW_STROKE_SIZE = 0.5  # size of replaced strokes, in stroke spacings
+TOLERANCE = 0.03  # acceptable root mean square error, 0 to 1
 SHAPE = ("start", "control", "end")
 
 
 @dataclass(frozen=True)
 class Cel:
-    """The strokes of one picture of a film. Throughout a scene, their number, and each stroke's row and brush, stay."""
+    """The strokes of one picture of a film; their number, rows and brushes stay the same throughout a scene."""
 
-    strokes: Strokes  # N
-    front_to_back: Tensor  # (N,) stroke numbers, uppermost first
+    strokes: Strokes  # N strokes
+    front_to_back: Tensor  # (N,) stroke numbers, top to bottom
     background: Tensor  # (3,) RGB of the bare canvas
 
 
 @dataclass(frozen=True)
 class Carrier:
-    """Carry the strokes of a picture to the next one in a few gradient steps.
+    """Carry the strokes of a picture to the next picture in a few gradient steps.
 
-    Strokes where the film changes follow its motion and are then optimised for the painting's losses. Those among them
-    that do harm or matter least are replaced by smaller ones on top where the error is, keeping row and brush. All
+    Where the film changes, strokes follow its motion and are then optimised for the painting's losses. The harmful and
+    the least important of them are replaced by smaller strokes on top where the error is, which keep row and brush. All
     other strokes stay bit-identical and keep their depth, so that nothing pops up.
     """
 
     components: Components
     renderer: Renderer
     steps: int
-    seed: int = 0  # of the estimate of the strokes' importance
+    seed: int = 0  # seed for estimating the importance of strokes
 
     @cached_property
     def unused(self) -> dict[str, Any]:
@@ -84,7 +84,7 @@ class Carrier:
         matter = importance(strokes, order, picture, generator).where(movable, torch.inf)
         harmful = int((matter <= 3 * TOLERANCE**2).sum())
         count = min(int(movable.sum()), harmful + round(MOVED_SHARE * int(movable.sum())))
-        budget = max(1, round(len(moves) * picture.target[0].numel() / target[0].numel()))  # as dense as the whole
+        budget = max(1, round(len(moves) * picture.target[0].numel() / target[0].numel()))  # same density as the whole
         pictures = (image, picture.target, region.of(changed).to(image))
         state = DensificationState(*pictures, strokes, budget, 0, 0, lambda: matter)
         new = new_strokes(state, count, NEW_STROKE_SIZE, TOLERANCE).moved(shift=(region.left, region.top))
@@ -105,7 +105,7 @@ class Carrier:
         catalogue, chosen = Catalogue(cel.strokes[active], self.components.optimizer.units), self.components.optimizer
         optimizer = chosen.over(value for value in catalogue.parameters() if value.requires_grad)
         rates = [group["lr"] for group in optimizer.param_groups]
-        restore(self.components.losses, self.unused)  # so that strokes depend on the previous picture's alone
+        restore(self.components.losses, self.unused)  # strokes may depend only on those of the previous picture
         best = cel.strokes
 
         def closure() -> float:
@@ -121,7 +121,7 @@ class Carrier:
             for group, rate in zip(optimizer.param_groups, rates, strict=True):
                 group["lr"] = rate * chosen.share(step / self.steps)
             if not math.isfinite(optimizer.step(closure)) or not catalogue.is_finite():
-                log.warning("a step would have left no numbers; the strokes stay as they were before it")
+                log.warning("a step gave invalid numbers; the strokes stay as they were before it")
                 break
             catalogue.keep_in_range()
             moved = catalogue()
@@ -144,10 +144,10 @@ class Reel:
     cel: Cel  # strokes of the last picture
 
     def __init__(self, begin: Callable[[Tensor], Cel], carrier: Carrier, threshold: float) -> None:
-        self.begin = begin  # paints the first picture (3, H, W) of a scene
+        self.begin = begin  # function that paints the first picture (3, H, W) of a scene
         self.carrier = carrier
         self.changes = Changes(threshold)
-        self.image = torch.empty(0)  # (3, H, W) the last painting, without light
+        self.image = torch.empty(0)  # (3, H, W), the last painting, without light
         self.scenes = 0
 
     def paint(self, picture: Tensor) -> None:
@@ -223,7 +223,7 @@ def find_strokes(strokes: Strokes, region: Region, edge: float) -> Tensor:
 
 
 def in_manner_of(new: Strokes, old: Strokes, units: Mapping[str, float]) -> Strokes:
-    """Give new strokes the opacity of ``old`` ones, and their colour and shape if those are not optimised."""
+    """Give new strokes the opacity of ``old`` strokes, and also their colour and shape if these are not optimised."""
     fields = {"opacity"} | ({"color"} if not units.get("color") else set())
     if not any(units.get(name) for name in SHAPE):
         fields |= {"scale", "width", *SHAPE}

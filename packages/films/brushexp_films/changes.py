@@ -1,4 +1,4 @@
-"""Measure a film's changes above the noise of its codec, its motion and cuts, and the flicker of its painting."""
+"""Detect a film's changes above codec noise, its motion and its cuts, and measure the flicker of its painting."""
 
 import numpy as np
 import torch
@@ -10,10 +10,10 @@ from brushexp.contracts.pictures import downsample
 BLUR = 1.5  # pixels over which differences are averaged, since codec noise affects single pixels
 GROWN = 2  # pixels by which a detected change is dilated to include half-covered pixels
 CUT = 0.12  # mean difference between two small pictures, 0 to 1, above which there is a cut
-CUT_SIDE = 16  # pixels on their longer side: motion or a turning camera hardly changes them
+CUT_SIDE = 16  # longer side of these pictures in pixels; motion or a panning camera hardly changes them
 STILL = 0.02  # root mean square difference, 0 to 1, below which the target counts as unchanged in `Flicker`
-FLOW_SIDE = 128  # pixels on the longer side for optical flow, which takes hundredths of a second; strokes need no more
-FLOW_RADIUS = 5  # pixels: radius of its windows
+FLOW_SIDE = 128  # longer side in pixels for optical flow, which takes hundredths of a second and suffices for strokes
+FLOW_RADIUS = 5  # radius of its windows in pixels
 WARPS = 3  # refinements per pyramid level
 
 
@@ -38,12 +38,12 @@ class Changes:
 
     def __init__(self, threshold: float) -> None:
         self.threshold = threshold
-        self.held = torch.empty(0)  # (3, H, W) each pixel as of its last change: the picture to paint
+        self.held = torch.empty(0)  # (3, H, W), each pixel as of its last change: the picture to paint
         self.begins = True  # whether the last picture began a scene
         self._last: Tensor | None = None
 
     def __call__(self, picture: Tensor) -> Tensor:
-        """Return a mask (H, W), bool, of where the next picture (3, H, W) differs: everywhere after a cut."""
+        """Mark the pixels (H, W), bool, at which the next picture (3, H, W) differs; all pixels after a cut."""
         self.begins = self._last is None or is_cut(self._last, picture)
         self._last = picture
         if self.begins:
@@ -63,7 +63,7 @@ class Flicker:
         self._total, self._count = 0.0, 0
 
     def add(self, painting: Tensor, target: Tensor) -> None:
-        """Add the next picture of the painted film, and that of its target, both (3, H, W) in [0, 1]."""
+        """Add the next pictures of the painted film and of its target, both (3, H, W) in [0, 1]."""
         if self._last is not None:
             still = difference(target, self._last[1]) < STILL
             change = (painting - self._last[0]).abs().mean(0)

@@ -1,4 +1,4 @@
-"""Read films picture by picture, with times; `brushexp.pictures.video` writes them."""
+"""Read films picture by picture, with times; `brushexp.pictures.video` writes films."""
 
 import importlib
 import logging
@@ -30,18 +30,18 @@ from brushexp_films.cropping import crop_of
 from brushexp_films.frames import Shape, size_of, srgb_of
 
 log = logging.getLogger(__name__)
-USUAL_RATE = Fraction(25)  # pictures per second if a film does not say
-MOST_RATE = 480  # pictures per second; a film that claims more counts the ticks of its clock
-SAMPLE = 9  # pictures at the start of such a film from which its rate is estimated
-SHORTEST_FRAME = Fraction(1, 500)  # seconds: pictures shown for less, because clocks are rounded, are dropped
-MISSING = 0.5  # seconds by which a film may be shorter than its header says
+USUAL_RATE = Fraction(25)  # pictures per second if a film does not state its rate
+MOST_RATE = 480  # pictures per second; a film that states a higher rate counts the ticks of its clock
+SAMPLE = 9  # number of pictures at the start of such a film from which its rate is estimated
+SHORTEST_FRAME = Fraction(1, 500)  # seconds; pictures shown for less because clocks are rounded are dropped
+MISSING = 0.5  # seconds by which a film may be shorter than its header states
 LOCAL = {"protocol_whitelist": "file"}  # so that a playlist cannot open network addresses
 WITH_ALPHA = {"vp9": "libvpx-vp9", "vp8": "libvpx"}  # FFmpeg's own decoders drop their transparency
 MOVING_SUFFIXES = (".gif", ".webp", ".png", ".apng", ".avif", ".avifs")
-BRIEF, INSTEAD = 10, 100  # milliseconds: all browsers replace delays up to ``BRIEF`` by ``INSTEAD``
-FIRST_BOXES = (b"ftyp", b"wide", b"mdat", b"free", b"skip")  # an MP4 or QuickTime file begins with one of these
+BRIEF, INSTEAD = 10, 100  # milliseconds; all browsers replace delays up to ``BRIEF`` with ``INSTEAD``
+FIRST_BOXES = (b"ftyp", b"wide", b"mdat", b"free", b"skip")  # possible first boxes of an MP4 or QuickTime file
 CURE = "convert it to an MP4 (H.264)"
-Timed = tuple[np.ndarray, Fraction, Fraction]  # picture (H, W, 3), second, length in seconds; 0 = unknown
+Timed = tuple[np.ndarray, Fraction, Fraction]  # picture (H, W, 3), start and length in seconds; length 0 is unknown
 
 
 @dataclass(frozen=True)
@@ -65,23 +65,23 @@ class Shown(NamedTuple):
 
 
 def is_film(path: str | Path) -> bool:
-    """Test whether a path has a film's suffix."""
+    """Check whether a path has a film's suffix."""
     return Path(path).suffix.lower() in FILM_SUFFIXES
 
 
 def is_moving(path: str | Path) -> bool:
-    """Test whether a picture file is animated."""
+    """Check whether a picture file is animated."""
     if Path(path).suffix.lower() not in MOVING_SUFFIXES or not Path(path).is_file():
         return False
     try:
         with open_of_any_size(path, MOVING) as file:
             return bool(getattr(file, "is_animated", False))
-    except Exception:  # reading it as a picture reports the damage
+    except Exception:  # damage is reported when the file is read as a picture
         return False
 
 
 def moving_pictures(path: Path) -> Iterator[Timed]:
-    """Decode an animation's pictures as `read_picture` does, with their times; decoders may raise anything."""
+    """Decode an animation's pictures as `read_picture` does, with their times; decoders may raise any exception."""
     time = Fraction(0)
     with open_of_any_size(path, MOVING) as file:
         declared = declared_by(file)
@@ -106,7 +106,7 @@ def open_clip(path: Path) -> Clip:
         try:
             first = list(islice(_frames(container, stream), 1 if _is_rate(stream.average_rate) else SAMPLE))
         except _errors() as error:
-            raise UserError(f"image={path}: no picture of it can be decoded ({in_short(error)}); {CURE}") from error
+            raise UserError(f"image={path}: none of its pictures can be decoded ({in_short(error)}); {CURE}") from error
         if not first:
             raise UserError(f"image={path} is a film without pictures; {CURE}")
         rate = stream.average_rate if _is_rate(stream.average_rate) else _rate_of(first)
@@ -132,7 +132,7 @@ def _rate_of(frames: list[Any]) -> Fraction:
 def timed_pictures(clip: Clip) -> Iterator[Shown]:
     """Decode the pictures one by one, upright, with times since the film's beginning, until its end or a defect.
 
-    Each picture is shown until the next one; the last is shown for as long as the film states, or as the one before.
+    Each picture is shown until the next; the last is shown as long as the film states, or as long as the one before.
     """
     last: Timed | None = None
     for picture, time, length in _decoded(clip):
@@ -171,7 +171,7 @@ def pictures_between(clip: Clip, start: float, stop: float | None, every: int) -
 
 
 def _decoded(clip: Clip) -> Iterator[Timed]:
-    """Decode pictures with their times and lengths, and warn about a film that ends too early."""
+    """Decode pictures with their times and lengths, and warn if the film ends too early."""
     if is_moving(clip.path):
         yield from moving_pictures(clip.path)
         return
@@ -190,7 +190,7 @@ def _decoded(clip: Clip) -> Iterator[Timed]:
             return
     is_early = count + 1 < clip.count if clip.is_counted else float(end) + max(float(zero), 0) + MISSING < clip.seconds
     if is_early and count < clip.count:
-        log.warning("%s has %d pictures, and not the %d of its header", clip.path, count, clip.count)
+        log.warning("%s has %d pictures, not the %d of its header", clip.path, count, clip.count)
 
 
 def _frames(container: Any, stream: Any) -> Iterator[Any]:
@@ -209,7 +209,7 @@ def _frames(container: Any, stream: Any) -> Iterator[Any]:
 
 
 def _shape_of(path: Path, stream: Any) -> Shape:
-    """Read pixel aspect and crop of a film."""
+    """Read the pixel aspect and the crop of a film."""
     aspect = stream.sample_aspect_ratio
     return Shape(Fraction(aspect) if aspect else Fraction(1), crop_of(path, stream.height, stream.width))
 
@@ -229,16 +229,16 @@ def beginning_of(container: Any) -> Fraction:
 
 
 def _why_unread(path: Path, error: Exception) -> str:
-    """Explain why FFmpeg cannot open a file, and what to do about it."""
+    """Explain why FFmpeg cannot open a file and what to do about it."""
     if not path.stat().st_size:
-        return "is empty (0 bytes); give a file that holds a film"
+        return "is empty (0 bytes); give a file that contains a film"
     if has_end(path) is False:
         return "is cut short: its file ends before the film does; get the whole file"
     with path.open("rb") as file:
         names = [name for name, _ in boxes(file, path.stat().st_size)]
     if names[0] in FIRST_BOXES and b"moov" not in names:
-        why = "lacks the list of its pictures (moov), which is written last: the recording or the copy was broken off"
-        return f"{why}; copy it again, or mend it with a program such as untrunc"
+        why = "lacks the list of its pictures (moov), which is written last: recording or copying was interrupted"
+        return f"{why}; copy it again, or repair it with a program such as untrunc"
     return f"cannot be read as a film ({getattr(error, 'strerror', None) or in_short(error)}); {CURE}"
 
 
@@ -256,7 +256,7 @@ def _decoding(path: Path) -> Iterator[tuple[Any, Any]]:
         raise UserError(f"image={path} {_why_unread(path, error)}") from error
     with container:
         if not container.streams.video:
-            raise UserError(f"image={path} has no video in it; give a film that has")
+            raise UserError(f"image={path} contains no video; give a film that does")
         stream = container.streams.video[0]
         _check_pixels(path, stream.height, stream.width)
         stream.thread_type = "AUTO"

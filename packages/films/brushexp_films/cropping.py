@@ -52,7 +52,7 @@ def _numbers(file: IO[bytes], begin: int, end: int) -> dict[str, int]:
 
 
 def _elements(file: IO[bytes], begin: int, end: int) -> Iterator[tuple[int, int, int]]:
-    """Yield identifier, start and end of the content of each EBML element (RFC 8794) between two offsets."""
+    """Yield the identifier, and the start and end of the content, of each EBML element (RFC 8794) in a range."""
     at = begin
     for _ in range(MOST_ELEMENTS):
         if at >= end:
@@ -70,7 +70,7 @@ def _elements(file: IO[bytes], begin: int, end: int) -> Iterator[tuple[int, int,
 
 
 def _number(data: bytes, *, keeps_mark: bool) -> tuple[int, int]:
-    """Parse a variable-length integer; return it and its number of bytes, 0 if there is none."""
+    """Parse a variable-length integer; return it and its number of bytes, which is 0 if there is no integer."""
     count = 9 - data[0].bit_length() if data and data[0] else 0
     if not count or count > len(data):
         return 0, 0

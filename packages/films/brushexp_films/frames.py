@@ -16,7 +16,7 @@ RED, BLUE = 0.2627, 0.0593  # luma weights of BT.2020
 
 
 class Placement(NamedTuple):
-    """Orientation of a picture on screen: mirrored horizontally, if at all, and then rotated."""
+    """Orientation of a picture on screen: optionally mirrored horizontally, then rotated."""
 
     is_mirrored: bool = False
     turns: int = 0  # quarter turns, counter-clockwise
@@ -71,7 +71,7 @@ def _deep(frame: Any) -> np.ndarray:
         return frame.to_ndarray(format="rgb48le").astype(np.float32) / 65535
     planes = frame.reformat(format="yuv444p16le")
     rows = [np.frombuffer(plane, np.uint16).reshape(frame.height, -1)[:, : frame.width] for plane in planes.planes]
-    y, cb, cr = (row.astype(np.float32) / 256 for row in rows)  # in levels of 8 bits
+    y, cb, cr = (row.astype(np.float32) / 256 for row in rows)  # in 8-bit levels
     black, levels, of_colors = (0, 255, 255) if int(frame.color_range) == FULL else (16, 219, 224)
     y, cb, cr = (y - black) / levels, (cb - 128) / of_colors, (cr - 128) / of_colors
     red, blue = y + 2 * (1 - RED) * cr, y + 2 * (1 - BLUE) * cb

@@ -16,11 +16,11 @@ from brushexp.contracts.tasks import PaintTask, as_typed_word, check_painting, k
 from brushexp_films.clips import is_film, is_moving, open_clip
 
 log = logging.getLogger(__name__)
-FRAMES = "frames"  # folder of the catalogues inside a run's folder
+FRAMES = "frames"  # name of the folder of catalogues in a run's folder
 # keys that films ignore, and their defaults
 OF_PICTURES = {"catalogue": None, "style.image": None, "working_resolution": "auto"}
-SCENE_START = "scene_start"  # config group, composed after looks, that chooses the initialiser of a scene
-OF_PAGES = {"frames", "frame_side", "timelapse", "timelapse_seconds", "report"}  # keys about a picture's making
+SCENE_START = "scene_start"  # config group that chooses the initialiser of a scene; composed after looks
+OF_PAGES = {"frames", "frame_side", "timelapse", "timelapse_seconds", "report"}  # keys about the making of a picture
 
 
 @dataclass
@@ -31,12 +31,12 @@ class FilmOptions:
     start: float = key(0, "start time in seconds", at_least(0))
     stop: float | None = key(None, "end time in seconds; null = end of the film", above(0))
     steps: int = key(8, "gradient steps per frame, starting from the previous frame's strokes", at_least(0))
-    change: float = key(0.04, "smallest difference between frames that counts as a change, 0 to 1", between(0.001, 1))
+    change: float = key(0.04, "minimum difference between frames that counts as a change, 0 to 1", between(0.001, 1))
 
 
 @dataclass
 class FilmTask(PaintTask):
-    """Paint a film picture by picture, carrying strokes from one to the next; image=clip.mp4 chooses this task."""
+    """Paint a film picture by picture, carrying the strokes along; image=clip.mp4 chooses this task."""
 
     module = "brushexp_films.task"
     painted = f"FOLDER/{FRAMES}/000000.h5"
@@ -52,7 +52,7 @@ class FilmTask(PaintTask):
     def suits(typed: Mapping[str, Any]) -> bool:
         image, resumed = str(typed.get("image") or ""), typed.get("resume")
         files = [image] if os.path.exists(image) else image.split(",")
-        can_move = typed.get("task") != "paint"  # otherwise the user asks for the first picture
+        can_move = typed.get("task") != "paint"  # task=paint asks for the first picture
         moves = all(is_film(file) or (can_move and is_moving(os.path.expanduser(file))) for file in files)
         return moves or (resumed is not None and (Path(resumed) / FRAMES).is_dir())
 
@@ -61,18 +61,18 @@ class FilmTask(PaintTask):
         size = size_at(cfg.resolution, *open_clip(Path(cfg.image)).size)
         if isinstance(keep_built(cfg.painter), Painter):
             name = plugin_of(cfg.painter).name
-            raise UserError(f"painter={name} paints single pictures, and {cfg.image} is a film; drop painter")
+            raise UserError(f"painter={name} paints single pictures, but {cfg.image} is a film; drop painter")
         for name, default in OF_PICTURES.items():
             if (value := OmegaConf.select(cfg, name)) not in (default, None):
-                raise UserError(f"{name}={value} is for single pictures, and {cfg.image} is a film; drop {name}")
+                raise UserError(f"{name}={value} is for single pictures, but {cfg.image} is a film; drop {name}")
         for name, node in cfg.change.items():
-            if not keep_built(node).only_ends:  # strokes that are carried on skip changes that only end a painting
+            if not keep_built(node).only_ends:  # carried strokes skip changes that only act at the end of a painting
                 word = as_typed_word(str(name), node)
-                raise UserError(f"{word} is for single pictures, and {cfg.image} is a film; drop {word}")
+                raise UserError(f"{word} is for single pictures, but {cfg.image} is a film; drop {word}")
         if cfg.background == "transparent":
-            raise UserError("background=transparent is for single pictures, and a film is opaque; drop background")
+            raise UserError("background=transparent is for single pictures, but a film is opaque; drop background")
         if unused := sorted({word.partition("=")[0] for word in overrides} & OF_PAGES):
-            log.warning("a film has no use for %s: film.mp4 has the pictures and times of its own", ", ".join(unused))
+            log.warning("films ignore %s: film.mp4 has its own pictures and times", ", ".join(unused))
         start, stop = cfg.film.start, cfg.film.stop
         if stop is not None and stop <= start:
             raise UserError(f"film.stop={stop:g} is not after film.start={start:g}; give a later second")

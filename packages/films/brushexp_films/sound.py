@@ -17,9 +17,9 @@ log = logging.getLogger(__name__)
 
 
 def add_sound(film: Path, source: Path, start: float = 0.0) -> None:
-    """Copy the sound of ``source`` from second ``start`` on into an MP4, for its duration, if an MP4 can hold it.
+    """Copy sound of ``source``, from second ``start`` on, into an MP4, up to its duration, if an MP4 can hold it.
 
-    Seconds count from the beginning of the source. Further sound tracks and subtitles are reported, not copied.
+    Seconds count from the beginning of the source. Further sound tracks and subtitles are reported but not copied.
     """
     if is_moving(source):
         return
@@ -43,11 +43,11 @@ def add_sound(film: Path, source: Path, start: float = 0.0) -> None:
 
 
 def tell_what_is_left(container: Any, source: Path) -> None:
-    """Log further sound tracks and subtitles, which are not copied into the painted film."""
+    """Log which further sound tracks and subtitles are not copied into the painted film."""
     tracks = {"sound": max(0, len(container.streams.audio) - 1), "subtitles": len(container.streams.subtitles)}
     if left := ", ".join(f"{count} of {name}" for name, count in tracks.items() if count):
         cure = "add them with: ffmpeg -i film.mp4 -i source -map 0 -map 1:a:1 -map 1:s? -c copy out.mkv"
-        log.warning("the first track of sound of %s is kept; further tracks are left out (%s); %s", source, left, cure)
+        log.warning("the first sound track of %s is kept; further tracks are left out (%s); %s", source, left, cure)
 
 
 def _packets(container: Any, stream: Any, into: Any, start: Fraction, end: Fraction | float) -> Iterator[Any]:

@@ -1,4 +1,4 @@
-"""``task=film``: paint a film picture by picture, write it on the way, and collect its metrics."""
+"""``task=film``: paint a film picture by picture, write it as it is painted, and collect its metrics."""
 
 import logging
 import math
@@ -55,7 +55,7 @@ COMMON_FIELDS = (
     "renderer_hash",
     "seed",
 )  # fields shared by the catalogues of all pictures
-TICKS = Fraction(120_000)  # per second; the common frame rates and milliseconds are whole numbers of ticks
+TICKS = Fraction(120_000)  # ticks per second; the common frame rates and milliseconds are whole numbers of ticks
 
 
 class PaintedFilm:
@@ -63,7 +63,7 @@ class PaintedFilm:
 
     def __init__(self, cfg: DictConfig, folder: Path, before: Path | None) -> None:
         self.cfg, self.folder, self.device = cfg, folder, device_of(cfg.device)
-        self.before = before  # folder with already painted pictures of this film
+        self.before = before  # folder with pictures of this film that an earlier run painted
         self.clip = open_clip(Path(cfg.image))
         self.size = size_at(cfg.resolution, *self.clip.size)
         self.rate = Fraction(self.clip.rate / cfg.film.every).limit_denominator(1001)
@@ -99,26 +99,26 @@ class PaintedFilm:
             trainer = make_trainer(cfg, self.device, self.folder, [], goals, checkpoints=False, clips=False)
             failure = fit(trainer, painter)
             conclude(painter, None, cfg, failure, painter.schedule.step)
-        painter.hand_over()  # strokes are carried on, so steps that only end a painting are skipped
+        painter.hand_over()  # strokes are carried on, so changes that only act at the end are skipped
         return Cel(painter.strokes(), painter.front_to_back, painter.picture.background)
 
     def painted_before(self, number: int) -> Cel | None:
         """Load a picture's strokes if an earlier run painted it and all pictures before it; None otherwise."""
-        before, self.before = self.before, None  # from the first missing picture on, all are painted anew
+        before, self.before = self.before, None  # after the first missing picture, all are repainted
         if before is None or not (path := frame_in(before, number)).exists():
             return None
         try:
             saved = load_catalogue(path)
             if any(getattr(saved, name) != getattr(self.bare.saved, name) for name in COMMON_FIELDS):
-                raise UserError(f"{path} is of another film")
+                raise UserError(f"{path} belongs to another film")
         except UserError as error:
-            log.warning("%s; it and what follows it are painted anew", error)
+            log.warning("%s; this picture and all later ones are painted again", error)
             return None
         self.before = before
         return cel_of(saved, self.device)
 
     def take(self, number: int, target: Tensor) -> np.ndarray:
-        """Paint a picture, or adopt its strokes from an earlier run, and return it (H, W, 3), lit."""
+        """Paint a picture, or adopt its strokes from an earlier run, and return it (H, W, 3) with light."""
         since, scenes, cel = time.monotonic(), self.reel.scenes, self.painted_before(number)
         if cel is None:
             self.reel.paint(target)
@@ -134,18 +134,18 @@ class PaintedFilm:
         return picture
 
     def lit(self) -> np.ndarray:
-        """Return the last painting (H, W, 3), lit."""
+        """Return the last painting (H, W, 3) with light."""
         return to_bytes(self.reel.image) if self.bare.is_bare else self.job().picture(self.reel.image)
 
     def job(self) -> ExportJob:
-        """Return the last picture's strokes as a job to draw and save."""
+        """Return the last picture's strokes as a job that can be drawn and saved."""
         cel = self.reel.cel
         return replace(self.bare, saved=self.bare.saved.with_strokes(cel.strokes, cel.front_to_back, cel.background))
 
     def metrics(self, start: float | None, status: Status) -> dict[str, object]:
         """Collect the values of metrics.json."""
         count, carried = len(self.psnr), len(self.seconds)
-        finite = [psnr for psnr in self.psnr if math.isfinite(psnr)]  # black pictures have inf
+        finite = [psnr for psnr in self.psnr if math.isfinite(psnr)]  # black pictures have an infinite PSNR
         return {
             "psnr": float(np.mean(finite or [math.inf])),
             "psnr_lowest": min(self.psnr),
@@ -163,22 +163,22 @@ class PaintedFilm:
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Paint the film ``image``, or continue ``resume``, and keep all finished pictures whatever ends the run."""
+    """Paint the film ``image``, or continue ``resume``; keep all finished pictures however the run ends."""
     cfg, checkpoint = restore_run(cfg)
     film, stop = PaintedFilm(cfg, folder, checkpoint and checkpoint.parent), Event()
     failure: BaseException | None = None
     targets = film.targets()
     if (first := next(targets, None)) is None:
-        raise UserError(f"film.start={cfg.film.start:g} is behind the end of {cfg.image}; give an earlier second")
+        raise UserError(f"film.start={cfg.film.start:g} is after the end of {cfg.image}; give an earlier second")
     (folder / FRAMES).mkdir(exist_ok=True)
     (folder / "metrics.json").unlink(missing_ok=True)
-    with replacing(folder / CHECKPOINT) as temporary:  # settings only; the rest of the state is in the pictures
+    with replacing(folder / CHECKPOINT) as temporary:  # only the settings; pictures contain the rest of the state
         torch.save({RECORD_KEY: record_of(cfg, folder)}, temporary)
     reel = filming(folder / "film", "mp4", film.size, TICKS, usual=film.rate, begin=round(first[1].begin * TICKS))
     until_stopped = interruptible(stop.set, "stopping after this picture; the film so far will be written")
     with reel as video, showing("painting the film") as show, until_stopped:
         for number, (target, shown) in enumerate(chain([first], targets)):
-            if number and stop.is_set():  # there is a next picture, whatever length the film states
+            if number and stop.is_set():  # a next picture exists, regardless of the length that the film states
                 failure = KeyboardInterrupt()
                 break
             try:
@@ -196,7 +196,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def conclude_film(film: PaintedFilm, start: float | None, failure: BaseException | None) -> dict[str, object]:
-    """Write the preview and metrics of a film that has ended, and raise the ``failure`` that ended it, if any."""
+    """Write the preview and metrics when a film ends, and raise the ``failure`` that ended it, if any."""
     folder, count = film.folder, len(film.psnr)
     pictures = []
     for number in sorted({0, count // 2, count - 1}):
@@ -208,7 +208,7 @@ def conclude_film(film: PaintedFilm, start: float | None, failure: BaseException
     metrics = film.metrics(start, status)
     write_json(folder / "metrics.json", metrics)
     log.info(
-        "%s: %d pictures in %d scenes, %.2f dB, flicker %s, %s s a picture",
+        "%s: %d pictures in %d scenes, %.2f dB, flicker %s, %s s per picture",
         folder / "film.mp4", metrics["n_frames"], metrics["n_scenes"], metrics["psnr"],
         *("-" if metrics[key] is None else f"{metrics[key]:.2g}" for key in ("flicker", "seconds_per_frame")),
         extra=IN_LOG,

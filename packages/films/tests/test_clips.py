@@ -1,4 +1,4 @@
-"""Films as phones, browsers, recorders and studios leave them are read as far as they go, or refused in a line."""
+"""Films from phones, browsers, recorders and studios are read as far as possible, or refused in one line."""
 
 import logging
 import sys
@@ -23,7 +23,7 @@ TICK = Fraction(1, 1000)
 
 
 def coded(path: Path, codec: str, form: str, frames: list[np.ndarray], times: list[int] | None = None, **said) -> Path:
-    """Write frames, arrays of ``form``, with times in milliseconds and what is said of them."""
+    """Write frames, arrays of ``form``, with times in milliseconds and further metadata."""
     options = said.pop("options", {})
     with av.open(str(path), "w") as container:
         stream = container.add_stream(codec, rate=25, options=options)
@@ -85,12 +85,12 @@ def test_a_recording_of_a_browser_has_its_length_and_a_clock_that_begins_anew_en
         tmp_path / "tab.webm", "libvpx-vp9", "yuv420p", [np.zeros((48, 32), np.uint8)] * 12, [80 * k for k in range(12)]
     )
     data = path.read_bytes()
-    at = data.index(b"\x44\x89")  # the length in the header, which recorders do not know
+    at = data.index(b"\x44\x89")  # length in the header, which recorders leave out
     path.write_bytes(data[:at] + b"\xec" + bytes([0x80 + data[at + 2] - 0x80 + 1]) + data[at + 3 :])
     clip = open_clip(path)
     assert float([*timed_pictures(clip)][-1].end) == pytest.approx(0.94, abs=0.03)
     assert clip.rate <= 50
-    wrap = 95443_700  # milliseconds: clocks of transport streams have 33 bits, of 1 / 90,000 s
+    wrap = 95443_700  # milliseconds; clocks of transport streams have 33 bits and a tick of 1 / 90,000 s
     times = [wrap - 1000 + 40 * k for k in range(50)]
     clip = open_clip(coded(tmp_path / "tv.ts", "libx264", "rgb24", 10 * scene(5), times, pix_fmt="yuv420p"))
     shown = [*timed_pictures(clip)]
@@ -100,7 +100,7 @@ def test_a_recording_of_a_browser_has_its_length_and_a_clock_that_begins_anew_en
 
 
 def with_sound(path: Path, pictures: list[int], begin: int, tracks: int = 1) -> Path:
-    """A film whose sound, of ten times 100 ms, begins at a millisecond, with a tone in its sixth."""
+    """Write a film with sound that begins at a millisecond: ten parts of 100 ms, with a tone in the sixth."""
     with av.open(str(path), "w") as container:
         video = container.add_stream("libx264", rate=25)
         video.width, video.height, video.pix_fmt, video.codec_context.time_base = 64, 64, "yuv420p", TICK
@@ -152,7 +152,7 @@ def test_sound_stays_in_step_wherever_the_clocks_begin(run_task, tmp_path, caplo
     there, here = times_of(path), times_of(tmp_path / "film.mp4")
     assert np.diff(here) == pytest.approx(np.diff(there), abs=2e-3)
     assert here[0] == pytest.approx(max(0, begin - heard) / 1000, abs=0.021)
-    if (begin, heard) != (0, 500):  # else the film has ended before the tone
+    if (begin, heard) != (0, 500):  # otherwise the film ends before the tone
         assert when_loud(tmp_path / "film.mp4") - here[0] == pytest.approx(when_loud(path) - there[0], abs=0.02)
     assert "of its header" not in caplog.text
 
@@ -180,7 +180,7 @@ def test_what_is_transparent_lies_over_white_as_in_pictures(tmp_path, codec, for
 def test_pictures_that_move_are_films_and_their_first_one_is_told(run_task, tmp_path, caplog, monkeypatch, name):
     path, frames = tmp_path / name, [Image.fromarray(picture) for picture in scene(3)]
     frames[0].save(path, save_all=True, append_images=frames[1:], duration=[100, 40, 260])
-    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 1000)  # Pillow refuses twice as many, and is not asked
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 1000)  # Pillow would refuse twice as many, but is not asked
     assert is_moving(path)
     monkeypatch.undo()
     assert "task=film" in expand_arguments([str(path)])
@@ -242,7 +242,7 @@ def sound(path):
 
 
 def cut(path):
-    with av.open(str(path), "w") as container:  # what players need is written last
+    with av.open(str(path), "w") as container:  # the list that players need is written last
         stream = container.add_stream("libx264", rate=10)
         stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
         picture = av.VideoFrame.from_ndarray(np.zeros((48, 64, 3), np.uint8), format="rgb24")
@@ -255,10 +255,10 @@ def without_its_list(path):
 
 
 @pytest.mark.parametrize(("make", "message"), [
-    (without_its_list, r"lacks the list of its pictures \(moov\).* was broken off; copy it again, or mend it"),
+    (without_its_list, r"lacks the list of its pictures \(moov\).* was interrupted; copy it again, or repair it"),
     (lambda path: None, "no file"),
     (Path.mkdir, "folder"),
-    (Path.touch, r"is empty \(0 bytes\); give a file that holds a film"),
+    (Path.touch, r"is empty \(0 bytes\); give a file that contains a film"),
     (lambda path: path.write_text("not a film"), r"cannot be read as a film \(Invalid data"),
     (cut, "is cut short: its file ends before the film does; get the whole file"),
     (sound, "no video"),

@@ -1,4 +1,4 @@
-"""Painted films: strokes are carried from picture to picture without flicker, and what is painted survives the end."""
+"""Painted films carry strokes from picture to picture without flicker, and finished pictures survive any end."""
 
 import errno
 import json
@@ -74,7 +74,7 @@ def test_strokes_move_where_the_film_changes_and_all_others_stay_bit_for_bit(ren
         assert 0 < int(moved.sum()) < 60
         assert torch.equal(after.front_to_back.sort().values, torch.arange(100))
         stay = [n for n in after.front_to_back.tolist() if not moved[n]]
-        assert stay == [n for n in before.front_to_back.tolist() if not moved[n]], "their depth stays as it was"
+        assert stay == [n for n in before.front_to_back.tolist() if not moved[n]], "the other strokes keep their depth"
         whole = Region.whole(picture)
         was_there = find_reaching(before.strokes[moved], whole, SOFT_EDGE)
         away = ~(was_there | find_reaching(after.strokes[moved], whole, SOFT_EDGE))
@@ -153,7 +153,7 @@ def test_a_painted_film_has_its_pictures_their_strokes_and_its_numbers(run_task,
     last = preview[:, 2 * 47 :].astype(float)
     run_task(export, "task=export", f"catalogue={tmp_path / 'frames' / '000002.h5'}", "overwrite=true")
     same = np.abs(read_picture(tmp_path / "painting.png") - last).max() <= 1
-    assert same, "exporters see the same, in its light"
+    assert same, "exporters get the same picture with light"
     assert np.abs(frames[2][:47, :47] - last).mean() < 8
     assert not (tmp_path / "checkpoint.ckpt").exists()
 
@@ -162,12 +162,12 @@ def test_a_painted_film_has_its_pictures_their_strokes_and_its_numbers(run_task,
     (["wet=0.5"], "wet=0.5 is for single pictures"),
     (["style=coffee"], "style.image=coffee is for single pictures"),
     (["film.start=2", "film.stop=1"], "film.stop=1 is not after"),
-    (["film.start=9", "steps=0"], "film.start=9 is behind the end"),
+    (["film.start=9", "steps=0"], "film.start=9 is after the end"),
 ])  # fmt: skip
 def test_what_a_film_cannot_have_is_refused_in_one_line(run_task, tmp_path, words, message):
     clip = encoded(tmp_path / "clip.mp4", scene(2))
     refuses(message, run_task, task, f"image={clip}", "resolution=32", *words)
-    assert not (tmp_path / "checkpoint.ckpt").exists(), "nothing to go on with"
+    assert not (tmp_path / "checkpoint.ckpt").exists(), "there is no painting to continue"
 
 
 def test_a_film_can_be_stopped_before_it_says_how_long_it_is_and_a_picture_without_error_hides_no_other(
@@ -241,7 +241,7 @@ def test_what_ends_a_film_leaves_the_pictures_before_it(run_task, tmp_path, monk
             patched.setattr(MeanSquaredError, "forward", wrong)
         message = r"000002.h5: No space left" if what == "disk" else "step 1: loss=mse is nan; lower the rate"
         refuses(message, run_task, task, *words)
-    assert (what == "nan") == ("the strokes stay as they were" in caplog.text)  # of the picture that is carried
+    assert (what == "nan") == ("the strokes stay as they were" in caplog.text)  # the carrier's warning
     metrics = json.loads((tmp_path / "metrics.json").read_text())
     assert (metrics["n_frames"], metrics["status"]) == (2, "failed")
     assert len(decoded(tmp_path / "film.mp4")[0]) == 2
@@ -254,7 +254,7 @@ def test_sound_is_copied_from_its_second_on_or_told_and_left_out(tmp_path, caplo
     with av.open(str(tmp_path / "heard.mkv"), "w") as container:
         stream = container.add_stream(codec, rate=48_000)
         silence = np.zeros((1, 4 * 48_000), np.float32)
-        silence[:, 96_000:] = np.sin(np.arange(96_000) / 20)  # a tone from the second second on
+        silence[:, 96_000:] = np.sin(np.arange(96_000) / 20)  # a tone that begins in the second second
         whole = av.AudioFrame.from_ndarray(silence, format="fltp", layout="mono")
         whole.sample_rate = 48_000
         fitting = av.AudioResampler(
@@ -285,4 +285,4 @@ def test_the_words_for_a_picture_paint_a_film_too_and_keys_for_which_it_has_no_u
     words = [f"image={encoded(tmp_path / 'clip.mp4', scene(2))}", "task=film", "frames=3", "report=false"]
     with caplog.at_level(logging.WARNING):
         check(config(*words), words)
-    assert "a film has no use for frames, report: film.mp4 has" in caplog.text
+    assert "films ignore frames, report: film.mp4 has" in caplog.text

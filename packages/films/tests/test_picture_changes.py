@@ -1,4 +1,4 @@
-"""Changes in films are told from noise, cuts from pans; flicker and motion are those of the pictures."""
+"""Changes are distinguished from noise, and cuts from pans; flicker and motion are measured correctly."""
 
 import pytest
 import torch
@@ -31,7 +31,7 @@ def test_changes_are_told_from_noise_and_slow_ones_are_seen_in_the_end():
     for _ in range(10):
         assert not changes((still + 0.01 * torch.randn(still.shape, generator=generator)).clamp(0, 1)).any()
     noticed = [bool(changes(0.9 * still + 0.005 * k).any()) for k in range(20)]
-    assert sum(noticed) > 1, "what fades by less than the threshold from picture to picture is noticed now and then"
+    assert sum(noticed) > 1, "fades below the threshold per picture are noticed eventually"
     assert difference(changes.held, 0.9 * still + 0.095).max() <= 0.04 + 0.01
 
 

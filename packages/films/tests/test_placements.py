@@ -1,4 +1,4 @@
-"""What a film declares of the place and shape of its pictures is done: mirrored, turned, cropped."""
+"""Pictures are mirrored, rotated and cropped as a film declares."""
 
 import struct
 from fractions import Fraction
@@ -15,9 +15,9 @@ HEIGHT, WIDTH = 48, 64
 PICTURE = np.stack(
     [*(4 * axis for axis in np.mgrid[0:HEIGHT, 0:WIDTH]), np.full((HEIGHT, WIDTH), 90)], 2
 ).astype(np.uint8)  # fmt: skip
-CODED = 6  # levels that coding changes, by the mean
-ONE = 65536  # of the numbers of a matrix
-MATRICES = {  # a, b, c, d: what is at (x, y) is shown at (a x + c y, b x + d y)
+CODED = 6  # mean change by coding, in levels
+ONE = 65536  # the number 1 in a matrix
+MATRICES = {  # a, b, c, d: the pixel (x, y) is shown at (a x + c y, b x + d y)
     (1, 0, 0, 1): lambda p: p,
     (-1, 0, 0, 1): np.fliplr,
     (-1, 0, 0, -1): lambda p: np.rot90(p, 2),
@@ -89,9 +89,9 @@ def test_a_clean_aperture_beyond_the_picture_counts_for_nothing(tmp_path):
 
 
 def with_margins(path: Path, sides: tuple[bytes, bytes], pixels: tuple[int, int]) -> Path:
-    """Write two margins behind the sides of the pictures of a Matroska film; the empty element behind them shrinks."""
+    """Insert two margins after the picture size of a Matroska film, and shrink the empty element that follows."""
     whole = path.read_bytes()
-    at = whole.index(b"\xe0\x8a\xb0\x81")  # the description of the pictures: ten bytes, of which six are their sides
+    at = whole.index(b"\xe0\x8a\xb0\x81")  # the video element of ten bytes, six of which are the picture size
     sides_of_pictures, between, empty = whole[at + 2 : at + 8], whole[at + 12 : at + 16], whole[at + 16 : at + 27]
     assert (between[:2], empty[:1]) == (b"\x55\xee", b"\xec")
     margins = b"".join(side + bytes([0x81, count]) for side, count in zip(sides, pixels, strict=True))

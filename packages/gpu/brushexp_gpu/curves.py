@@ -1,7 +1,7 @@
 """Locate pixels relative to curves, for several tiles at once: inlined parts of the kernels.
 
-Values of strokes are (TILES, 1), those of pixels (TILES, AREA); row k belongs to the k-th of a program's tiles. The
-formulas are those of `brushexp.compositing`: `nearest`, `texture_places`.
+Values of strokes are (TILES, 1) and values of pixels (TILES, AREA); row k belongs to the k-th tile of a program. The
+formulas are the same as in `brushexp.compositing`: `nearest`, `texture_places`.
 """
 # mypy: allow-untyped-defs
 
@@ -16,7 +16,7 @@ AREA = tl.constexpr(tile_lists.AREA)
 LEAST_SLOPE = tl.constexpr(float(processor.LEAST_SLOPE))
 LAST = tl.constexpr(float(processor.LAST))
 TIE = tl.constexpr(float(processor.TIE))
-CURVE_PARTS = tl.constexpr(16)  # parts of a curve; the lists say which of them come near the tile
+CURVE_PARTS = tl.constexpr(16)  # number of parts of a curve; the lists say which parts come near the tile
 
 
 @inline
@@ -61,7 +61,7 @@ def valley(a, b, c, d, t, low, high):
 def find_nearest(sx, sy, fx, fy, bx, by, low, high, x, y):
     """Find the parameters of the nearest points between ``low`` and ``high``: the nearer of the distance's two minima.
 
-    All curves use the search that the CPU reserves for the most bent ones: a branch would cost more than it saves.
+    All curves use the search that the CPU reserves for strongly bent curves; a branch would cost more than it saves.
     """
     a, b, c0 = bx * bx + by * by, 3.0 * (bx * fx + by * fy), 2.0 * (fx * fx + fy * fy)
     size = a + tl.abs(b) + c0 + 1e-20

@@ -9,18 +9,18 @@ from triton import jit
 from brushexp_gpu.curves import CURVE_PARTS, TILE
 from brushexp_gpu.launch import inline
 
-HALF = tl.constexpr(0.5 * (TILE.value - 1))  # from a tile's middle to its outermost pixel centres
+HALF = tl.constexpr(0.5 * (TILE.value - 1))  # distance from a tile's centre to its outermost pixel centres
 HALF_DIAGONAL = tl.constexpr(math.sqrt(0.5) * (TILE.value - 1) * 1.001)
 STEP = tl.constexpr(40.0)  # pixels of curve per PARTS points
 MOST_POINTS = tl.constexpr(16.0)  # maximum number of points per curve, in PARTS
-HALVINGS = tl.constexpr(32)  # more than any number of pairs needs
+HALVINGS = tl.constexpr(32)  # enough bisections for any number of pairs
 
 
 @inline
 def _box(start, control, end, reach, tiles):
-    """Find the first and last tile along an axis, and whether there is any.
+    """Find the first and last tile along an axis, and whether any exists.
 
-    A quadratic curve lies within the box of its chord and its middle, widened by an eighth of its bend.
+    A quadratic curve lies within the box of its chord and its midpoint, widened by an eighth of its bend.
     """
     middle, slack = (start + 2.0 * control + end) / 4.0, reach + tl.abs(start - 2.0 * control + end) / 8.0
     low = tl.minimum(tl.minimum(start, end), middle) - slack
@@ -43,9 +43,9 @@ def _count_at_most(numbers, count, limit, here):
 
 @jit(do_not_specialize=["n", "rows", "columns"])
 def box_kernel(curve, reach, order, boxes, sizes, n, rows, columns, BLOCK: tl.constexpr):
-    """Write each stroke's tile rectangle, by depth: ``boxes`` (3, n) are left, top and columns.
+    """Write the rectangle of tiles of each stroke, by depth: ``boxes`` (3, n) are left, top and columns.
 
-    ``sizes`` (n + 1,) are a 0 and then the number of tiles in each rectangle.
+    ``sizes`` (n + 1,) is a 0 followed by the number of tiles in each rectangle.
     """
     k = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     here = k < n
@@ -73,9 +73,9 @@ def find_kernel(curve, reach, order, boxes, space, tile, stroke, part, n, pairs,
     """Write ``tile``, ``stroke`` and the ``part`` of the curve for each pair of a stroke and a tile in its box.
 
     Sample points of a curve decide: its ends, and points at most 2.5 px apart. The tile is ``tiles``, meaning none, if
-    no point is so close to the square of the tile's pixel centres that the curve could come within reach. A part
-    encodes the range of PARTS that contains all points within reach of the tile: the first, plus 256 times the one
-    after the last.
+    no point is close enough to the square of the tile's pixel centres for the curve to come within reach. A part
+    encodes the range of PARTS that contains all points within reach of the tile: the first part, plus 256 times the
+    part after the last.
     """
     pair = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     here = pair < pairs
@@ -90,7 +90,7 @@ def find_kernel(curve, reach, order, boxes, space, tile, stroke, part, n, pairs,
     fx, fy, bx, by = 2.0 * (cx - sx), 2.0 * (cy - sy), sx - 2.0 * cx + ex, sy - 2.0 * cy + ey
     mx, my = sx - x, sy - y
     fastest = tl.sqrt(tl.maximum(fx * fx + fy * fy, (fx + 2 * bx) * (fx + 2 * bx) + (fy + 2 * by) * (fy + 2 * by)))
-    # The offset from the nearest point is perpendicular to the curve, or that point is an end.
+    # The offset from the nearest point is perpendicular to the curve unless that point is an end.
     points = CURVE_PARTS * (1 + tl.minimum(fastest / STEP, MOST_POINTS - 1.0).to(tl.int32))
     step = 0.51 / (points - 1).to(tl.float32)
     beyond = r * r + fastest * fastest * step * step + 2.0 * r * tl.sqrt(bx * bx + by * by) * step * step + 0.01
@@ -118,8 +118,8 @@ def arrange_kernel(
 ):
     """Write the lists of pairs sorted by ``tile``; ``slot`` is each pair's index in the output of `find_kernel`.
 
-    Its strokes ``found`` and ``near`` parts are written in that order; ``first`` (tiles + 1,) is where each list
-    begins, and ``sizes`` (tiles + 1,) are a 0 and then the number of chunks in each list.
+    The strokes ``found`` and the ``near`` parts are written in that order. ``first`` (tiles + 1,) is where each list
+    begins, and ``sizes`` (tiles + 1,) is a 0 followed by the number of chunks in each list.
     """
     at = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     here = at < pairs

@@ -13,20 +13,20 @@ from brushexp.contracts.layers import Size
 from brushexp_gpu.launch import launch
 from brushexp_gpu.list_kernels import arrange_kernel, box_kernel, find_kernel
 
-CHUNK = 32  # strokes of a tile's list that the backward pass visits sequentially
-BLOCK = 128  # strokes or pairs per program
+CHUNK = 32  # number of strokes of a tile's list that the backward pass visits sequentially
+BLOCK = 128  # number of strokes or pairs per program
 
 
 @dataclass(frozen=True)
 class Lists:
-    """The pairs of a stroke and a tile on one canvas; tiles in a stroke's box that it does not touch come last."""
+    """Pairs of a stroke and a tile on one canvas; pairs whose stroke does not touch the tile come last."""
 
-    first: Tensor  # (tiles + 1,) where each tile's list begins in ``stroke``, ``slot`` and ``part``; row by row
+    first: Tensor  # (tiles + 1,) start of each tile's list in ``stroke``, ``slot`` and ``part``; tiles row by row
     stroke: Tensor  # (room,) number of the stroke, front to back within a tile
     slot: Tensor  # (room,) index of the pair when sorted by stroke
     part: Tensor  # (room,) int32, part of the curve near the tile; see `find_kernel`
-    space: Tensor  # (N + 1,) where each stroke's slots begin, by depth
-    chunks: Tensor  # (tiles + 1,) where each tile's chunks of CHUNK strokes begin
+    space: Tensor  # (N + 1,) start of each stroke's slots, by depth
+    chunks: Tensor  # (tiles + 1,) start of each tile's chunks of CHUNK strokes
     shape: Size  # tile rows and columns
 
     @property

@@ -3,7 +3,7 @@
 The forward pass stores the nearest points and the light above for each pair of a tile and a stroke, and the colour and
 transmitted light of each chunk in isolation. `behind_pass` turns these into the colour behind each chunk, without
 dividing by nearly vanished light, so the backward pass can visit all chunks in parallel. Each pair writes its
-contribution to a row of its own, and `sum_rows` adds rows always in the same order: no atomics.
+contribution to a separate row, and `sum_rows` always adds the rows in the same order, without atomics.
 
 Arguments: ``strokes`` (N, width), ``begin``, ``cells`` and ``frames`` come from `KernelInput`; ``first``
 (tiles + 1,), ``stroke``, ``slot`` and ``part`` (pairs,) and ``chunks`` (tiles + 1,) from `Lists`; ``used`` (tiles,) is
@@ -42,7 +42,7 @@ def _seek(part, j, sx, sy, fx, fy, bx, by, here):
 
 @inline
 def _look(t, sx, sy, fx, fy, bx, by, strokes, begin, cells, frames, i, at, taper, here, TEXTURED: tl.constexpr):
-    """Compute coverage before opacity, its texture slopes, tone and its slopes, (TILES, AREA); 0 if not ``here``."""
+    """Compute coverage before opacity, its texture slopes, tone and its slopes (TILES, AREA); 0 if not ``here``."""
     x, y = pixels()
     if TEXTURED:
         scale = load_number(strokes, at, 8, here)
@@ -87,7 +87,7 @@ def forward_pass(
 
     A tile is finished after a chunk below which less light than ``opaque`` remains at every pixel. With JUDGE, the pass
     visits every stroke instead, and writes by slot ``errors`` (pairs, 2): the sums of alpha |color - target|^2, for a
-    ``target`` (C, H, W), and of alpha. With KEEP, it writes what the backward pass needs: ``near`` and ``above``
+    ``target`` (C, H, W), and of alpha. With KEEP, it writes the input of the backward pass: ``near`` and ``above``
     (pairs, AREA), and ``states`` (chunks, C + 1, AREA), whose last channel is the light.
     """
     tile = tl.program_id(0) * TILES + tl.arange(0, TILES)
@@ -197,7 +197,7 @@ def backward_pass(
     if WEIGHS:
         weight = tl.load(picture + C * height.to(tl.int64) * width + place, there, 0.0)
     else:
-        behind = tl.sum(behind * given, axis=0)  # all that is needed of the colour behind
+        behind = tl.sum(behind * given, axis=0)  # the only use of the colour behind
     for back in range(0, tl.max(count)):
         k = count - 1 - back
         here = k >= 0
@@ -244,7 +244,7 @@ def _pull_color(
     out, cover, ga, given, seen, t, here, C: tl.constexpr, CP: tl.constexpr, TEXTURED: tl.constexpr,
     DRIFTS: tl.constexpr,
 ):  # fmt: skip
-    """Write the gradients of opacity, colour and drift from that of alpha, ``ga``, and the visible share ``seen``."""
+    """Write the gradients of opacity, colour and drift, given the gradient ``ga`` of alpha and the share ``seen``."""
     tl.store(out + 7, sum_pixels(ga * cover), here)
     store_colors(out + (9 if TEXTURED else 10), given, seen, here, C, CP)
     if DRIFTS:

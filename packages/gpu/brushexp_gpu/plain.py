@@ -1,4 +1,4 @@
-"""Strokes without a texture: this package's version of `brushexp.compositing.profile`."""
+"""Coverage of strokes without a texture: this package's version of `brushexp.compositing.profile`."""
 # mypy: allow-untyped-defs
 
 import triton.language as tl
@@ -18,7 +18,7 @@ def _rise(x):
 
 @inline
 def _slope(x):
-    """Compute a sixth of the derivative of `_rise`."""
+    """Compute one sixth of the derivative of `_rise`."""
     z = clip(x + 0.5, 0.0, 1.0)
     return z * (1.0 - z)
 
@@ -36,14 +36,14 @@ def plain_cover(t, sx, sy, fx, fy, bx, by, x, y, half, sharp, widening, taper):
     d, u = tl.sqrt(rx * rx + ry * ry), t + t - 1.0
     ht = half * (1.0 - taper * u * u) * (1.0 + widening * u)
     cover = _rise((ht + d) * sharp) + _rise((ht - d) * sharp)
-    return tl.where(half > 0.0, tl.maximum(cover, 0.0), 0.0)  # rounding may go below 0, or above it for absent strokes
+    return tl.where(half > 0.0, tl.maximum(cover, 0.0), 0.0)  # rounding may give less than 0, or paint without a stroke
 
 
 @inline
 def plain_pull(out, ga, t, sx, sy, fx, fy, bx, by, x, y, half, opacity, sharp, widening, taper, by_color, here):
     """Write the gradient of all numbers except opacity and colour to ``out`` + 0 to 9.
 
-    It is derived from the gradient of alpha, ``ga``, and from ``by_color``, that of the parameter through the colour.
+    Inputs are the gradient of alpha, ``ga``, and the gradient of the parameter through the colour, ``by_color``.
     """
     rx, ry = _offset(t, sx, sy, fx, fy, bx, by, x, y)
     d, u = tl.sqrt(rx * rx + ry * ry), t + t - 1.0
@@ -64,6 +64,6 @@ def plain_pull(out, ga, t, sx, sy, fx, fy, bx, by, x, y, half, opacity, sharp, w
     gt = scale * gh * half * thins - by_color
     gt /= tl.maximum(bend, tl.maximum(size * LEAST_SLOPE + 1e-20, LEAST_BEND))
     gt = tl.where((t > 0.0) & (t < 1.0), gt, 0.0)  # clamped at an end, t does not move
-    gx, gy, vx, vy = gx + gt * dx, gy + gt * dy, gt * rx, gt * ry  # and of half the velocity there
+    gx, gy, vx, vy = gx + gt * dx, gy + gt * dy, gt * rx, gt * ry  # gradient of half the velocity there
     ux, uy = t * gx, t * gy
     store_moments(out, gx, 2.0 * ux + vx, t * (ux + vx), gy, 2.0 * uy + vy, t * (uy + vy), here)

@@ -12,7 +12,7 @@ from brushexp_gpu.launch import inline
 
 @inline
 def pixel_places(tile, columns, height, width, here):
-    """Return offsets of tiles' pixels in a plane (TILES, AREA), whether they exist, and tile corners (TILES,)."""
+    """Return the offsets of tiles' pixels in a plane (TILES, AREA), whether they exist, and tile corners (TILES,)."""
     q = tl.arange(0, AREA)[None, :]
     top, left = tile // columns * TILE, tile % columns * TILE
     row, column = top[:, None] + q // TILE, left[:, None] + q % TILE

@@ -11,8 +11,8 @@ from brushexp_gpu.launch import launch
 from brushexp_gpu.lists import CHUNK, tile_lists
 from brushexp_gpu.passes import backward_pass, behind_pass, forward_pass, sum_rows
 
-TILES = 64 if triton.knobs.runtime.interpret else 1  # tiles per program; one warp each
-ROWS = 64  # pairs of a stroke summed at once
+TILES = 64 if triton.knobs.runtime.interpret else 1  # number of tiles per program, one warp each
+ROWS = 64  # number of pairs of a stroke summed at once
 
 
 class TritonRasterization:
@@ -58,7 +58,7 @@ class TritonRasterization:
         return image
 
     def gradient(self, grad_image: Tensor) -> tuple[Tensor, ...]:
-        """Compute the gradient of the strokes' numbers from that of the picture (C, H, W)."""
+        """Compute the gradient of the strokes' numbers from the gradient of the picture (C, H, W)."""
         return (self._sums(self._run_back(grad_image, self._strokes.shape[1])),)
 
     def importance(self, target: Tensor, weight: Tensor) -> Tensor:

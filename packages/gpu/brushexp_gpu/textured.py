@@ -1,4 +1,4 @@
-"""Strokes with textures: this package's version of `brushexp.compositing.textured_profile`."""
+"""Coverage of strokes with textures: this package's version of `brushexp.compositing.textured_profile`."""
 # mypy: allow-untyped-defs
 
 import triton.language as tl
@@ -26,7 +26,7 @@ def _size(fx, fy, bx, by):
 def _direction(t, sx, sy, fx, fy, bx, by, x, y):
     """Return curve-to-pixel vectors, velocity, its square, whether it moves, unit tangent, 1 / unnormalised length.
 
-    Where the curve stands still, the tangent is perpendicular to the offset; see `brushexp.compositing.frame`.
+    Where the velocity is 0, the tangent is perpendicular to the offset; see `brushexp.compositing.frame`.
     """
     wx, wy = x - sx - (fx + fx + bx * t) * t, y - sy - (fy + fy + by * t) * t
     dx, dy = fx + t * bx, fy + t * by
@@ -45,7 +45,7 @@ def _load_frame(frames, i, k: tl.constexpr, here):
 
 @inline
 def _place(t, sx, sy, fx, fy, bx, by, x, y, frames, i, scale, here):
-    """Return columns and rows in the texture, in texels, and the texture's numbers of both (TILES, 1)."""
+    """Return columns and rows in the texture, in texels, and the texture's number of each (TILES, 1)."""
     wx, wy, _, _, _, _, tx, ty, _ = _direction(t, sx, sy, fx, fy, bx, by, x, y)
     rows, columns = _load_frame(frames, i, 0, here), _load_frame(frames, i, 1, here)
     origin, body = _load_frame(frames, i, 2, here), _load_frame(frames, i, 3, here)
@@ -88,7 +88,7 @@ def look_up(t, sx, sy, fx, fy, bx, by, x, y, begin, cells, frames, i, scale, her
 
 @inline
 def textured_pull(out, gu, gv, t, sx, sy, fx, fy, bx, by, x, y, frames, i, half, scale, here):
-    """Write the gradient of curve and scale to ``out`` + 0 to 8, except 7, from that of the texture coordinates."""
+    """Write the gradient of curve and scale to ``out`` + 0 to 8, except 7, given that of the texture coordinates."""
     wx, wy, dx, dy, speed, moves, tx, ty, one = _direction(t, sx, sy, fx, fy, bx, by, x, y)
     size, beside = _size(fx, fy, bx, by), (t > 0.0) & (t < 1.0)
     along, across = tl.where(beside, 0.0, tx * wx + ty * wy), tx * wy - ty * wx
@@ -102,6 +102,6 @@ def textured_pull(out, gu, gv, t, sx, sy, fx, fy, bx, by, x, y, frames, i, half,
     turn = (gu * across - gv * along) * tl.minimum(one, 1.0 / tl.sqrt(size * LEAST_SQUARE + 1e-30))
     turn = tl.where(moves, turn, 0.0)
     ax, ay = gv * ty - gu * tx - gt * dx, -gv * tx - gu * ty - gt * dy  # gradient of the curve's point
-    vx, vy = gt * wx - turn * ty, gt * wy + turn * tx  # of half the velocity there
+    vx, vy = gt * wx - turn * ty, gt * wy + turn * tx  # gradient of half the velocity there
     ux, uy = t * ax, t * ay
     store_moments(out, ax, 2.0 * ux + vx, t * (ux + vx), ay, 2.0 * uy + vy, t * (uy + vy), here)

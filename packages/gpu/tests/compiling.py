@@ -1,10 +1,9 @@
-"""Compile every kernel as a run would, for a GPU that need not be there, to machine code: nothing is started.
+"""Compile every kernel to machine code as a run would, without running it; the GPU need not be present.
 
-    python packages/gpu/tests/compiling.py 90    for an H100 or H200, and the like: 75, 80, 89, 90, 100, 120
-    python packages/gpu/tests/compiling.py 90 textured    only what textured strokes in RGB need
+    python packages/gpu/tests/compiling.py 90    for an H100 or H200; others are 75, 80, 89, 100, 120
+    python packages/gpu/tests/compiling.py 90 textured    only kernels for textured strokes in RGB
 
-Prints a line for each: its name, what it was compiled for, registers, and bytes that it keeps in memory for lack of
-them.
+Prints a line for each kernel: its name, its target, its number of registers, and the bytes spilled to memory.
 """
 
 import re
@@ -33,7 +32,7 @@ DONE: set[int] = set()
 
 
 class Driver(SimpleNamespace):
-    """As much of Triton's driver as compiling needs."""
+    """The part of Triton's driver that compilation needs."""
 
     def __init__(self, capability):
         target = GPUTarget("cuda", capability, 32)
@@ -42,7 +41,7 @@ class Driver(SimpleNamespace):
 
 
 def compile_only(run, kernel, *arguments, grid, warmup, **options):
-    """Instead of `JITFunction.run`: there are no results, so lists are as if each stroke met the first tile alone."""
+    """Replace `JITFunction.run`: without results, lists are filled as if each stroke met only the first tile."""
     compiled = run(kernel, *arguments, grid=grid, warmup=True, **options)
     for value in arguments:
         if isinstance(value, torch.Tensor) and value.dtype == torch.int32:
@@ -63,7 +62,7 @@ def report(name, compiled, options):
 
 
 def paint(renderer, blend):
-    """Paint, differentiate, judge and weigh, which needs all kernels of a kind of layer and a number of channels."""
+    """Paint, differentiate, judge and weigh, which uses all kernels for a kind of layer and a number of channels."""
     strokes, size, order = some_strokes(9, (17, 33)), (17, 33), torch.arange(9)
     leaves = strokes.map(lambda value: value.clone().requires_grad_())
     bare, target, weight = torch.ones(3), torch.rand(3, *size), torch.rand(size)
@@ -77,7 +76,7 @@ def main(capability="90", only=""):
     driver.set_active(Driver(int(capability)))
     run = JITFunction.run
     JITFunction.run = lambda kernel, *arguments, **options: compile_only(run, kernel, *arguments, **options)
-    brushexp_gpu._runs_on = lambda device: True  # though nothing does
+    brushexp_gpu._runs_on = lambda device: True  # pretend, because nothing runs
     tiled, textured = Tiled(kernel="triton"), Textured(checkpoint=None).requires_grad_(False)
     paint(textured, tiled)
     if not only:

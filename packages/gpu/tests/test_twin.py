@@ -1,4 +1,4 @@
-"""`blend.kernel=triton` does what is asked of the processor's kernels; interpreted where there is no CUDA device."""
+"""`blend.kernel=triton` agrees with the CPU's kernels; it is interpreted if there is no CUDA device."""
 
 import os
 import subprocess
@@ -41,18 +41,18 @@ triton = pytest.importorskip("triton")
 CUDA = torch.cuda.is_available()
 pytestmark = [pytest.mark.gpu] if CUDA else []
 DEVICE = torch.device("cuda" if CUDA else "cpu")
-OURS = ("plain", "tapered", "textured")  # kinds of layers that there are kernels for
+OURS = ("plain", "tapered", "textured")  # kinds of layers that have kernels
 
 
 def moved(value, device=DEVICE):
-    """The same on another device, differentiable, and what it is made of."""
+    """Copy a value differentiably to another device; return the copy and its leaves."""
     if is_dataclass(value):
         return replace(value, **{f.name: moved(getattr(value, f.name), device) for f in fields(value) if f.init})
     return value.to(device) if isinstance(value, torch.Tensor) else value
 
 
 class Twin:
-    """The blend, of things on the processor."""
+    """Run the blend on values that lie on the CPU."""
 
     def __init__(self, **options):
         self.blend = Tiled(kernel="triton", **options)
@@ -106,7 +106,7 @@ def test_edges_of_any_width_agree_and_what_is_skipped_cannot_be_seen(monkeypatch
 
 @pytest.mark.parametrize("kind", ["plain", "textured"])
 def test_a_pile_of_several_chunks_has_the_same_bits_however_many_tiles_are_interpreted_at_once(kind, monkeypatch):
-    """The last stroke of a chunk is opaque, and what lies behind it in the next one has to be known all the same."""
+    """The last stroke of a chunk is opaque; the colour behind it, from the next chunk, must still be computed."""
     shorten_chunks(monkeypatch)
     pile = random_strokes(15, (8, 9), seed=3, bend=0.05, width=(0.3, 1.0))
     pile = replace(pile, opacity=torch.where(torch.arange(15) % 4 == 3, 1.0, 0.2 * pile.opacity))
@@ -114,7 +114,7 @@ def test_a_pile_of_several_chunks_has_the_same_bits_however_many_tiles_are_inter
     from brushexp_gpu import rasterization  # noqa: PLC0415  (imports Triton)
 
     strokes, size, results = random_strokes(5, (8, 17), bend=0.1), (8, 17), []
-    for tiles in (rasterization.TILES,) * 3 if CUDA else (rasterization.TILES, 1, 2):  # another shape is other code
+    for tiles in (rasterization.TILES,) * 3 if CUDA else (rasterization.TILES, 1, 2):  # other shapes use other code
         monkeypatch.setattr(rasterization, "TILES", tiles)
         image, gradient = paint_with_gradient(KINDS[kind], Twin(), strokes, size, torch.ones(3, *size))
         results.append([image, *gradient.values()])
@@ -150,7 +150,7 @@ def test_lists_are_those_of_the_processor_and_hardly_more():
         assert (place[mine].diff() > 0).all(), "front to back"
         pairs[0] |= {(tile, int(i)) for i in mine}
         pairs[1] |= {(tile, int(order[i])) for i in theirs.stroke[theirs.first[tile] : theirs.first[tile + 1]]}
-    assert len(pairs[1] - pairs[0]) <= 1e-3 * len(pairs[1]), "but for roundings at the very edge of strokes"
+    assert len(pairs[1] - pairs[0]) <= 1e-3 * len(pairs[1]), "rounding may change pairs at the very edge of strokes"
     assert len(pairs[0]) <= 1.02 * len(pairs[1])
 
 
@@ -168,7 +168,7 @@ def test_the_distance_is_found_wherever_it_is_within_reach():
     assert (distance - exact)[within].max() < 1e-3
 
 
-@pytest.mark.slow(kernels=False)  # of Numba
+@pytest.mark.slow(kernels=False)  # kernels of Numba
 def test_the_kernels_compile_for_a_gpu_that_is_not_there_without_a_number_in_memory_for_lack_of_registers():
     command = [sys.executable, Path(__file__).with_name("compiling.py"), "90", "textured"]
     compiles = {name: value for name, value in os.environ.items() if name != "TRITON_INTERPRET"}

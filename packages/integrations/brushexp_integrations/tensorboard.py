@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 
 @register("logger", "tensorboard")
 class TensorBoard(Logger):
-    """Log curves, pictures, settings and metrics; ``tensorboard --logdir`` shows a run, or a sweep's runs together.
+    """Log curves, pictures, settings and metrics; ``tensorboard --logdir`` shows a run, or all runs of a sweep.
 
-    The files are in each run's folder ``tensorboard``. Hyperparameters are the command line's words and the final
-    metrics, so that a sweep becomes a table; all settings and the catalogue's path are texts.
+    The files are in the folder ``tensorboard`` of each run. The words of the command line are hyperparameters and are
+    logged with the final metrics, so that a sweep becomes a table; all settings and the catalogue's path are texts.
     """
 
     def __init__(self) -> None:

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from lightning.pytorch.loggers import Logger as LightningLogger
 
 log = logging.getLogger(__name__)
-STEP = "trainer/global_step"  # name of the step in the curves of Lightning's WandbLogger
+STEP = "trainer/global_step"  # Lightning's WandbLogger uses this name for the step of its curves
 EXIT_CODES = {Status.COMPLETED: 0, Status.INTERRUPTED: 130, Status.FAILED: 1}
-DEFAULTS = {  # environment variables of wandb, unless the user sets them
+DEFAULTS = {  # environment variables of wandb, set unless the user has set them
     "WANDB_SILENT": "true",
     "WANDB_CONSOLE": "off",  # otherwise it records everything the program prints
     "WANDB_ERROR_REPORTING": "false",
@@ -35,10 +35,10 @@ ONE_SERVICE = ("https://api.wandb.ai", "https://api.forge.coreweave.com")  # one
 
 @register("logger", "wandb")
 class WeightsAndBiases(Logger):
-    """Log curves, pictures, a table and the catalogue to Weights & Biases; offline unless you are logged in there.
+    """Log curves, pictures, a table and the catalogue to Weights & Biases; offline unless you are logged in.
 
     Everything stays in the run's folder ``wandb``; ``wandb sync`` uploads offline runs later. Errors in wandb itself
-    are reported to its makers only if WANDB_ERROR_REPORTING is set to true.
+    are reported to its developers only if WANDB_ERROR_REPORTING is set to true.
 
     Args:
         project: project that collects the runs.
@@ -46,7 +46,7 @@ class WeightsAndBiases(Logger):
         mode: mode of logging: auto (online if logged in by WANDB_API_KEY or ``wandb login``, otherwise offline, unless
             WANDB_MODE says otherwise), online, offline, or disabled (nothing is kept).
         group: group that shows runs together; null = name of the sweep's folder.
-        tags: tags to find runs by.
+        tags: tags for finding runs.
     """
 
     def __init__(
@@ -122,7 +122,7 @@ class WeightsAndBiases(Logger):
 
 
 def mode_of(mode: str) -> Any:
-    """Translate a mode into wandb's; None leaves the choice to WANDB_MODE."""
+    """Convert a mode to wandb's mode; None leaves the choice to WANDB_MODE."""
     import wandb  # noqa: PLC0415
 
     if mode != "auto":
@@ -131,7 +131,7 @@ def mode_of(mode: str) -> Any:
 
 
 def is_logged_in() -> bool:
-    """Test whether environment, settings or netrc file contain a wandb account, without any network access."""
+    """Check, without network access, whether environment, settings or netrc file contain a wandb account."""
     import wandb  # noqa: PLC0415
     from requests.utils import get_netrc_auth  # noqa: PLC0415  (wandb needs it, too)
 

@@ -21,11 +21,11 @@ class DaskLauncherConf:
     """Options of ``hydra/launcher=dask``."""
 
     _target_: str = "hydra_plugins.brushexp_dask.DaskLauncher"
-    address: str | None = None  # of the scheduler, tcp://host:8786; null = workers on this machine, for this sweep
-    n_jobs: int = -1  # concurrent jobs per machine, sharing its cores; -1 = one per core
+    address: str | None = None  # scheduler's address, tcp://host:8786; null = workers on this machine for this sweep
+    n_jobs: int = -1  # number of concurrent jobs per machine, which share its cores; -1 = one per core
 
 
-if find_spec("distributed"):  # the extra `dask`
+if find_spec("distributed"):  # installed with the extra `dask`
     ConfigStore.instance().store(group="hydra/launcher", name="dask", node=DaskLauncherConf, provider="brushexp")
 
 

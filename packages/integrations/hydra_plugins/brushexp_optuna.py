@@ -1,6 +1,6 @@
 """Hydra sweeper ``optuna``: search for settings with hydra-optuna-sweeper, in the objective's direction.
 
-It replaces the original of that name, which would minimise PSNR, and can continue studies.
+It replaces the original sweeper of this name, which would minimise PSNR, and it can continue studies.
 """
 
 import logging
@@ -16,12 +16,12 @@ from hydra.plugins.sweeper import Sweeper
 from hydra.types import HydraContext, TaskFunction
 from omegaconf import MISSING, DictConfig
 
-DIRECTIONS = {"higher": "maximize", "lower": "minimize"}  # better side of a metric -> Optuna's direction
+DIRECTIONS = {"higher": "maximize", "lower": "minimize"}  # better values of a metric -> Optuna's direction
 
 
 @dataclass
 class StudySweeperConf:
-    """Options of ``hydra/sweeper=optuna`` (`offer_sweepers`): the original's, and ``resume`` to continue a study."""
+    """Options of ``hydra/sweeper=optuna`` (`offer_sweepers`): those of the original, and ``resume``."""
 
     _target_: str = "hydra_plugins.brushexp_optuna.StudySweeper"
     defaults: list[Any] = field(default_factory=lambda: [{"sampler": "tpe"}])
@@ -41,14 +41,14 @@ def sweeper_config() -> type[StudySweeperConf] | None:
     """Return the sweeper's config if hydra-optuna-sweeper is installed, otherwise None."""
     if not find_spec("hydra_plugins.hydra_optuna_sweeper"):
         return None
-    logging.getLogger("alembic").setLevel(logging.WARNING)  # imported by Optuna; it logs each part that it loads
+    logging.getLogger("alembic").setLevel(logging.WARNING)  # Optuna imports it, and it logs each part that it loads
     return StudySweeperConf
 
 
 class StudySweeper(Sweeper):
     """Run Optuna's trials as jobs; a failed trial is marked, and the study continues."""
 
-    config: Any  # Hydra's, set by `setup`
+    config: Any  # Hydra's config, set by `setup`
 
     def __init__(self, resume: bool, direction: str | None, **options: Any) -> None:
         self.resume, self.direction, self.options = resume, direction, options
@@ -93,7 +93,7 @@ class StudySweeper(Sweeper):
             renew_sweep_report(folder)
 
     def go_on(self, words: list[str]) -> None:
-        """Add the trials in the sweep's folder to the study; killed trials are repeated first."""
+        """Add the trials in the sweep's folder to the study, and repeat killed trials first."""
         import optuna  # noqa: PLC0415
 
         from brushexp.contracts.results import has_ended, read_result, words_of  # noqa: PLC0415
@@ -110,15 +110,15 @@ class StudySweeper(Sweeper):
             if has_ended(folder) and values not in recorded:
                 study.add_trial(frozen_trial(read_result(folder), values, space, self.config.objective))
         for k, values in enumerate(killed):
-            if values not in (*ended, *killed[:k]):  # otherwise an earlier resume has repeated them
+            if values not in (*ended, *killed[:k]):  # not yet repeated by an earlier resume
                 study.enqueue_trial(values)
         self.study.n_trials -= sum(trial.state.is_finished() for trial in study.trials)
         self.study.job_idx = 1 + max((int(path.name) for path in folders), default=-1)
         if isinstance(self.study.sampler, optuna.samplers.BaseSampler):
-            self.study.sampler.reseed_rng()  # otherwise it would propose the first trials again
+            self.study.sampler.reseed_rng()  # otherwise it would repeat its first proposals
 
     def open_study(self) -> Any:
-        """Create or load the Optuna study; trials that a database lists as running are marked as failed."""
+        """Create or load the Optuna study, and mark trials that the database lists as running as failed."""
         import optuna  # noqa: PLC0415
 
         name = self.study.study_name = self.options["study_name"]
@@ -138,21 +138,21 @@ def better_direction(objective: str | None, typed: str | None) -> str:
 
     option, choices = "hydra.sweeper.direction", tuple(DIRECTIONS.values())
     if objective is None:
-        raise UserError("Optuna needs objective=: the number of metrics.json that it improves; try objective=psnr")
+        raise UserError("Optuna needs objective=, the value of metrics.json to improve; try objective=psnr")
     if typed is not None and typed not in choices:
         raise UserError(f"{option}={typed} is not one of {', '.join(choices)}; drop it")
     metric = quantities().get(objective)
     own = DIRECTIONS.get(metric.better) if metric else None
     if own and typed not in (None, own):
-        raise UserError(f"{option}={typed} looks for the worst {objective}; drop it")
+        raise UserError(f"{option}={typed} searches for the worst {objective}; drop it")
     if not (own or typed):
         names = ", ".join(name for name, metric in quantities().items() if metric.better)
-        raise UserError(f"nobody knows which {objective} is better; add {option}=minimize or maximize (known: {names})")
+        raise UserError(f"{objective} has no known direction; add {option}=minimize or maximize (known: {names})")
     return own or str(typed)
 
 
 def frozen_trial(result: dict[str, Any], values: dict[str, Any], space: dict[str, Any], objective: str) -> Any:
-    """Make Optuna's record of a finished trial."""
+    """Convert a finished trial to Optuna's record."""
     import optuna  # noqa: PLC0415
 
     from brushexp.contracts.results import objective_in  # noqa: PLC0415
@@ -164,26 +164,26 @@ def frozen_trial(result: dict[str, Any], values: dict[str, Any], space: dict[str
 
 
 def value_in(space: Any, typed: str) -> Any:
-    """Convert a job's word to the value that Optuna proposed."""
+    """Convert the word of a job to the value that Optuna proposed."""
     if hasattr(space, "choices"):
         return next(choice for choice in space.choices if str(choice) == typed)
     return int(typed) if type(space).__name__.startswith("Int") else float(typed)
 
 
 def ends_of(override: Override) -> list[str]:
-    """Return an override's values: all of a choice, the first and last of a range or interval."""
+    """Return an override's values: all values of a choice, or the first and last of a range or interval."""
     if not override.is_sweep_override():
         return [override.get_value_element_as_str()]
     sweep: Any = override.value()
     if override.is_interval_sweep():
         return [str(sweep.start), str(sweep.end)]
     if override.is_range_sweep():
-        return [str(sweep.start), str(sweep.stop)]  # Optuna includes it
+        return [str(sweep.start), str(sweep.stop)]  # Optuna includes the end
     return list(override.sweep_string_iterator())
 
 
 def corner_jobs(ends: dict[str, list[str]]) -> list[list[str]]:
-    """Return jobs in which each value of each key occurs, with the first values of the other keys."""
+    """List jobs in which each value of each key occurs, combined with the first values of the other keys."""
     first = {key: values[0] for key, values in ends.items()}
     jobs = [first] + [first | {key: value} for key, values in ends.items() for value in values[1:]]
     return [[f"{key}={value}" for key, value in job.items()] for job in jobs]

@@ -1,4 +1,4 @@
-"""Hydra launcher ``processes``: run a sweep's jobs in parallel, in forks of this process with everything loaded."""
+"""Hydra launcher ``processes``: run a sweep's jobs in parallel, in forks of this process with all modules loaded."""
 
 import ctypes
 import os
@@ -25,11 +25,11 @@ class ProcessesLauncherConf:
     """Options of ``hydra/launcher=processes``, which ``jobs=`` chooses."""
 
     _target_: str = "hydra_plugins.brushexp_processes.ProcessesLauncher"
-    n_jobs: int = -1  # concurrent jobs, sharing the cores; -1 = one per core
+    n_jobs: int = -1  # number of concurrent jobs, which share the cores; -1 = one per core
 
 
 def works_here() -> bool:
-    """Test whether processes may be forked: libraries survive it only on Linux, and CUDA nowhere."""
+    """Check whether this process may be forked: libraries support it only on Linux, and CUDA nowhere."""
     from brushexp.contracts.machine import device_of  # noqa: PLC0415  (torch)
 
     return sys.platform == "linux" and device_of("auto").type == "cpu"
@@ -64,13 +64,13 @@ class ProcessesLauncher(Launcher):
 
     @contextmanager
     def _forks(self, count: int) -> Iterator[list[Pipe]]:
-        """Start processes that run the jobs sent to them; on leaving, wait for them to end."""
+        """Start processes that run the jobs sent to them; on exit, wait for the processes to end."""
         fork, processes, pipes = get_context("fork"), [], list[Pipe]()
         for _ in range(count):
             here, there = fork.Pipe()
             processes.append(fork.Process(target=self._serve, args=(there, os.getpid(), [*pipes, here])))
             processes[-1].start()
-            there.close()  # so that this process notices when it ends
+            there.close()  # lets this process notice when the fork ends
             pipes.append(here)
         try:
             yield pipes
@@ -78,7 +78,7 @@ class ProcessesLauncher(Launcher):
                 pipe.send(None)
         except BaseException:
             for process, pipe in zip(processes, pipes, strict=True):
-                pipe.close()  # otherwise a process that misses the signal waits for a job, and we wait for it
+                pipe.close()  # otherwise a fork that misses the signal waits for a job, and we wait for it
                 with suppress(ProcessLookupError):
                     os.kill(process.pid or 0, signal.SIGINT)
             raise
@@ -87,10 +87,10 @@ class ProcessesLauncher(Launcher):
                 process.join()
 
     def _serve(self, pipe: Pipe, parent: int, of_parent: Sequence[Pipe]) -> None:
-        """Run jobs in a fork until there are no more, or until the parent dies or closes its pipe."""
+        """Run jobs in a fork until no more arrive, or until the parent dies or closes its pipe."""
         for other in of_parent:
-            other.close()  # so that only the parent holds its ends
-        os.setpgrp()  # so that Ctrl-C comes only from the parent, not from the terminal
+            other.close()  # leaves the ends of other pipes to the parent alone
+        os.setpgrp()  # lets Ctrl-C arrive only from the parent, not from the terminal
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGINT)
         with suppress(KeyboardInterrupt, EOFError, ConnectionError):
             while os.getppid() == parent and (job := pipe.recv()) is not None:
@@ -100,7 +100,7 @@ class ProcessesLauncher(Launcher):
 
 
 def _results(pipes: Sequence[Pipe], jobs: dict[int, list[str]]) -> dict[int, JobReturn]:
-    """Send each process a job, and the next one when that ends; return the results by job number."""
+    """Send a job to each process, and another whenever one ends; return the results by job number."""
     from brushexp.contracts import UserError  # noqa: PLC0415
 
     queue, idle, at_work, results = list(jobs), list(pipes), dict[Pipe, int](), dict[int, JobReturn]()
@@ -115,6 +115,6 @@ def _results(pipes: Sequence[Pipe], jobs: dict[int, list[str]]) -> dict[int, Job
             try:
                 results[number] = pipe.recv()
             except EOFError as error:
-                raise UserError(f"job {number} has ended without a result; go on with resume=sweep") from error
+                raise UserError(f"job {number} has ended without a result; continue with resume=sweep") from error
             idle.append(pipe)
     return results

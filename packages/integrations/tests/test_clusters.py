@@ -1,4 +1,4 @@
-"""Sweeps by other engines than Hydra's own: searches with Optuna, jobs on Dask and submitit."""
+"""Sweeps can use engines other than Hydra's own: searches with Optuna, and jobs on Dask and submitit."""
 
 import os
 import re
@@ -22,7 +22,7 @@ def test_the_tables_know_which_way_an_objective_is_better():
     assert better_direction("psnr", None) == better_direction("psnr", "maximize") == "maximize"
     assert better_direction("l1", None) == better_direction("steps", "minimize") == "minimize"
     for objective, typed, message in (
-        (None, None, "try objective=psnr"), ("psnr", "minimize", "looks for the worst psnr; drop it"),
+        (None, None, "try objective=psnr"), ("psnr", "minimize", "searches for the worst psnr; drop it"),
         ("steps", None, "add hydra.sweeper.direction=minimize or maximize"), ("l1", "down", "not one of maximize"),
     ):  # fmt: skip
         refuses(message, better_direction, objective, typed)
@@ -57,7 +57,7 @@ def test_a_search_marks_what_fails_and_goes_on(tmp_path):
     assert f"best_value: {min(values)}" in (study / "optimization_results.yaml").read_text()
     for number, status in ((0, "interrupted"), (1, "failed")):
         note(study, number, status=status)
-    for n in (3, 4):  # first the one that was killed anew, which is tried once
+    for n in (3, 4):  # the killed trial is repeated first, once
         done = run(*words, f"hydra.sweeper.n_trials={n}", "resume=sweep", cwd=tmp_path)
         assert done.returncode == 0, done.stderr
     rows = read_csv(study / "table.csv")
@@ -72,12 +72,12 @@ def test_a_search_marks_what_fails_and_goes_on(tmp_path):
     ("dask hydra.launcher.n_jobs=1", "distributed", "0,1"), ("submitit_local", "submitit", "0"),
 ])  # fmt: skip
 def test_jobs_of_other_launchers_meet_in_one_table(launcher, library, seeds, tmp_path):
-    """Those of submitit are processes that import all anew: one of them shows that its result comes home."""
+    """Jobs of submitit are processes that import everything again; one job shows that its result is collected."""
     pytest.importorskip(library)
     words = [*TINY, f"seed={seeds}", *f"hydra/launcher={launcher}".split(), "output=s"]
     done = run(*words, cwd=tmp_path, PYTHONPATH=str(ROOT / "src"))
     assert done.returncode == 0, done.stderr
-    assert "worker process" not in done.stderr.lower(), "the launcher's own remarks are for its developers"
+    assert "worker process" not in done.stderr.lower(), "the launcher's own messages are for its developers"
     sweep = tmp_path / "s"
     assert [row["status"] for row in read_csv(sweep / "table.csv")] == len(seeds.split(",")) * ["completed"]
     assert all((sweep / name).exists() for name in ("table.md", "table.tex", "report.html", "sheet.png"))

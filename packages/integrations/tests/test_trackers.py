@@ -1,4 +1,4 @@
-"""Trackers: what arrives in each, and that none goes to the network unasked."""
+"""Trackers receive the data of a run, and use the network only if asked."""
 
 import io
 import json
@@ -28,7 +28,7 @@ PROXIES = ("http_proxy", "https_proxy", "all_proxy")
 
 @pytest.fixture(scope="module")
 def tracked(tmp_path_factory) -> SimpleNamespace:
-    """A small run, the only one of a sweep, with every tracker; all traffic would meet a proxy."""
+    """Run the only job of a sweep with every tracker; a proxy would catch all network traffic."""
     folder = tmp_path_factory.mktemp("tracked")
     (folder / "home").mkdir()
     rows, columns = np.mgrid[:40, :56]
@@ -40,21 +40,21 @@ def tracked(tmp_path_factory) -> SimpleNamespace:
         url = f"http://127.0.0.1:{proxy.getsockname()[1]}"
         environment = {key: value for name in PROXIES for key, value in ((name, url), (name.upper(), url))}
         environment |= {"no_proxy": "", "NO_PROXY": "", "HOME": str(folder / "home")}
-        environment["MPLCONFIGDIR"] = str(Path.home() / ".cache" / "matplotlib")  # to look for fonts takes seconds
+        environment["MPLCONFIGDIR"] = str(Path.home() / ".cache" / "matplotlib")  # a search for fonts takes seconds
         for name in [name for name in os.environ if name.startswith("WANDB_")]:
             patch.delenv(name)
         words = ["hydra.mode=MULTIRUN", f"image={folder}/picture.png", *settings, *loggers]
         done = program.run(*words, cwd=folder, **environment)
         assert done.returncode == 0, done.stderr
         with pytest.raises(BlockingIOError):
-            proxy.accept()  # nobody came
+            proxy.accept()  # no connection was made
     run = folder / "my sweep" / "0"
     metrics = json.loads((run / "metrics.json").read_text())
     return SimpleNamespace(folder=folder, run=run, metrics=metrics, said=done.stdout + done.stderr)
 
 
 def records(path: Path) -> Iterator:
-    """Read a .wandb file: a log of LevelDB, blocks of 32 KiB with pieces of messages."""
+    """Read a .wandb file, a LevelDB log: blocks of 32 KiB with pieces of messages."""
     from wandb.proto.wandb_internal_pb2 import Record  # noqa: PLC0415
 
     data, at, message = path.read_bytes(), 7, b""
@@ -66,7 +66,7 @@ def records(path: Path) -> Iterator:
         length, kind = struct.unpack("<HB", data[at + 4 : at + 7])
         message += data[at + 7 : at + 7 + length]
         at += 7 + length
-        if kind in (1, 4):  # whole, or the last piece
+        if kind in (1, 4):  # a whole message, or its last piece
             yield Record.FromString(message)
             message = b""
 
@@ -145,15 +145,15 @@ def test_wandb_has_all_pictures_the_table_and_the_catalogue(tracked):
 
 @pytest.mark.parametrize(("name", "tracker"), [("tensorboard", TensorBoard), ("wandb", WeightsAndBiases)])
 def test_a_tracker_that_is_not_installed_is_refused_when_it_is_built(name, tracker, monkeypatch):
-    monkeypatch.setitem(sys.modules, name, None)  # for Python it is not there
+    monkeypatch.setitem(sys.modules, name, None)  # makes the package unavailable
     refuses(rf"needs the package {name}; pip install 'brushexp\[{name}\]'", tracker)
 
 
 class FakeWandb:
-    """As much of wandb as is needed to tell what it is asked for; the network is down."""
+    """Stand in for wandb while the network is down, and record how it is called."""
 
     def __init__(self, **settings: object) -> None:
-        self.__spec__ = self  # it counts as installed
+        self.__spec__ = self  # makes the package count as installed
         known = {"mode": "online", "api_key": None, "identity_token_file": None, "base_url": "https://api.wandb.ai"}
         self.settings = SimpleNamespace(**known | settings)
         self.errors = SimpleNamespace(CommError=ConnectionError)
@@ -179,7 +179,7 @@ class FakeWandb:
 
 @pytest.fixture
 def account(monkeypatch, tmp_path):
-    """Put a fake wandb in place of the real one; nobody is logged in."""
+    """Replace wandb with a fake; nobody is logged in."""
     monkeypatch.setenv("NETRC", str(tmp_path / "netrc"))
 
     def known(**settings: object) -> FakeWandb:

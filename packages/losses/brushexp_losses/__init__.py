@@ -1,1 +1,1 @@
-"""Losses beyond the textbook ones, and the networks behind LPIPS."""
+"""Less common losses, and the networks of LPIPS."""

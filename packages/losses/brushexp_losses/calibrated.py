@@ -1,8 +1,8 @@
-"""Open LPIPS with its published weights, or the distance in the bundled network."""
+"""Open LPIPS with its published weights, or the distance in features of the bundled network."""
 
 from brushexp.contracts.pictures import Distance, bundled_distance, open_backbone, packaged_file, read_tensors
 
-# The published channel weights (LPIPS 0.1), which ship with torchmetrics, and the taps to which they apply.
+# The published channel weights (LPIPS 0.1), which ship with torchmetrics, and the activations to which they apply.
 PACKAGE, FOLDER = "torchmetrics", "functional/image/lpips_models"
 CALIBRATED = {
     "alexnet": ("alex.pth", ("relu1", "relu2", "relu3", "relu4", "relu5")),
@@ -12,7 +12,7 @@ CALIBRATED = {
 
 
 def open_distance(backbone: str, weights: str | None, option: str = "loss.lpips.weights") -> Distance:
-    """Open a distance in a backbone's features, LPIPS where its weights are published; errors name ``option``."""
+    """Open a distance in a backbone's features, LPIPS if its weights are published; errors name ``option``."""
     if backbone == "effl0":
         return bundled_distance(weights, option)
     network = open_backbone(backbone, weights, option)

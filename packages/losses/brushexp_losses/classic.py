@@ -59,8 +59,8 @@ class Architecture:
 
     layers: Callable[[], Iterator[nn.Module]]
     taps: tuple[str, ...]  # names of the activations after rectifiers and "fire" modules
-    default_tap: str  # best suited to a content loss
-    least: int  # shortest side in pixels that yields all activations; smaller pictures are padded by their border
+    default_tap: str  # activation best suited to a content loss
+    least: int  # shortest side in pixels that yields all activations; smaller pictures are padded at their border
     context: int = 32  # see `Backbone`
 
 
@@ -82,7 +82,7 @@ ARCHITECTURES = {
 class ClassicNetwork(Backbone):
     """A network from ``ARCHITECTURES``, with weights under torchvision's names (``features.0.weight`` ...).
 
-    Raises UserError if ``state`` lacks any of those; other entries, such as a classifier's, are ignored.
+    Raises UserError if ``state`` lacks any of these weights; other entries, such as a classifier's, are ignored.
     """
 
     mean: Tensor

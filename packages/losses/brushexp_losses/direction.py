@@ -22,8 +22,8 @@ class Direction(Loss):
         weight: factor in the sum of losses; the source's 0.008 is for other units. On a portrait this loss ended at
             1.32 with ``mse`` alone, at 0.79 with the default (costing 0.1 dB), and at 1.04 with 0.0001 (less than
             0.1 dB).
-        k: neighbours per stroke; all others if there are fewer.
-        every: calls between two searches for neighbours; a change in the number of strokes triggers one, too.
+        k: number of neighbours per stroke; all other strokes if there are fewer.
+        every: calls between two searches for neighbours; a change in the number of strokes also triggers a search.
     """
 
     weight = 0.0003

@@ -13,8 +13,8 @@ from brushexp.contracts.families import Loss, PaintedView, Surroundings
 from brushexp.contracts.pictures import downsample
 from brushexp.contracts.strokes import at_least_single
 
-FIRST_BLUR = 2.0  # blur of the first potentials: the largest cost on a square
-MIN_EPSILON = 0.01  # lower bound of the blur: exp(-4 / epsilon) stays above zero in double precision
+FIRST_BLUR = 2.0  # blur of the first potentials; the largest cost on a square
+MIN_EPSILON = 0.01  # lower bound of the blur, at which exp(-4 / epsilon) stays above zero in double precision
 
 
 @register("loss", "sinkhorn")
@@ -24,7 +24,7 @@ class Sinkhorn(Loss):
     Each channel of the downsampled pictures is a mass on the pixel grid; moving it costs the squared distance, in
     longer sides of the picture. The value is the debiased Sinkhorn divergence (Feydy et al., 2019, arXiv:1810.08278),
     averaged over channels: 0 for equal pictures, otherwise positive. It compares the distribution of light, not its
-    amount, so add ``mse``. It always covers the whole canvas, even in steps that look at only a part, and ignores the
+    amount, so add ``mse``. It always covers the whole canvas, even in steps that compare only a part, and ignores the
     focus.
 
     Source: Zou et al., 2021 (Stylized Neural Painting, arXiv:2011.08114), who take one random channel per step and the
@@ -35,7 +35,7 @@ class Sinkhorn(Loss):
         weight: factor in the sum of losses. At 4, the gradient in the picture is as long as that of ``mse`` on a canvas
             of the mean colour; where only details are missing, it is a hundred times shorter. Added to ``mse``, the
             default changed the PSNR by 0.0 and +0.1 dB, a weight of 10 by -0.1 and -0.4 dB (two pictures).
-        side: longer side in pixels to which pictures are downsampled by averaging; smaller ones are left alone.
+        side: longer side in pixels to which pictures are downsampled by averaging; smaller pictures are unchanged.
         epsilon: blur of the transport, in squared longer sides, at least 0.01.
         iterations: iterations with the final blur.
         floor: mass added to every pixel, so that black pictures have some.
@@ -58,8 +58,8 @@ class Sinkhorn(Loss):
         halvings = math.ceil(math.log2(FIRST_BLUR / epsilon))
         coarse = [FIRST_BLUR / 2**i for i in range(halvings)]
         self.blurs = [*coarse, *[epsilon] * (iterations + 1)]  # one blur per update, from coarse to fine
-        self._surroundings: Surroundings | None = None  # this and the next two belong to the last step
-        self._rest = torch.empty(0)  # (3, h, w) the shrunk picture without its part
+        self._surroundings: Surroundings | None = None  # belongs to the last step, like the next two
+        self._rest = torch.empty(0)  # (3, h, w), the downsampled picture without its part
         self._shares: tuple[Tensor, Tensor] = (self._rest, self._rest)  # `pooling_weights` of its rows and columns
 
     def forward(self, view: PaintedView) -> Tensor:
@@ -77,7 +77,7 @@ class Sinkhorn(Loss):
         return theirs, potentials(theirs.log()[None], [0], self.blurs)[0]
 
     def _downsampled(self, view: PaintedView) -> Tensor:
-        """Downsample the whole canvas to (3, h, w); differentiable in the part that the step looks at."""
+        """Downsample the whole canvas to (3, h, w), differentiably in the part that the step compares."""
         around = view.surroundings
         if around is None:
             return downsample(at_least_single(view.image), self.side)
@@ -97,7 +97,7 @@ class Sinkhorn(Loss):
 
 
 def pooling_weights(first: int, count: int, side: int, small: int) -> Tensor:
-    """Compute the weights (count, small) of ``count`` pixels from ``first`` on in the ``small`` means along a side."""
+    """Compute the weights (count, small) of ``count`` pixels from ``first`` in each of ``small`` means along a side."""
     pixels = functional.pad(torch.eye(count, dtype=torch.float64), (first, side - first - count))
     return functional.adaptive_avg_pool1d(pixels, small)
 

@@ -1,4 +1,4 @@
-"""Networks whose weights a user has are those of torchvision, and other files are refused."""
+"""Networks with weights from a user's file equal those of torchvision, and other files are refused."""
 
 import pytest
 import torch
@@ -11,7 +11,7 @@ from torch.testing import assert_close
 
 from brushexp.features import open_backbone
 
-PLACES = {  # of taps in torchvision's `features`
+PLACES = {  # indices of the activations in torchvision's `features`
     "alexnet": (1, 4, 7, 9, 11),
     "squeeze": (1, 3, 4, 6, 7, 9, 10, 11, 12),
     "vgg16": (1, 3, 6, 8, 11, 13, 15, 18, 20, 22, 25, 27, 29),

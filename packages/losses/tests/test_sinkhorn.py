@@ -1,4 +1,4 @@
-"""The transport loss: against dense matrices, at the extremes, and where pixels see nothing."""
+"""The transport loss agrees with dense matrices, is finite at extremes, and pulls strokes where pixel losses cannot."""
 
 import pytest
 import torch
@@ -18,7 +18,7 @@ def judged(loss: Sinkhorn, image: Tensor, target: Tensor) -> Tensor:
 
 
 def dense(image: Tensor, target: Tensor, epsilon: float, iterations: int, floor: float) -> float:
-    """Compute the divergence with a cost for each pair of pixels, in the log domain, channel by channel."""
+    """Compute the divergence with a dense cost matrix in the log domain, channel by channel."""
     height, width = image.shape[1:]
     rows, columns = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")
     places = torch.stack([rows, columns], -1).reshape(-1, 2).double() / max(height, width)
@@ -84,12 +84,12 @@ def test_a_part_is_looked_at_in_the_whole_canvas(size, monkeypatch):
             assert_close(result, expected, rtol=1e-9, atol=1e-12)
             slope = torch.autograd.grad(expected, whole)[0]
             assert_close(torch.autograd.grad(result, part)[0], region.of(slope), rtol=1e-6, atol=1e-12)
-    assert len(calls) == 1 + 6  # the loss's own, and one for each of the others
+    assert len(calls) == 1 + 6  # the loss itself, and once for each of the others
     assert loss.looks_at == "canvas"
 
 
 def disc(row: Tensor, column: Tensor) -> Tensor:
-    """A soft bright disc on black, 48 x 64."""
+    """Draw a soft bright disc on black, 48 x 64."""
     rows, columns = torch.meshgrid(torch.arange(48.0), torch.arange(64.0), indexing="ij")
     distance = (rows - row) ** 2 + (columns - column) ** 2
     return torch.sigmoid(4 - distance.add(1e-6).sqrt()).expand(3, -1, -1)

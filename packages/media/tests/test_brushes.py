@@ -1,4 +1,4 @@
-"""Brushes of one's own: what is read of files, and that strokes keep thin starts and frayed ends at any length."""
+"""Brush files of other programs are read, and their strokes keep thin starts and frayed ends at any length."""
 
 import io
 import struct
@@ -23,7 +23,7 @@ from brushexp.plugins.renderer.base import window_pictures
 
 
 def gbr(mask: np.ndarray, spacing: int = 20, depth: int = 1, version: int = 2) -> bytes:
-    """A brush as GIMP writes it; of a pixmap the alpha is the mask."""
+    """Write a brush as GIMP does; the mask is the alpha channel of a pixmap."""
     pixels = mask if depth == 1 else np.dstack([np.full((*mask.shape, 3), 90, np.uint8), mask])
     rest = b"GIMP" + struct.pack(">I", spacing) if version == 2 else b""
     head = struct.pack(">5I", 20 + len(rest) + 4, version, mask.shape[1], mask.shape[0], depth)
@@ -31,7 +31,7 @@ def gbr(mask: np.ndarray, spacing: int = 20, depth: int = 1, version: int = 2) -
 
 
 def wedge(height: int = 60, width: int = 400) -> np.ndarray:
-    """A stroke of coverage with a thin start and a square end that lacks its lower hairs."""
+    """Draw the coverage of a stroke with a thin start, and a square end that lacks its lower hairs."""
     y, x = np.mgrid[-1 : 1 : 1j * height, 0 : 1 : 1j * width]
     return ((np.abs(y) <= np.minimum(1, 0.1 + 3 * x)) & (x < np.where(y > 0, 0.7, 1.1))).astype(np.float32)
 
@@ -44,7 +44,7 @@ DOT = (255 * (np.hypot(*np.mgrid[-1:1:16j, -1:1:16j]) < 0.9)).astype(np.uint8)
 
 
 def packed(row: bytes) -> bytes:
-    """PackBits: runs of one byte, and literal bytes, one at a time."""
+    """Compress a row with PackBits: runs of one byte, and single literal bytes."""
     parts, at = b"", 0
     while at < len(row):
         run = next((k for k in range(1, min(128, len(row) - at)) if row[at + k] != row[at]), min(128, len(row) - at))
@@ -54,7 +54,7 @@ def packed(row: bytes) -> bytes:
 
 
 def sampled(mask: np.ndarray, depth: int = 8, is_packed: bool = False, cut: int = 0) -> bytes:
-    """Bounds, which do not begin at 0, depth and pixels of a brush of Photoshop; each row lacks ``cut`` bytes."""
+    """Write bounds, depth and pixels of a Photoshop brush; bounds do not begin at 0, and rows lack ``cut`` bytes."""
     height, width = mask.shape
     pixels = mask if depth == 8 else (mask.astype(np.uint16) * 257).astype(">u2")
     rows = [packed(row.tobytes()) for row in pixels]
@@ -65,7 +65,7 @@ def sampled(mask: np.ndarray, depth: int = 8, is_packed: bool = False, cut: int 
 
 
 def old_abr(masks, version: int, spacing: int = 40, cut: int = 0) -> bytes:
-    """A set as Photoshop up to 6 wrote it, whose first brush is a formula."""
+    """Write a brush set as Photoshop up to version 6 did; its first brush is a formula."""
     formula = struct.pack(">HI", 1, 14) + bytes(14)
     parts = [formula]
     for mask in masks:
@@ -77,7 +77,7 @@ def old_abr(masks, version: int, spacing: int = 40, cut: int = 0) -> bytes:
 
 
 def abr_in_sections(masks, magic: bytes = b"8BIM", minor: int = 2, version: int = 6, depth: int = 8) -> bytes:
-    """A set as Photoshop from 7 on writes it: other sections before and behind that of the brushes."""
+    """Write a brush set as Photoshop from version 7 does, with other sections before and after the brushes."""
     brushes = b""
     for k, mask in enumerate(masks):
         brush = bytes(37 + {1: 10, 2: 264}[minor]) + sampled(mask, depth, is_packed=bool(k % 2))
@@ -136,7 +136,7 @@ def test_a_pipe_has_all_of_its_stamps_each_first_in_one_mark(folder):
     assert [mark.name for mark in read_marks(["pipe.gih"])] == ["pipe.gih 1", "pipe.gih 2", "pipe.gih 3"]
 
 
-RAMP = np.arange(15 * 9, dtype=np.uint8).reshape(9, 15)  # of odd sizes, so that records are filled up to four bytes
+RAMP = np.arange(15 * 9, dtype=np.uint8).reshape(9, 15)  # odd sizes, so that records are padded to four bytes
 
 
 @pytest.mark.parametrize("version", [1, 2])
@@ -188,7 +188,7 @@ def test_shapes_of_procreate_and_bundles_of_krita_are_brushes(folder):
         marks = read_marks([file])
         assert [mark.name for mark in marks] == expected
         for mark in marks:
-            assert len(mark.coverage) in (14, 16), "dabs of the dot, dark on white or bright on black"
+            assert len(mark.coverage) in (14, 16), "marks are dabs of the dot, dark on white or bright on black"
             assert mark.coverage.max() == 1
 
 
@@ -205,9 +205,9 @@ def test_a_folder_has_all_of_its_brushes_and_proportions_are_kept(folder):
     Image.fromarray((255 * framed(wedge())).astype(np.uint8)).save("b.png")
     marks = read_marks(["."])
     assert [mark.name for mark in marks] == ["a.gbr", "b.png"]
-    assert columns_for(marks[1:]) == 256, "13 half widths long, and 12 are nearest"
+    assert columns_for(marks[1:]) == 256, "strokes are 13 half widths long, and 12 is the nearest length"
     sheet = sheet_of(marks, Brush(files=["."]).eval())
-    assert (sheet.reshape(2, -1) < 128).any(1).all(), "each row has its mark"
+    assert (sheet.reshape(2, -1) < 128).any(1).all(), "each row shows its mark"
 
 
 @pytest.mark.parametrize("length", [0.5, 0.9])
@@ -222,7 +222,7 @@ def test_strokes_have_a_thin_start_and_a_frayed_end_at_any_length(folder, length
     assert covered[first + 2] < 0.5 * middle, "thin"
     half = alpha.shape[0] // 2
     upper, lower = alpha[:half, last - 3].sum(), alpha[half:, last - 3].sum()
-    assert lower < 0.1 * upper, "its lower hairs have ended"
+    assert lower < 0.1 * upper, "its lower hairs end early"
 
 
 def test_a_painting_with_files_is_the_same_again_and_differs_from_that_of_the_dry_brush(folder):

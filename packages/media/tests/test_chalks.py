@@ -1,4 +1,4 @@
-"""Pastels and marks in rows: masses below, hatchings and forms over them, and accents where edges are."""
+"""Pastels have masses at the bottom, hatchings and forms above them, and accents at edges."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ def of(init, target, n=300, focus=None, **options):
 
 
 def bar():
-    """A grey picture with a black bar and a white one."""
+    """Draw a grey picture with a black and a white bar."""
     target = torch.full((3, 120, 160), 0.5)
     target[:, 20:100, 40:50] = 0.05
     target[:, 20:100, 110:120] = 0.97
@@ -57,7 +57,7 @@ def test_hatchings_have_the_slant_of_the_hand_and_end_at_edges():
     lines = lines[lines.opacity > 0]
     along = lines.end - lines.start
     away = (lines.position[:, 0] - 80).abs() > 60  # far from the bars
-    assert float((along[:, 0] * along[:, 1] < 0)[away].float().mean()) > 0.7  # they rise to the right
+    assert float((along[:, 0] * along[:, 1] < 0)[away].float().mean()) > 0.7  # lines rise to the right
     ends = [lines.position + part * lines.scale[:, None] / 2 for part in (lines.start, lines.end)]
     left = [(end[:, 0] < 38) & (end[:, 1] - 60).abs().lt(38) for end in ends]
     right = [(end[:, 0] > 52) & (end[:, 0] < 108) & (end[:, 1] - 60).abs().lt(38) for end in ends]
@@ -101,7 +101,7 @@ def test_rows_differ_in_lightness_alone_when_asked():
 
 def test_faint_forms_no_longer_bend_calm_rows_but_do_where_one_looks_first():
     x = np.arange(160) / 160
-    faint = torch.from_numpy(np.broadcast_to(0.2 + 0.6 * x, (3, 120, 160)).copy()).float()  # upright forms
+    faint = torch.from_numpy(np.broadcast_to(0.2 + 0.6 * x, (3, 120, 160)).copy()).float()  # vertical forms
     focus = torch.full((120, 160), 0.5)
     focus[:, 80:] = 16
     options = {"under": 0.0, "outlines": 0.0, "layers": 1, "looseness": 0.0, "turning": 0.0, "edges": 1.0}

@@ -1,4 +1,4 @@
-"""Colour spaces: paint laid over paint in other numbers than those of the picture."""
+"""Colour spaces composite paint in channels other than the picture's red, green and blue."""
 
 from dataclasses import replace
 
@@ -28,11 +28,11 @@ SPACES = {plugin.name: build_named("color", plugin.name, {}) for plugin in plugi
 OTHERS = [name for name, space in SPACES.items() if not space.is_rgb]
 CORNERS = torch.cartesian_prod(*3 * [torch.tensor([0.0, 0.02, 0.5, 1.0])])  # black, greys, white, pure colours
 SIZE = (18, 27)
-AUTO = Tiled(opaque=0.0)  # layers without a kernel of many channels are drawn by PyTorch
+AUTO = Tiled(opaque=0.0)  # PyTorch draws layers that have no kernel for many channels
 
 
 def decoded(space, channels):
-    """Colours (n, 3) of channels (n, C)."""
+    """Decode the colours (n, 3) of channels (n, C)."""
     return space.decode(channels.T[:, :, None])[:, :, 0].T
 
 
@@ -47,7 +47,7 @@ def test_colours_come_back_and_black_and_white_are_0_and_1(name, dtype):
     torch.testing.assert_close(back, colors, atol=1e-4, rtol=0)
     greys = space.encode(torch.linspace(0, 1, 9, dtype=dtype)[:, None].expand(-1, 3))
     mixed = decoded(space, torch.lerp(greys[:, None], greys, 0.3).flatten(0, 1))
-    assert (mixed - mixed.mean(1, keepdim=True)).abs().max() < 1e-3, "grey stays grey"
+    assert (mixed - mixed.mean(1, keepdim=True)).abs().max() < 1e-3, "mixtures of greys are grey"
     (slope,) = torch.autograd.grad(back[len(CORNERS) :].sum(), colors)
     torch.testing.assert_close(slope[len(CORNERS) :], torch.ones(500, 3, dtype=dtype), atol=2e-2, rtol=0)
     (slope,) = torch.autograd.grad((decoded(space, 0.5 * space.encode(colors)) + 0).sum(), colors)

@@ -1,4 +1,4 @@
-"""Dots divide the hue of a picture, and keep its lightness and its mean."""
+"""Dots split the hues of a picture, and preserve its lightness and its mean."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def test_dots_go_apart_in_hue_and_keep_lightness_and_about_their_mean(color):
     own = to_lab(np.array([color]))
     assert np.hypot(*(lab - own)[:, 1:].T).mean() > 10
     assert (lab - own)[:, 0].std() < 2 * 30 * UNEVEN
-    assert np.abs((lab - own).mean(0)).max() < 10  # the optimiser mends the rest
+    assert np.abs((lab - own).mean(0)).max() < 10  # the optimiser corrects the rest
 
 
 def test_greys_are_orange_and_blue():

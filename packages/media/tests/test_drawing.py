@@ -1,4 +1,4 @@
-"""A drawing in ink has one line where one is enough, leaves a margin, and loses edges of washes in soft forms."""
+"""An ink drawing has single lines where they suffice, leaves a margin, and softens washes at soft forms."""
 
 import numpy as np
 import pytest
@@ -57,7 +57,7 @@ def test_washes_end_crisply_at_edges_and_are_lost_in_soft_forms(soft, expected):
     dark = 0.5 + 0.3 * (x.sign() if not soft else torch.tanh(x / (10 * soft)))
     tones = (0.55, 0.98, 0.99)
     strokes = drawn((1 - dark).expand(3, 200, 400).contiguous(), contours=0.0, washes=1.0, wash_tones=tones)
-    inside = ((strokes.position - torch.tensor([280.0, 100.0])).abs() < 50).all(1)  # nearer to that edge than to others
+    inside = ((strokes.position - torch.tensor([280.0, 100.0])).abs() < 50).all(1)  # nearer to this edge than to others
     softness = (strokes.softness / strokes.width)[inside]
     assert float(softness.median()) == pytest.approx(expected, abs=0.12)
 

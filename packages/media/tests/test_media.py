@@ -1,4 +1,4 @@
-"""Looks are their media: white paper, ground that shows, lines and no greys, dots whose mean is the picture."""
+"""Looks resemble their media: white paper, visible ground, lines without greys, dots whose mean is the picture."""
 
 import math
 from dataclasses import replace
@@ -26,7 +26,7 @@ SIDE = 128
 
 @pytest.fixture(scope="module")
 def paintings():
-    """A small picture with white, sky, dark and colours, in the looks of the media."""
+    """Paint a small picture with white, sky, darks and colours in the looks of the media."""
     y, x = np.mgrid[0:96, 0:SIDE] / SIDE
     picture = np.stack([0.45 + 0.3 * y, 0.62 + 0.1 * y, 0.85 - 0.2 * y], -1)
     picture[(x - 0.3) ** 2 + (y - 0.3) ** 2 < 0.02] = (0.97, 0.97, 0.95)
@@ -62,7 +62,7 @@ def test_watercolour_leaves_the_paper_white_where_the_picture_is(paintings):
 
 
 def ground_seen(painting) -> float:
-    """The share of pixels of which more than half is ground: on white they are so much lighter than on black."""
+    """Measure the share of pixels that are mostly ground, which are lighter on white than on black."""
     job = replace(painting.finished.job, light=UNLIT)
     black, white = (
         replace(job, saved=replace(job.saved, background=torch.full((3,), b))).picture() for b in (0.0, 1.0)
@@ -85,7 +85,7 @@ def test_ink_is_light_paper_and_brown_ink(paintings):
     light = lightness(looks["ink"].image)
     assert (light > 92).mean() > 0.2
     red, green, blue = np.moveaxis(looks["ink"].image.astype(int), -1, 0)
-    assert (red - green).min() >= 0 <= (green - blue).min()  # one hue, and not much of it
+    assert (red - green).min() >= 0 <= (green - blue).min()  # a single faint hue
     assert (red - blue).max() < 80
 
 
@@ -123,11 +123,11 @@ def test_any_picture_is_drawn_with_as_many_strokes_as_asked(init, target):
 def rows_of(target, n, **options):
     return build_named("init", "rows", {"under": 0.0, "outlines": 0.0, "layers": 1, "looseness": 0.0, **options})(
         target, n, torch.Generator().manual_seed(0)
-    )[1:]  # without the one that is always there, of the underpainting
+    )[1:]  # without the underpainting's stroke, which always exists
 
 
 def slopes(strokes):
-    """Angles of chords against the x axis, radians in [-pi / 2, pi / 2]."""
+    """Compute the angles of chords to the x axis, in radians in [-pi / 2, pi / 2]."""
     along = strokes.end - strokes.start
     return torch.atan(along[:, 1] / along[:, 0])[strokes.opacity > 0]
 
@@ -157,7 +157,7 @@ def test_rows_lie_beside_each_other_and_end_where_colours_do():
     target[:, 45:] = 0.8
     strokes = rows_of(target, 80, edges=0.1, turning=0.0, variety=0.0)
     places = strokes.position[strokes.opacity > 0]
-    distance = float((strokes.width * strokes.scale)[strokes.opacity > 0].median()) / 1.2  # as `width` is by default
+    distance = float((strokes.width * strokes.scale)[strokes.opacity > 0].median()) / 1.2  # the default of `width`
     apart = torch.cdist(places, places) + 1e9 * torch.eye(len(places))
     assert float(apart.min()) > CLOSEST_MARKS * math.exp(-3 * WIDER) * distance
     away = (places[:, 1] - 45).abs() > distance
@@ -198,7 +198,7 @@ def test_a_hatching_is_sparser_where_it_is_less_dark():
 
 def test_hatchings_turn_towards_forms():
     y, x = np.mgrid[:80, :120].astype(float)
-    for slope in (0.5, 1.0):  # stripes that rise to the left by so much
+    for slope in (0.5, 1.0):  # slope of stripes that rise to the left
         picture = np.broadcast_to(0.5 + 0.4 * np.sin((y + slope * x) / 3), (3, 80, 120))
         angle = -math.atan(slope)
         assert_close(forms(picture)[20:60, 20:100], np.full((40, 80), angle - ANGLES[0]), atol=0.05, rtol=0)

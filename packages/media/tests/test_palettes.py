@@ -1,4 +1,4 @@
-"""Palettes give a picture the colours of a medium, and losses of dots ask for their hues and their mean."""
+"""Palettes give a picture the colours of a medium, and losses of dots reward the right hues and mean."""
 
 from pathlib import Path
 
@@ -147,7 +147,7 @@ def test_hues_are_drawn_towards_the_few_of_the_picture_and_keep_their_chroma():
     drawn = harmonised(ab, 2, 0.5)
     off = [np.abs(np.angle(each.view(complex) / middle.view(complex))).mean() for each in (ab, drawn)]
     assert 0.45 < off[1] / off[0] < 0.7
-    assert np.allclose(drawn[7, 9], accent, atol=1)  # far from both
+    assert np.allclose(drawn[7, 9], accent, atol=1)  # far from both colours
     assert np.allclose(np.hypot(*drawn.T), np.hypot(*ab.T))
 
 

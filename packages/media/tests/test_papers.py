@@ -1,4 +1,4 @@
-"""Papers: paint skips the share that is asked, at any size, and the finished painting has them in every form."""
+"""Paint skips the requested share of a paper at any size, and every output of the painting shows the paper."""
 
 import io
 from base64 import b64decode
@@ -26,7 +26,7 @@ WHITE = torch.ones(3)
 
 
 def covered(name: str, size: tuple[int, int], color: float = 0.2, **options):
-    """What a paper makes of an even coat of paint on white."""
+    """Paint an even coat on white paper."""
     return build_named("paper", name, options).cover(torch.full((3, *size), color), WHITE, Rows(0, size[0], size))
 
 
@@ -82,8 +82,8 @@ def test_pigment_gathers_on_the_dark_side_of_an_edge():
 
 
 def test_paper_is_what_strokes_that_skip_its_hollows_make(monkeypatch):
-    """The slow reference: each stroke covers nothing in the hollows, and is laid over the one below."""
-    monkeypatch.setattr(papers, "STEEP", 1e9)  # paint or no paint
+    """The slow reference: each stroke skips the hollows and is composited onto the stroke below."""
+    monkeypatch.setattr(papers, "STEEP", 1e9)  # every pixel has either full paint or none
     job = job_on("cold_pressed", grain=40.0, tooth=0.3)
     rows, bare = Rows(0, job.size[0], job.size), torch.tensor([0.8, 0.7, 0.3])
     hollow = job.paper.cover(torch.zeros(3, *job.size), WHITE, rows)[0].flatten()
@@ -110,7 +110,7 @@ def test_every_form_of_a_painting_shows_its_paper(light, tmp_path):
     job = job_on("rough", light, grain=25.0, tooth=0.3, **WET)
     flat, painting = job.bare().picture(), job.picture()
     assert np.abs(flat.astype(float) - painting).mean() > 2
-    again = job.picture(torch.from_numpy(flat).movedim(-1, 0) / 255)  # of colours that are painted already
+    again = job.picture(torch.from_numpy(flat).movedim(-1, 0) / 255)  # painted again with the finished colours
     assert np.abs(again.astype(float) - painting).max() <= 3
     (path,) = build_named("to", "png", {}).write(job, tmp_path)
     assert np.array_equal(np.asarray(Image.open(path)), painting)
@@ -185,7 +185,7 @@ def test_a_wash_is_warmer_here_and_cooler_there_and_bare_paper_is_white():
 
 
 def ground_through(color: float, ground: float, **options) -> torch.Tensor:
-    """How much of the ground (H, W) is seen through an even coat, 0 to 1."""
+    """Measure the visible share (H, W) of the ground under an even coat, 0 to 1."""
     paper, rows = build_named("paper", "rough", {"grain": 8.0, **options}), Rows(0, 200, (200, 300))
     seen = paper.cover(torch.full((3, 200, 300), color), torch.full((3,), ground), rows)[0]
     return (seen - color) / (ground - color)
@@ -203,7 +203,7 @@ def test_ground_is_seen_in_halftones_and_not_in_lights_and_darks():
 def test_strokes_fray_out_within_the_border():
     crisp, frayed = (ground_through(0.2, 1.0, tooth=0.2, border=4.0, frayed=f)[60:140] for f in (0.0, 3.0))
     assert_close(crisp[:, 60:-60], frayed[:, 60:-60])
-    near = [part[:, 18:40].mean() for part in (crisp, frayed)]  # pixels from the border, 12 broad, on
+    near = [part[:, 18:40].mean() for part in (crisp, frayed)]  # beyond the border, which is 12 pixels wide
     assert near[1] > near[0] + 0.15
 
 
@@ -216,4 +216,4 @@ def test_paper_stays_bare_along_its_edges(name):
     assert_close(painted[25:-25, 25:-25], torch.full((40, 70), 0.2))
     breadths = bare[:45].float().sum(0)[20:-20]
     assert 6 < float(breadths.mean()) < 18
-    assert float(breadths.std()) > 0.3  # a hand drew the edge
+    assert float(breadths.std()) > 0.3  # the edge looks hand-drawn

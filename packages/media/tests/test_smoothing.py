@@ -1,4 +1,4 @@
-"""Edges that many touches made become those of one: even along their way, and as sharp as they were."""
+"""Edges left by many strokes are smoothed along their direction, and stay as sharp as before."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ from brushexp.registry import build_named
 
 
 def frayed(seed: int = 0, size: int = 80) -> Tensor:
-    """Draw a dark half beside a light one (3, size, size), whose edge goes a pixel to and fro every third row."""
+    """Draw a dark and a light half (3, size, size) whose edge shifts by a pixel every third row."""
     steps = torch.randint(-1, 2, (size,), generator=torch.Generator().manual_seed(seed))
     steps = steps.repeat_interleave(3)[:size]
     dark = torch.arange(size)[None] < size // 2 + steps[:, None]
@@ -91,4 +91,4 @@ def test_a_paper_cleans_edges_and_passes_gradients():
     assert float(places[1].std()) < 0.7 * float(places[0].std())
     seen.sum().backward()
     assert picture.grad is not None
-    assert float(picture.grad.sum()) == pytest.approx(3 * 80 * 80, rel=0.05)  # colours are moved, none is lost
+    assert float(picture.grad.sum()) == pytest.approx(3 * 80 * 80, rel=0.05)  # colours move, but none is lost

@@ -1,4 +1,4 @@
-"""Washes and accents fill shapes, follow ways no further than they can bend, and begin where tones are rare."""
+"""Washes and accents fill shapes, follow paths only as far as a stroke can bend, and begin at rare tones."""
 
 import numpy as np
 import pytest

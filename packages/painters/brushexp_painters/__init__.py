@@ -1,1 +1,1 @@
-"""Painters published by others, as baselines."""
+"""Published painters, as baselines."""

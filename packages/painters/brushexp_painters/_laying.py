@@ -9,13 +9,13 @@ from brushexp.contracts.families import PaintState
 from brushexp.contracts.strokes import Strokes, strokes_along
 
 PORTIONS = 60  # maximum number of states that a painter yields
-LUMINANCE = np.array([0.30, 0.59, 0.11])  # weights of red, green and blue, as in papers of the time
+LUMINANCE = np.array([0.30, 0.59, 0.11])  # weights of red, green and blue, as in the papers of that time
 
 Array = np.ndarray
 
 
 def portions(n: int) -> list[int]:
-    """List the numbers of strokes in up to `PORTIONS` states of a painting of n strokes."""
+    """List the numbers of strokes in at most `PORTIONS` states of a painting of n strokes."""
     return sorted({n * k // PORTIONS for k in range(1, PORTIONS + 1)} - {0})
 
 

@@ -13,8 +13,8 @@ from brushexp.contracts.strokes import Strokes
 from brushexp_painters._laying import PORTIONS, Array, numpy_generator, strokes_from_arrays, vectors
 from brushexp_painters.greedy import LARGEST_CANDIDATE, SMALLEST_CANDIDATE, worst_places
 
-LEAST_HALF = 0.5  # pixels: smallest half-thickness
-MARGIN = 1.5  # pixels around a stroke that contain its soft edge
+LEAST_HALF = 0.5  # smallest half-thickness in pixels
+MARGIN = 1.5  # width in pixels of a margin that contains a stroke's soft edge
 SIDES = (2.5, 6.0)  # range of a cell's side, in units of the reach of a random stroke
 SUCCESS_RATE = 0.2  # share of surviving children at which mutations keep their size (Rechenberg, 1973)
 STEP_RANGE = (0.01, 0.5)  # range of mutation sizes: shape in stroke lengths, colour in shares of its range
@@ -24,12 +24,12 @@ STEP_RANGE = (0.01, 0.5)  # range of mutation sizes: shape in stroke lengths, co
 class Genes:
     """The genes of N strokes, in any order."""
 
-    middle: Array  # (N, 2) pixels
-    along: Array  # (N, 2) from the middle to the end
-    bend: Array  # (N,) offset of the control point across that, in lengths of ``along``
+    middle: Array  # (N, 2) in pixels
+    along: Array  # (N, 2) vector from the middle to the end
+    bend: Array  # (N,) offset of the control point perpendicular to ``along``, in lengths of ``along``
     half: Array  # (N,) half of the thickness in pixels
     color: Array  # (N, 3)
-    depth: Array  # (N,) the lowest first
+    depth: Array  # (N,) from the bottom up
 
     def __getitem__(self, index: Array) -> "Genes":
         return Genes(*(getattr(self, gene.name)[index] for gene in fields(Genes)))
@@ -43,11 +43,11 @@ class Genes:
 
     @property
     def reach(self) -> Array:
-        """The distance (N,) from a stroke's middle to its farthest point."""
+        """Distance (N,) from a stroke's middle to its farthest point."""
         return np.hypot(*self.along.T) * np.hypot(1, self.bend) + self.half + MARGIN
 
     def strokes(self, opacity: float) -> Strokes:
-        """Convert to strokes, the lowest first."""
+        """Convert the genes to strokes, bottom to top."""
         across = np.stack([-self.along[:, 1], self.along[:, 0]], 1) * self.bend[:, None]
         curves = np.stack([self.middle - self.along, self.middle + across, self.middle + self.along], 1)
         order = np.argsort(self.depth, kind="stable")
@@ -57,20 +57,20 @@ class Genes:
 @register("painter", "evolution")
 @dataclass(kw_only=True)
 class Evolution(Painter):
-    """A genetic algorithm: starting from random strokes, children replace their parents where that lowers the error.
+    """A genetic algorithm that starts from random strokes; a child replaces its parent if it lowers the error.
 
-    Source: the genetic algorithms of the thesis's 5.3, in the manner of Collet et al., 2000 (Polar IFS + Parisian
-    Genetic Programming): the painting is the whole population, not one of its members. It is Haeberli's relaxation
-    (1990) with crossover. A child is its parent with some genes mutated or taken from another stroke, or it is a new
-    stroke on top where the error is. Mutations grow or shrink by the one-fifth rule (Rechenberg, 1973).
+    Source: the genetic algorithms of section 5.3 of the thesis, in the manner of Collet et al., 2000 (Polar IFS +
+    Parisian Genetic Programming): the painting is the whole population, not one of its members. It is Haeberli's
+    relaxation (1990) with crossover. A child is its parent with some genes mutated or taken from another stroke, or it
+    is a new stroke on top where the error is. Mutations grow or shrink by the one-fifth rule (Rechenberg, 1973).
 
-    Differs from the sources: the canvas is divided into cells, whose size and place change with each generation; in
-    each cell, one stroke that lies within it has a child, and all children are judged in one picture, cell by cell.
-    Initial colours are those of the picture.
+    Differs from the sources: the canvas is divided into cells whose size and position change with each generation. In
+    each cell, one of the strokes inside has a child, and all children are judged in one picture, cell by cell. Initial
+    colours are taken from the picture.
 
     Args:
         children: number of children judged per stroke.
-        crossover: share of the children with genes of another stroke.
+        crossover: share of the children that inherit genes of another stroke.
         renewal: share of the generations whose children are new strokes.
         opacity: opacity of the paint.
     """
@@ -110,7 +110,7 @@ class Evolution(Painter):
     def _children(
         self, genes: Genes, cells: "Cells", target: Array, canvas: Array, step: float, random: np.random.Generator
     ) -> tuple[Array, Genes, Array]:
-        """Choose parents and make a child of each in the same cell; tell which children are mutants."""
+        """Choose parents, make a child of each in the same cell, and mark the children that are mutants."""
         parents = cells.choose_one_each(genes, random)
         if random.random() < self.renewal:
             places = worst_places(target, canvas, random)
@@ -130,7 +130,7 @@ class Evolution(Painter):
 
 
 def vary(own: Genes, others: Genes, mutate: Array, step: float, random: np.random.Generator) -> Genes:
-    """Change half of each stroke's genes: at random where ``mutate`` (n,) is true, otherwise to those of others."""
+    """Change half of each stroke's genes: at random where ``mutate`` (n,) is true, otherwise to genes of ``others``."""
     n, length = len(mutate), np.hypot(*own.along.T) + own.half
     sizes = {"middle": length, "along": length, "bend": np.ones(n), "half": 0.5 * length, "color": np.full(n, 0.5)}
     genes = {}
@@ -164,7 +164,7 @@ def random_genes(middle: Array, length: Array, target: Array, depth: Array, rand
 
 
 class Cells:
-    """A grid of square cells, of random size and offset, that covers the canvas and more."""
+    """A grid of square cells, of random size and offset, that covers more than the canvas."""
 
     def __init__(self, size: tuple[int, int], genes: Genes, random: np.random.Generator) -> None:
         height, width = size
@@ -175,7 +175,7 @@ class Cells:
         self.of_pixels = self.of(np.stack([x, y], 2))  # (H, W)
 
     def of(self, place: Array) -> Array:
-        """Return the cell number (...) of each place (..., 2); places far off the canvas belong to border cells."""
+        """Return the number (...) of the cell of each place (..., 2); places far off the canvas are in border cells."""
         index = ((place + self.shift) / self.side).clip(0, self.columns - 1).astype(int)
         return index[..., 1] * self.columns + index[..., 0]
 
@@ -189,6 +189,6 @@ class Cells:
         return np.bincount(self.of_pixels.ravel(), np.square(difference).sum(2).ravel(), self.columns**2)
 
     def choose_one_each(self, genes: Genes, random: np.random.Generator) -> Array:
-        """Choose at random one of the strokes that lie wholly within each cell, if any; return their indices."""
+        """Choose one random stroke among those wholly within each cell, if any; return the indices."""
         index = random.permutation(np.flatnonzero(self.room(genes.middle) >= genes.reach))
         return index[np.unique(self.of(genes.middle[index]), return_index=True)[1]]

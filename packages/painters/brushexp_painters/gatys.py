@@ -18,16 +18,16 @@ from brushexp_painters._laying import PORTIONS, strokes_from_arrays
 @register("painter", "gatys")
 @dataclass(kw_only=True)
 class Gatys(Painter):
-    """Style transfer on a lattice of dots, whose colours descend on the features of the picture and of a style.
+    """Style transfer on a lattice of dots, whose colours are optimised for the features of the picture and of a style.
 
-    Source: Gatys et al., 2016 (Image Style Transfer Using Convolutional Neural Networks). Pixel colours descend on the
-    difference from the picture's features and from the Gram matrices of the style's features.
+    Source: Gatys et al., 2016 (Image Style Transfer Using Convolutional Neural Networks). Gradient descent changes the
+    colours of pixels to match the picture's features and the Gram matrices of the style's features.
 
     Differs from the paper: each pixel is a dot with the soft edge of ``renderer``, so that canvas, catalogue and
-    exports contain it; `pixels_per_stroke=1` makes one dot per pixel, other values make larger dots, one per cell. It
-    starts from the picture, not from noise, because the bundled small network finds no colours from noise
-    (`backbone=vgg16 weights=...` is closer to the paper). It uses Adam, not L-BFGS. Without a style it has little to
-    do.
+    exports contain it; `pixels_per_stroke=1` makes one dot per pixel, other values make larger dots, one per cell. The
+    descent starts from the picture, not from noise, because the bundled small network finds no colours from noise
+    (`backbone=vgg16 weights=...` is closer to the paper). It uses Adam, not L-BFGS. Without a style, the picture hardly
+    changes.
 
     Args:
         style: painting whose style is transferred; null = the picture's own statistics.
@@ -73,7 +73,7 @@ class Gatys(Painter):
 
 
 def lattice_dots(request: PaintRequest) -> Strokes:
-    """Make a dot in the mean colour of each cell of a lattice, at most as many as strokes, in random order."""
+    """Make up to ``request.n`` dots on a lattice, each in the mean colour of its cell, in random order."""
     height, width = request.size
     rows = min(height, max(1, round(height / request.pitch)))
     columns = min(width, max(1, request.n // rows))

@@ -16,9 +16,9 @@ from brushexp_painters._laying import Array, numpy_generator, portions, strokes_
 SAMPLES = 400  # approximate number of pixels at which a candidate's error is measured
 PIECES = 8  # line segments that approximate a curve
 LARGEST_CANDIDATE = 0.25  # largest half-length of the first candidates, in shorter sides of the canvas
-SMALLEST_CANDIDATE = 0.4  # smallest half-length of a candidate, in mean distances between strokes
-CELLS = 48  # cells along the longer side of the error map
-MAP_EVERY = 8  # strokes between two error maps
+SMALLEST_CANDIDATE = 0.4  # smallest half-length of a candidate, in stroke spacings
+CELLS = 48  # number of cells along the longer side of the error map
+MAP_EVERY = 8  # number of strokes between two error maps
 STEP_SIZE = 0.3  # size of the first mutations, in stroke lengths
 
 
@@ -113,7 +113,7 @@ def worst_places(target: Array, canvas: Array, random: np.random.Generator) -> A
 
 @inline
 def _coverage(x, y, curve, half):
-    """Compute a stroke's coverage of the pixel at (x, y), from the distance to its curve; the edge is a pixel wide."""
+    """Compute a stroke's coverage of the pixel at (x, y) from its distance to the curve; edges are one pixel wide."""
     nearest = np.float32(1e12)
     ax, ay = curve[0], curve[1]
     for piece in range(1, PIECES + 1):
@@ -141,7 +141,7 @@ def _box(curve, half, height, width):
 
 @function
 def judge_strokes(begin, end, target, canvas, strokes, opacity, gain, color):
-    """Compute for each of strokes (K, 7) how much it lowers the canvas's squared error (H, W, 3), and its colour.
+    """Compute how much each of the strokes (K, 7) lowers the squared error of a canvas (H, W, 3), and its colour.
 
     With coverage a, canvas v and r = target - (1 - a) v, the error is the sum of (a c - r)^2; the minimum is at
     c = sum ar / sum aa.

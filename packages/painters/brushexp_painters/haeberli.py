@@ -16,7 +16,7 @@ from brushexp_painters._laying import lay, numpy_generator, strokes_from_arrays,
 @register("painter", "haeberli")
 @dataclass(kw_only=True)
 class Haeberli(Painter):
-    """Straight strokes at random places along the picture's edges, in its colours, from large to small.
+    """Straight strokes at random places, along the picture's edges and in its colours, from large to small.
 
     Source: Haeberli, 1990 (Paint by Numbers: Abstract Image Representations). A stroke takes its colour from the
     picture, and its direction is normal to the picture's gradient.
@@ -27,10 +27,10 @@ class Haeberli(Painter):
 
     Args:
         places: distribution of the places: jittered (a scrambled Sobol sequence, without clumps or holes) or random.
-        largest: thickness of the first strokes, in mean distances between strokes.
-        smallest: thickness of the last strokes, in mean distances between strokes.
+        largest: thickness of the first strokes, in stroke spacings.
+        smallest: thickness of the last strokes, in stroke spacings.
         length: length of a stroke, in units of its thickness.
-        stray: standard deviation of the direction from the picture's, in degrees.
+        stray: standard deviation of a stroke's direction from the picture's, in degrees.
         opacity: opacity of the paint, 0 to 1.
     """
 

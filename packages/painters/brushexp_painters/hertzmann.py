@@ -1,4 +1,4 @@
-"""The painter ``hertzmann``: curved strokes in layers, from a large brush to a small one."""
+"""The painter ``hertzmann``: curved strokes in layers, from a large to a small brush."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -29,16 +29,16 @@ class Hertzmann(Painter):
 
     Differs from the paper: its cubic B-splines become quadratic Bezier curves, one if that is within ``tolerance``,
     otherwise several that meet; ``strokes`` counts these curves. The number of strokes replaces the threshold: each
-    layer takes its worst cells (``threshold=100`` is the paper's, with at most as many strokes). Bare canvas ends
-    strokes of the first layer as paint does, or all of them would have the maximum length. The paper's styles are
-    presets (`hertzmann_impressionist`) with the same ratios between brushes; in the paper's pixels and with its
-    thresholds (``scale=1 threshold=100``), a few thousand strokes leave most of a canvas bare.
+    layer paints its worst cells (``threshold=100`` is the paper's value, still limited by the number of strokes). Bare
+    canvas ends strokes of the first layer as paint does; otherwise all of them would have the maximum length. The
+    paper's styles are presets (`hertzmann_impressionist`) with the same ratios between brushes; with the paper's pixels
+    and thresholds (``scale=1 threshold=100``), a few thousand strokes leave most of a canvas bare.
 
     Args:
         radii: radii of the brushes, largest first, in units of ``scale``.
-        scale: pixels per unit; null = chosen so that the first layer takes about a fifth of the strokes.
-        threshold: mean colour difference of a cell above which it is painted (T), 0 to 441; null = as low as the number
-            of strokes allows.
+        scale: pixels per unit; null = chosen so that the first layer has about a fifth of the strokes.
+        threshold: mean colour difference (T) above which a cell is painted, 0 to 441; null = as low as the number of
+            strokes allows.
         blur: standard deviation of the blur (f_s), in radii.
         grid: side of a cell (f_g), in radii.
         curvature: smoothing of the direction (f_c); less than 1 straightens strokes.
@@ -79,7 +79,7 @@ class Hertzmann(Painter):
         for k, radius in enumerate(radii):
             reference = gaussian_filter(target, (0, self.blur * radius, self.blur * radius), mode="nearest")
             canvas = request.draw(strokes.map(lambda value: value.to(request.target))).cpu().numpy()
-            cells = 1 / radii[k:] ** 2  # cells of this and later layers, up to a factor
+            cells = 1 / radii[k:] ** 2  # numbers of cells of this and later layers, up to a factor
             room = n - len(strokes)
             room = room if k == 0 else round(room * cells[0] / cells.sum())
             layer = self._layer(reference, canvas, radius, max(room, k == 0), random, everywhere=k == 0)
@@ -88,7 +88,7 @@ class Hertzmann(Painter):
             strokes = Strokes.join(strokes, layer)
 
     def _scale(self, request: PaintRequest) -> float:
-        """Choose the pixels per unit so that the cells of the largest brush take `FIRST_LAYER` of the strokes."""
+        """Choose the pixels per unit such that the cells of the largest brush need `FIRST_LAYER` of the strokes."""
         cell = request.pitch * np.sqrt((1 + self.max_length / STEPS_PER_CURVE) / FIRST_LAYER)
         return float(cell / (self.grid * max(self.radii)))
 
@@ -156,8 +156,8 @@ class Hertzmann(Painter):
 def fit_curves(points: Array, steps: Array, tolerance: float) -> tuple[Array, Array]:
     """Fit quadratic Bezier curves to polylines (S, L + 1, 2); return each curve's line (M,) and the curves (M, 3, 2).
 
-    ``steps`` (S,) counts the steps of each line. A line farther than ``tolerance`` from its curve is split into halves
-    that meet; the curves of a line are listed along it.
+    ``steps`` (S,) counts the steps of each line. A line farther than ``tolerance`` from its curve is split into two
+    halves that meet; the curves of a line are listed in order along it.
     """
     line, first, last = np.arange(len(points)), np.zeros(len(points), int), steps
     pieces: list[tuple[Array, Array, Array]] = []
@@ -179,7 +179,7 @@ def least_squares_curves(points: Array, line: Array, first: Array, last: Array) 
     """Fit curves (M, 3, 2) from point ``first`` to ``last`` of each line, and measure their largest errors (M,)."""
     number = np.arange(points.shape[1])
     inside = (first[:, None] < number) & (number < last[:, None])
-    t = ((number - first[:, None]) / np.maximum(last - first, 1)[:, None]) * inside  # the points are evenly spaced
+    t = ((number - first[:, None]) / np.maximum(last - first, 1)[:, None]) * inside  # points are evenly spaced
     polyline, start, end = points[line], points[line, first], points[line, last]
     weight = 2 * t * (1 - t) * inside
     ends = (1 - t)[..., None] ** 2 * start[:, None] + t[..., None] ** 2 * end[:, None]

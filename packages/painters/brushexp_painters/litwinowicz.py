@@ -11,7 +11,7 @@ from brushexp.contracts.families import Painter, PaintRequest, PaintState
 from brushexp.contracts.pictures import sampled_at
 from brushexp_painters._laying import LUMINANCE, Array, lay, numpy_generator, strokes_from_arrays
 
-DATA_WEIGHT = 1e3  # weight of the reliable directions against the bending of the field
+DATA_WEIGHT = 1e3  # weight of reliable directions relative to the bending of the field
 
 
 @register("painter", "litwinowicz")
@@ -20,15 +20,15 @@ class Litwinowicz(Painter):
     """Short straight strokes on a grid, along edges and clipped at edges.
 
     Source: Litwinowicz, 1997 (Processing Images and Video for an Impressionist Effect). A stroke grows from its centre
-    both ways, pixel by pixel, until it reaches its length or the Sobel magnitude of the smoothed luminance falls. It
-    has the colour at its centre and lies normal to the gradient; where the gradient is weak, a thin-plate spline
-    interpolates the direction. Length, thickness, direction, colour and order are random.
+    in both directions, pixel by pixel, until it reaches its length or the Sobel magnitude of the smoothed luminance
+    falls. It has the colour at its centre and lies normal to the gradient; where the gradient is weak, a thin-plate
+    spline interpolates the direction. Length, thickness, direction, colour and order are random.
 
-    Differs from the paper: the spacing follows from ``strokes``, and lengths, which the paper gives in pixels at a
-    spacing of 2, are in spacings, as is the blur, whose width we chose. The spline is discrete, on the grid, and of
-    doubled angles, so that gradients of opposite signs do not cancel. A stroke ends once the magnitude has fallen by
-    ``fall`` from its maximum; the paper ends it at any fall, which its 8-bit values protected from noise. The painter
-    is for single pictures: in films (`image=clip.mp4`), optical flow carries the strokes.
+    Differs from the paper: the spacing follows from ``strokes``. Lengths, which the paper gives in pixels at a spacing
+    of 2, are in spacings; so is the width of the blur, which the paper does not give. The spline is discrete, on the
+    grid, and of doubled angles, so that gradients of opposite signs do not cancel. A stroke ends once the magnitude has
+    fallen by ``fall`` from its maximum; the paper ends it at any fall, where 8-bit values protected it from noise. The
+    painter is for single pictures: in films (`image=clip.mp4`), optical flow carries the strokes.
 
     Args:
         length: minimum and maximum length of an unclipped stroke, in spacings.
@@ -39,7 +39,7 @@ class Litwinowicz(Painter):
         fall: fall of the Sobel magnitude that marks an edge, in 8-bit levels per pixel.
         stray: maximum random change of direction, in degrees.
         stray_color: maximum random change of red, green and blue, in 8-bit levels.
-        stray_intensity: maximum random change of all three channels together, as a share.
+        stray_intensity: maximum random change of all three channels together, as a fraction.
         opacity: opacity of the paint.
     """
 
@@ -82,7 +82,7 @@ class Litwinowicz(Painter):
         yield from lay(strokes_from_arrays(curves[order], thickness[order], color[order], self.opacity))
 
     def _directions(self, smooth: Array, x: Array, y: Array, grid: tuple[int, int]) -> Array:
-        """Compute angles (n,) at the nodes of a grid: normal to the gradient, interpolated where that is weak."""
+        """Compute angles (n,) at the nodes of a grid, normal to the gradient, interpolated where it is weak."""
         padded = np.pad(255 * smooth, 1, mode="edge")
         slope = np.stack([padded[1:-1, 2:] - padded[1:-1, :-2], padded[2:, 1:-1] - padded[:-2, 1:-1]]) / 2
         gx, gy = sampled_at(slope, x, y)
@@ -95,7 +95,7 @@ class Litwinowicz(Painter):
         """Grow strokes from their middles (n, 2) in directions (n, 2), by at most ``reach`` (n,) pixels."""
         from scipy.ndimage import map_coordinates, sobel  # noqa: PLC0415
 
-        edges = 255 / 8 * np.hypot(sobel(smooth, 0), sobel(smooth, 1))  # levels a pixel
+        edges = 255 / 8 * np.hypot(sobel(smooth, 0), sobel(smooth, 1))  # levels per pixel
         grown, last, growing = np.zeros(len(reach)), np.zeros(len(reach)), np.ones(len(reach), bool)
         for step in range(int(reach.max(initial=0)) + 1):
             place = middle + step * ahead
@@ -108,9 +108,9 @@ class Litwinowicz(Painter):
 
 
 def thin_plate(values: Array, reliable: Array, grid: tuple[int, int]) -> Array:
-    """Compute the least-bending field (n, k) on a grid of n nodes that has ``values`` where ``reliable`` (n,) is 1.
+    """Compute the field (n, k) of least bending on a grid of n nodes that has ``values`` where ``reliable`` (n,) is 1.
 
-    It minimises the sum of squared Laplacians, with mirrored borders; it is 0 if no value is reliable.
+    The field minimises the sum of squared Laplacians with mirrored borders; it is 0 if no value is reliable.
     """
     from scipy.sparse import diags, identity, kron  # noqa: PLC0415
     from scipy.sparse.linalg import splu  # noqa: PLC0415

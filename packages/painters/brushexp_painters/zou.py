@@ -16,8 +16,8 @@ from brushexp.contracts.strokes import Catalogue, Strokes
 from brushexp_painters._laying import numpy_generator, strokes_from_arrays, vectors
 
 IN_A_BLOCK = 10  # approximate number of strokes per block, unless ``levels`` is set
-INSIDE = 0.9  # share of a block, measured from either side, in which a stroke's middle may lie
-BLUR = 1 / 16  # standard deviation of the blur of the error map for sampling places, in blocks
+INSIDE = 0.9  # share of a block, measured from each side, in which a stroke's middle may lie
+BLUR = 1 / 16  # standard deviation, in blocks, by which the error map is blurred before sampling
 WIDTHS = (0.02, 0.6)  # range of stroke widths, in blocks
 INITIAL_SIZES = (0.1, 0.25)  # range of initial lengths and thicknesses, in blocks
 SHARPNESS = 4  # probability of a place is proportional to this power of the error
@@ -29,10 +29,10 @@ UNITS = {"position": 1.0, "start": 1.0, "control": 1.0, "end": 1.0, "width": 0.3
 class ProgressiveBlocks(Painter):
     """Strokes are added one by one in 1, then 4, 9, ... blocks of the canvas, and optimised by gradient descent.
 
-    Source: Zou et al., 2021 (Stylized Neural Painting, arXiv:2011.08114). A stroke starts where the error is, in the
-    picture's colour, a tenth to a quarter of its block in size, in a random direction. After each addition, all strokes
-    of the level are optimised for the L1 difference and a transport loss by centred RMSprop; earlier levels lie below
-    and stay fixed.
+    Source: Zou et al., 2021 (Stylized Neural Painting, arXiv:2011.08114). A new stroke lies where the error is, in the
+    picture's colour and a random direction, with a tenth to a quarter of the block's size. After each addition, centred
+    RMSprop optimises all strokes of the level for the L1 difference and a transport loss; earlier levels lie below and
+    stay fixed.
 
     Differs from the paper: ``renderer`` draws the strokes, not the paper's networks; all blocks of a level share one
     canvas, so that strokes may leave their block, and the transport loss (`loss.sinkhorn`, debiased) covers the whole
@@ -102,7 +102,7 @@ def detach(catalogue: Catalogue) -> Strokes:
 
 
 def initial_strokes(request: PaintRequest, strokes: Strokes, m: int, random: np.random.Generator) -> Strokes:
-    """Make a stroke in each of m x m blocks, at a place sampled by the error of the painting so far."""
+    """Make a stroke in each of m x m blocks, at a place sampled according to the error of the painting so far."""
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (--help does not need it)
 
     height, width = request.size
@@ -126,7 +126,7 @@ def initial_strokes(request: PaintRequest, strokes: Strokes, m: int, random: np.
 
 
 def block_span(number: int, m: int, side: int) -> tuple[int, int]:
-    """Return the half-open pixel range of a block without its outer tenths; it has at least one pixel."""
+    """Return the half-open pixel range of a block without its outer tenths, with at least one pixel."""
     first, last = (number + 1 - INSIDE) * side / m, (number + INSIDE) * side / m
     first = min(int(first), side - 1)
     return first, max(int(last), first + 1)

@@ -1,4 +1,4 @@
-"""Painters that go stroke by stroke, and the driver that shows, ends and measures what they do."""
+"""Painters that lay stroke after stroke work with the driver that shows, ends and measures their paintings."""
 
 import signal
 from dataclasses import replace
@@ -37,7 +37,7 @@ QUICK = {"evolution": {"children": 5}, "gatys": {"steps": 3}, "predictor": {"tem
 
 
 class Counting(Painter):
-    """A number of states of one more stroke each; ``then`` is called after each."""
+    """Yield states with one more stroke each, and call ``then`` after each state."""
 
     def __init__(self, states=10, then=lambda step: None):
         self.states, self.then = states, then
@@ -75,7 +75,7 @@ def test_all_states_are_shown_filmed_and_counted_and_fewer_strokes_than_promised
 
 @pytest.mark.parametrize("by_steps", [True, False])
 def test_cpu_seconds_are_those_of_the_steps(by_steps):
-    """Not of what is compiled before them: whichever run comes first would be the slowest."""
+    """The seconds exclude compilation before the steps, which would make the first run the slowest."""
     procedure = OtherPainter(Counting(), standard_components(), TARGET, torch.ones(3), n=50, seed=0)
     painter = painter_of(steps=4) if by_steps else procedure
     spent, prepare = SimpleNamespace(cpu=7.0), painter.prepare
@@ -190,7 +190,7 @@ def test_curves_follow_their_lines_within_the_tolerance():
         own = curves[owner == line]
         assert_close(own[0, 0], points[line, 0])
         assert_close(own[-1, 2], points[line, steps[line]])
-        assert_close(own[1:, 0], own[:-1, 2])  # they meet
+        assert_close(own[1:, 0], own[:-1, 2])  # consecutive curves meet
         fine = point_at(torch.tensor(own)[:, None], torch.linspace(0, 1, 200)[None].double()).reshape(-1, 2).numpy()
         away = np.linalg.norm(points[line, : steps[line] + 1, None] - fine, axis=2).min(1)
         assert away.max() < 0.3 + 0.02

@@ -1,1 +1,1 @@
-"""Which strokes a step moves and a pixel shows, how they lie, when they come and go: rules that no default needs."""
+"""Optional samplers, blends, orders and density policies."""

@@ -1,4 +1,4 @@
-"""Order strokes by their nearness to the target in colour."""
+"""Order strokes by how closely their colours match the target."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -14,11 +14,11 @@ from brushexp.contracts.strokes import Strokes
 @register("order", "accuracy")
 @dataclass(kw_only=True)
 class Accuracy(Order):
-    """The stroke that is nearer to the target in colour, over all it covers, lies on top (thesis 2020, eq. 6.6).
+    """Put strokes on top whose colours match the covered target more closely (thesis 2020, eq. 6.6).
 
     Args:
-        every: steps between two computations, at least 1; the thesis renews the order after every step.
-        until: share of a stage's steps after which the order stays, 0 to 1; the thesis: 1.
+        every: steps between two computations of the order, at least 1; the thesis computes it after every step.
+        until: share of a stage's steps after which the order stays fixed, 0 to 1; 1 in the thesis.
     """
 
     every: Annotated[int, at_least(1)] = 10

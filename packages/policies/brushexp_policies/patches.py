@@ -1,4 +1,4 @@
-"""Partial updates: each step moves the strokes of one place and looks at a patch around them."""
+"""Partial updates: each step moves the strokes of one place and compares a patch around them."""
 
 import math
 from dataclasses import dataclass, field
@@ -13,23 +13,23 @@ from brushexp.contracts.families import Sampler, View
 from brushexp.contracts.pictures import Region
 from brushexp.contracts.strokes import Strokes
 
-SAMPLED_POINTS = 200  # random points that estimate how many strokes are active at one
+SAMPLED_POINTS = 200  # random points used to estimate the mean number of strokes active at a point
 
 
 @register("sampler", "patches")
 @dataclass(kw_only=True)
 class Patches(Sampler):
-    """A few hundred strokes of one place per step, with a ring around them that stays as it is (thesis 2020, 6.3).
+    """Move a few hundred strokes of one place per step, with a fixed ring of strokes around them (thesis 2020, 6.3).
 
-    Time and memory of a step do not depend on the size of the canvas.
+    The time and memory of a step do not depend on the size of the canvas.
 
     Args:
-        n_active: strokes that a step moves, at most.
-        n_ring: the nearest ones around those, which it draws and does not move.
-        patch: side in pixels of the square that it paints and compares; it moves no strokes whose middle lies outside.
-        steps_per_patch: steps in a row at one place.
-        coverage: fair: in each round every stroke is active at exactly one place; random: the nearest strokes to a
-            random point (the thesis's), which visits the strokes at the border less often.
+        n_active: maximum number of strokes that a step moves.
+        n_ring: number of nearest surrounding strokes, which are drawn but not moved.
+        patch: side in pixels of the square that a step paints and compares; strokes centred outside do not move.
+        steps_per_patch: number of consecutive steps at one place.
+        coverage: choice of places: fair makes every stroke active at exactly one place per round; random takes the
+            strokes nearest to a random point, as in the thesis, which visits strokes at the border less often.
     """
 
     n_active: Annotated[int, at_least(1)] = 256
@@ -37,9 +37,9 @@ class Patches(Sampler):
     patch: Annotated[int, at_least(1)] = 320
     steps_per_patch: Annotated[int, at_least(1)] = 5
     coverage: Annotated[str, one_of("fair", "random")] = "fair"
-    _round: Tensor = field(default_factory=partial(torch.empty, 0, dtype=torch.long), init=False)  # (N,) places now
-    _turn: int = field(default=0, init=False)  # place whose turn it is
-    _point: Tensor | None = field(default=None, init=False)  # in the middle of the patch
+    _round: Tensor = field(default_factory=partial(torch.empty, 0, dtype=torch.long), init=False)  # (N,) places
+    _turn: int = field(default=0, init=False)  # number of the current place
+    _point: Tensor | None = field(default=None, init=False)  # centre of the patch
     cost, moves = "that of one patch, however large the canvas is", "those of one place"
 
     def __call__(self, strokes: Strokes, size: tuple[int, int], step: int, generator: torch.Generator) -> View:
@@ -54,7 +54,7 @@ class Patches(Sampler):
         else:
             if begins or self._point is None:
                 point = torch.rand(2, generator=generator) * torch.tensor([size[1], size[0]])
-                if not inside(position, self._patch_at(point, size)).any():  # take the nearest stroke
+                if not inside(position, self._patch_at(point, size)).any():  # use the nearest stroke
                     point = position[(position - point.to(position)).square().sum(1).argmin()].cpu()
                 self._point = point
             low = high = self._point.to(position)
@@ -80,7 +80,7 @@ class Patches(Sampler):
         self._round, self._turn, self._point = state["round"], state["turn"], state["point"]
 
     def _turn_of(self, position: Tensor, generator: torch.Generator, begins: bool) -> Tensor:
-        """Return the strokes of the next place, in a new round after the last place or when N has changed."""
+        """Return the strokes of the next place; begin a new round after the last place or when N has changed."""
         self._turn += begins
         if len(self._round) != len(position) or self._turn > int(self._round.max()):
             self._round = places(position.cpu(), self.n_active, self.patch, generator)
@@ -99,10 +99,10 @@ class Patches(Sampler):
 
 
 def places(position: Tensor, most: int, side: float, generator: torch.Generator) -> Tensor:
-    """Divide strokes into places of at most ``most`` strokes and ``side`` pixels; number (N,) them in random order.
+    """Divide strokes into places of at most ``most`` strokes and ``side`` pixels, numbered (N,) in random order.
 
-    The strokes, at ``position`` (N, 2), are cut in two across the longer side of their box, again and again, in random
-    proportions, so that the borders differ from round to round.
+    The strokes, at ``position`` (N, 2), are repeatedly split in two across the longer side of their bounding box, in
+    random proportions, so that the borders differ from round to round.
     """
     groups, queue = [], [(torch.arange(len(position)), math.ceil(len(position) / most))]
     while queue:
@@ -125,7 +125,7 @@ def places(position: Tensor, most: int, side: float, generator: torch.Generator)
 
 
 def nearest_to_box(position: Tensor, among: Tensor, low: Tensor, high: Tensor, n: int) -> Tensor:
-    """Find the ``n`` strokes (ascending) ``among`` (N,), bool, nearest to a box with corners ``low`` and ``high``."""
+    """List, in order, the ``n`` strokes ``among`` (N,), bool, that are nearest to a box from ``low`` to ``high``."""
     outside = (low - position).clamp_min(0) + (position - high).clamp_min(0)
     distance = torch.where(among, outside.square().sum(1), torch.inf)
     return distance.topk(min(n, int(among.sum())), largest=False).indices.sort().values
@@ -137,7 +137,7 @@ def on_canvas(position: Tensor, size: tuple[int, int]) -> Tensor:
 
 
 def inside(position: Tensor, region: Region) -> Tensor:
-    """Tell which positions (N, 2) lie in a region."""
+    """Mark the positions (N, 2) that lie in a region."""
     low = position.new_tensor([region.left, region.top])
     high = low + position.new_tensor([region.width, region.height])
     return ((position >= low) & (position <= high)).all(1)

@@ -1,4 +1,4 @@
-"""Grow a painting in strata: few large strokes, then again and again as many more of half the size on top."""
+"""Grow a painting in strata: a few large strokes, then repeatedly as many more strokes, smaller and on top."""
 
 from dataclasses import dataclass, replace
 from typing import Annotated
@@ -14,21 +14,22 @@ from brushexp_policies.traced import Traced
 @register("density", "strata")
 @dataclass(kw_only=True)
 class Strata(Traced):
-    """Start with few large strokes and double their number in each round, by traced ones that fit the new number.
+    """Start with a few large strokes, and double their number in each round with traced strokes of a suitable size.
 
-    New strokes lie on top; ``order.until=0`` keeps that order from the first step.
+    New strokes lie on top; ``order.until=0`` keeps this order from the first step.
 
-    Source: Vector Scaffolding (2026), which doubles closed curves in strata. Differs from it: new strokes are traced
-    through the error, and the learning rate is that of the optimiser.
+    Source: Vector Scaffolding (2026), which doubles closed curves in strata. Differs from the source: new strokes are
+    traced through the error, and the learning rate is the optimiser's.
 
     Args:
         start: share of the strokes to begin with; a sixteenth is doubled four times.
-        rounds: times at which strokes are added, with 8 steps at least between them.
-        until: share of the steps after which the strokes stay.
+        rounds: number of rounds that add strokes, at least 8 steps apart.
+        until: share of the steps after which no strokes are added or removed.
         moved: share of the strokes that each round may lay elsewhere, 0 to 0.5.
-        price: least gain of a stroke that is laid elsewhere, over what it was worth; below 1, since steps improve it.
-        tolerance: error (root mean square over a pixel, 0 to 1) that no stroke is worth.
-        surplus: 0, as the number only grows.
+        price: minimum ratio of a new stroke's gain to the importance of the stroke that it replaces; below 1, because
+            further steps improve the new stroke.
+        tolerance: error (root mean square over a pixel, 0 to 1) below which no stroke is added.
+        surplus: must be 0, because the number of strokes only grows.
     """
 
     start: Annotated[float, between(1e-3, 1)] = 1 / 16

@@ -1,4 +1,4 @@
-"""Trace lines through missing detail, and place new strokes along them in place of the least important ones."""
+"""Trace lines through missing detail, and lay new strokes along them in place of the least important strokes."""
 
 import math
 from dataclasses import dataclass, fields
@@ -13,20 +13,20 @@ from brushexp.contracts.members import CHANNELS, Rounds
 from brushexp.contracts.pictures import along_edges, sampled_at, structure_tensor
 from brushexp.contracts.strokes import Strokes, roomy_window, strokes_along
 
-POINTS = 10  # steps of a line to each side of its seed
-STEP = 1.2  # pixels of the picture on which lines of a width are sought
-OLD = 0.2  # share of the direction so far in that of a step
+POINTS = 10  # number of steps of a line to each side of its seed
+STEP = 1.2  # length of a step, in pixels of the picture on which lines of a width are sought
+OLD = 0.2  # weight of the previous direction in the direction of a step
 SEEDS = 0.7  # quantile of the error above which its peaks are seeds
-PEAK = 3  # pixels: side of the square in which a seed is the worst place
-SMOOTHING = 1.5  # pixels over which the picture's direction is measured
-WIDTHS = (0.15, 0.3, 0.6)  # of lines, in pitches (mean distances between strokes)
-MIN_WIDTH, FINE = 1.5, 3.0  # pixels: of any line, and of one on the picture on which it is sought
-SOFT = 2.0  # pixels: the edge that strokes are taken to have
-SAMPLES = 7  # across a line
-SPARE = 3  # seeds of each width for each stroke that is wanted
-CROWDED = 0.25  # share of a line that may lie on better ones
+PEAK = 3  # side in pixels of the square in which a seed has the largest error
+SMOOTHING = 1.5  # pixels over which the picture's direction is averaged
+WIDTHS = (0.15, 0.3, 0.6)  # widths of lines in stroke spacings
+MIN_WIDTH, FINE = 1.5, 3.0  # minimum width of a line in pixels, and its width on the picture on which it is sought
+SOFT = 2.0  # assumed width of a stroke's soft edge in pixels
+SAMPLES = 7  # number of samples across a line
+SPARE = 3  # number of seeds of each width per wanted stroke
+CROWDED = 0.25  # share of a line that may lie on better lines
 OPACITY = 0.95
-DOT = 0.1  # length of a stroke without direction, in its width
+DOT = 0.1  # length of a stroke without direction, in units of its width
 
 Array = np.ndarray
 
@@ -34,51 +34,53 @@ Array = np.ndarray
 @register("density", "traced")
 @dataclass(kw_only=True)
 class Traced(Rounds):
-    """Start with fewer strokes, add whole ones that explain most of the error, also in place of the least important.
+    """Start with fewer strokes, and add long strokes that explain most of the error, replacing the least important.
 
-    From each peak of the error a line grows both ways along the picture's edges, as far as the error falls; its colour
-    is that of least squares. What it gains is known before it is painted, so that a stroke goes only if what it is
-    worth is outweighed.
+    From each peak of the error, a line grows in both directions along the picture's edges as long as it lowers the
+    error; least squares give its colour. Its gain is known before it is painted, so a stroke is replaced only if the
+    gain outweighs the stroke's importance.
 
     Source: Dual Parameterization (Liu et al., 2026), which traces polylines through the residual from the peaks of its
-    worst eighth. Differs from it: lines of three widths are sought at once, each on a picture so small that it is about
-    three pixels wide; seeds are more, and closer together; a line becomes one quadratic stroke; and there are as many
-    strokes as asked for.
+    worst eighth. Differs from the source: lines of three widths are sought at once, each on a picture downsampled until
+    the line is about three pixels wide; seeds are more numerous and closer together; a line becomes one quadratic
+    stroke; and the number of strokes is given.
 
     Args:
         start: share of the strokes to begin with, above 0 to 1.
-        rounds: times at which strokes are added and removed, with 8 steps at least between them.
-        until: share of the steps after which the strokes stay.
+        rounds: number of rounds that add and remove strokes, at least 8 steps apart.
+        until: share of the steps after which no strokes are added or removed.
         moved: share of the strokes that each round may lay elsewhere, 0 to 0.5.
-        price: least gain of a stroke that is laid elsewhere, over what it was worth; below 1, since steps improve it.
-        tolerance: error (root mean square over a pixel, 0 to 1) that no stroke is worth.
-        surplus: share by which there are more strokes on the way than in the end, 0 to 3; the least important go.
+        price: minimum ratio of a new stroke's gain to the importance of the stroke that it replaces; below 1, because
+            further steps improve the new stroke.
+        tolerance: error (root mean square over a pixel, 0 to 1) below which no stroke is added.
+        surplus: excess of strokes before the last round, as a share of the final number, 0 to 3; the least important
+            strokes are then removed.
     """
 
     price: Annotated[float, at_least(0)] = 0.1
 
     def replaced(self, state: DensificationState, missing: int, weakest: Tensor) -> tuple[Strokes, int]:
         new, gain = traced_strokes(state, missing + len(weakest), CHANNELS * self.tolerance**2)
-        offered = gain[missing:]  # the best gain goes to what is missing, the next to the weakest stroke
+        offered = gain[missing:]  # the best lines fill missing strokes; the next ones compete with the weakest strokes
         pays = int((offered > self.price * weakest[: len(offered)]).long().cumprod(0).sum())
         return new[: missing + pays], pays
 
 
 @dataclass(frozen=True)
 class Lines:
-    """M lines in pixels, with what each would take from the squared error if it were painted on top."""
+    """M lines in pixels, with the amount by which each would lower the squared error if painted on top."""
 
-    points: Array  # (M, 2 * POINTS + 1, 2) on both sides of the seed
-    used: Array  # (M, 2 * POINTS + 1) bool: the points between which it lies
+    points: Array  # (M, 2 * POINTS + 1, 2), on both sides of the seed
+    used: Array  # (M, 2 * POINTS + 1) bool, the points that the line includes
     width: Array  # (M,)
     color: Array  # (M, 3)
     gain: Array  # (M,)
 
 
 def traced_strokes(state: DensificationState, n: int, least: float) -> tuple[Strokes, Tensor]:
-    """Make at most ``n`` strokes that gain more than ``least``, the best first, and tell what each gains (n,).
+    """Make at most ``n`` strokes with gains above ``least``, best first, and return them with their gains (n,).
 
-    The gain is by how much the squared error, summed over pixels and channels and weighted by the focus, falls with the
+    The gain is the decrease of the squared error, summed over pixels and channels and weighted by the focus, with the
     stroke on top.
     """
     target, like = state.target.cpu().numpy(), state.strokes.position
@@ -105,7 +107,7 @@ def _maps(state: DensificationState) -> Array:
 
 
 def lines_of_width(target: Array, maps: Array, width: float, most: int) -> Lines:
-    """Find lines of a ``width`` in pixels through at most ``most`` peaks of the error, ``maps[9]``, the worst first."""
+    """Find lines of ``width`` pixels through at most ``most`` peaks of the error ``maps[9]``, largest first."""
     from scipy.ndimage import maximum_filter, uniform_filter  # noqa: PLC0415  (--help does not need it)
 
     zoom = max(1, min(round(width / FINE), *target.shape[1:]))
@@ -122,7 +124,7 @@ def lines_of_width(target: Array, maps: Array, width: float, most: int) -> Lines
 
 
 def _reduced(maps: Array, zoom: int) -> Array:
-    """Average maps (C, H, W) over squares; what is left over at the right and below is cut off."""
+    """Average maps (C, H, W) over squares; incomplete squares at the right and bottom are dropped."""
     channels, height, width = maps.shape
     rows, columns = height // zoom, width // zoom
     squares = maps[:, : rows * zoom, : columns * zoom].reshape(channels, rows, zoom, columns, zoom)
@@ -130,7 +132,7 @@ def _reduced(maps: Array, zoom: int) -> Array:
 
 
 def _traced(angle: Array, seeds: Array, sign: int) -> Array:
-    """Walk from ``seeds`` (M, 2: x, y) along directions (H, W), radians, one way or the other, to points (M, ., 2)."""
+    """Follow directions (H, W), in radians, from ``seeds`` (M, 2: x, y) forwards or backwards to points (M, ., 2)."""
     points, place, direction = [], seeds, np.zeros_like(seeds)
     for number in range(POINTS):
         here = sampled_at(angle, place[:, 0], place[:, 1])
@@ -144,11 +146,11 @@ def _traced(angle: Array, seeds: Array, sign: int) -> Array:
 
 
 def best_parts(points: Array, maps: Array, width: float, soft: float) -> tuple[Array, Array, Array]:
-    """Choose how far lines (M, 2 * POINTS + 1, 2) go from their middle: first one way, then the other.
+    """Choose how far lines (M, 2 * POINTS + 1, 2) extend from their middle, in one direction and then in the other.
 
-    With coverage a of a stroke of one colour c on top, the squared error falls by the sum of 2 a (c - P).R -
-    a^2 |c - P|^2, where it is greatest for c = sum(a^2 P + a R) / sum(a^2). Returns the points between which the stroke
-    lies, whose round ends reach one farther (bool), its colour (M, 3) and what it gains (M,).
+    A stroke of colour c with coverage a on top lowers the squared error by the sum of 2 a (c - P).R - a^2 |c - P|^2,
+    which is largest for c = sum(a^2 P + a R) / sum(a^2). Returns the points that the stroke includes (bool; its round
+    ends reach one point farther), its colour (M, 3) and its gain (M,).
     """
     each, numbers = np.arange(len(points)), np.arange(points.shape[1])
     sums = np.pad(_moments(points, maps, width, soft).cumsum(2), ((0, 0), (0, 0), (1, 0)))  # (5, M, .)
@@ -163,7 +165,7 @@ def best_parts(points: Array, maps: Array, width: float, soft: float) -> tuple[A
 
 
 def _moments(points: Array, maps: Array, width: float, soft: float) -> Array:
-    """Sum across lines, for each of their points: a^2 P + a R (3), a^2, and a^2 P.P + 2 a P.R; (5, M, points)."""
+    """Sum a^2 P + a R (3), a^2, and a^2 P.P + 2 a P.R across lines, at each of their points: (5, M, points)."""
     forward = np.gradient(points, axis=1)
     across = np.stack([-forward[..., 1], forward[..., 0]], -1)
     across /= np.linalg.norm(across, axis=2, keepdims=True).clip(1e-6)
@@ -179,20 +181,20 @@ def _moments(points: Array, maps: Array, width: float, soft: float) -> Array:
 
 
 def _coverage(distance: Array, width: float, soft: float) -> Array:
-    """Compute how much a stroke covers at a distance from its curve, as `compositing.profile` has it."""
+    """Compute the coverage of a stroke at a distance from its curve, as in `compositing.profile`."""
     inner, outer = (np.clip((width / 2 + sign * np.abs(distance)) / soft, -0.5, 0.5) for sign in (-1, 1))
     total: Array = inner * (1.5 - 2 * inner**2) + outer * (1.5 - 2 * outer**2)
     return total
 
 
 def _explained(moments: Array) -> tuple[Array, Array]:
-    """Compute the best colour (3, ...) of strokes from their moments (5, ...), and what it gains (...)."""
+    """Compute the best colour (3, ...) of strokes from their moments (5, ...), and its gain (...)."""
     color = (moments[:3] / moments[3].clip(1e-9)).clip(0, 1)
     return color, 2 * (color * moments[:3]).sum(0) - (color**2).sum(0) * moments[3] - moments[4]
 
 
 def _apart(lines: Lines, n: int, least: float, size: tuple[int, ...]) -> Array:
-    """Choose at most ``n`` lines, those that gain most, which hardly lie on each other."""
+    """Choose the at most ``n`` lines with the largest gains that hardly overlap."""
     taken = np.zeros(size, bool)
     chosen: list[int] = []
     x, y = (lines.points[..., axis].astype(int).clip(0, size[1 - axis] - 1) for axis in (0, 1))
@@ -210,7 +212,7 @@ def _apart(lines: Lines, n: int, least: float, size: tuple[int, ...]) -> Array:
 
 
 def _curves(lines: Lines, chosen: Array) -> Array:
-    """Draw quadratic curves (n, 3, 2) through the ends and the middle of lines; short level ones through dots."""
+    """Fit quadratic curves (n, 3, 2) to the ends and the middle of lines; dots become short horizontal curves."""
     points, used, each = lines.points[chosen], lines.used[chosen], np.arange(len(chosen))
     first = used.argmax(1)
     last = first + used.sum(1) - 1

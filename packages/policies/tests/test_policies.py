@@ -1,4 +1,4 @@
-"""Traced strokes: they explain what is missing, gain what they promise, and cost what they are worth."""
+"""Traced strokes explain missing detail, gain as much as predicted, and replace strokes of less importance."""
 
 import math
 
@@ -29,21 +29,21 @@ def canvas(size=(64, 96)):
 
 
 def missing(target, *, budget=24, focus=None):
-    """A bare canvas on which all of the target is missing."""
+    """Make the state of a bare canvas, on which the whole target is missing."""
     return DensificationState(
         canvas(target.shape[1:]), target, focus, Strokes.none(), budget, 1, 9, lambda: torch.zeros(0)
     )
 
 
 def squared_error(strokes, target):
-    """Of strokes on the bare canvas, the first one on top."""
+    """Compute the error of strokes on the bare canvas, with the first stroke on top."""
     painter = Picture(target, None, GREY, Tiled(opaque=0))
     painter.renderer = Analytic()
     return float((painter.draw(strokes, torch.arange(len(strokes))) - target).double().square().sum())
 
 
 def with_arc(size=(64, 96), radius=26.0, width=6.0):
-    """A red arc, the upper half of a circle around the middle of the lower edge."""
+    """Draw a red arc, the upper half of a circle around the middle of the lower edge."""
     target = canvas(size)
     y, x = torch.meshgrid(torch.arange(size[0]) + 0.5, torch.arange(size[1]) + 0.5, indexing="ij")
     on = ((x - size[1] / 2).hypot(y - size[0]) - radius).abs() < width / 2
@@ -71,7 +71,7 @@ def test_a_line_follows_an_arc_has_its_colour_and_width_and_gains_what_it_promis
     assert len(strokes) == 12
     assert gain.tolist() == sorted(gain.tolist(), reverse=True)
     assert float((truth / gain).median()) == pytest.approx(1, abs=0.2)
-    assert ((truth / gain - 1).abs() < 0.6).all(), "also of lines that one curve does not quite follow"
+    assert ((truth / gain - 1).abs() < 0.6).all(), "gains hold even if one curve only approximates a line"
 
 
 @pytest.mark.parametrize("n", [0, 3])
@@ -118,7 +118,7 @@ def test_lines_cover_as_strokes_do_and_traced_ones_paint_better_than_adaptive_on
 
 
 def test_the_longest_part_that_pays_is_as_good_as_any_from_the_seed_on():
-    """Against a search of all parts, one after another."""
+    """The reference searches all parts exhaustively."""
     target = with_arc()
     maps = traced._maps(missing(target))
     lines = traced.lines_of_width(target.numpy(), maps, 3.0, 6)

@@ -1,4 +1,4 @@
-"""Place strokes with a trained network, in a few passes over the picture."""
+"""Place strokes with a trained network in a few passes over the picture."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -17,20 +17,20 @@ from brushexp_predictor.lay.colors import ROUNDS
 @register("init", "predicted")
 @dataclass(kw_only=True)
 class Predicted(Initializer):
-    """Lay strokes with a network, from large to small, where the canvas so far is worst, in a fifth of a second.
+    """Lay strokes from large to small with a network, where the canvas so far is worst, in a fifth of a second.
 
     The network is trained through the renderer (``task=train_predictor``), because only the strokes' picture counts.
-    Source: the feed-forward prediction that the thesis (2020) aims at, in stages that see the canvas so far, as in
-        Paint
-    Transformer (Liu et al., 2021). Differs: one stroke per cell, which may leave the cell, no labels, and colours by
-    least squares at the end.
+
+    Source: the feed-forward prediction proposed in the thesis (2020), in stages that receive the canvas so far, as in
+    Paint Transformer (Liu et al., 2021). Differs: one stroke per cell, which may leave the cell; no labels; and colours
+    by least squares at the end.
 
     Args:
-        checkpoint: trained weights: a .safetensors file, or shipped ones: plain, or brushed for
-            look=oil and similar looks (renderer=textured).
+        checkpoint: trained weights: a .safetensors file, or shipped weights: plain, or brushed for look=oil and similar
+            looks (renderer=textured).
         temperature: variation of strokes between seeds, in the deviations that the network predicts; 0 = none.
         color_rounds: rounds of the search for the best colours (conjugate gradients); 0 keeps the predicted colours.
-        draft_effort: share of a look's steps that ``quality=draft`` takes from these strokes.
+        draft_effort: share of a look's steps that ``quality=draft`` takes, starting from these strokes.
     """
 
     checkpoint: Annotated[str, WEIGHTS] = "plain"
@@ -44,5 +44,5 @@ class Predicted(Initializer):
 
         network = load_predictor(self.checkpoint)
         *_, strokes = predict(network, target, n, generator, self.temperature, focus)
-        strokes = strokes[Area().depth(strokes, None).argsort(stable=True)]  # the colours suit the order of the start
+        strokes = strokes[Area().depth(strokes, None).argsort(stable=True)]  # colours are fitted for this initial order
         return in_best_colors(network, strokes, target, self.color_rounds)

@@ -1,4 +1,4 @@
-"""The painter ``predictor``: a trained network alone."""
+"""The painter ``predictor``: a trained network without gradient steps."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,11 +13,11 @@ from brushexp_predictor.lay.colors import ROUNDS, best_colors
 @register("painter", "predictor")
 @dataclass(kw_only=True)
 class Predictor(Painter):
-    """Lay all strokes with a network, in a few passes over the picture; see ``init=predicted``.
+    """Lay all strokes with a network in a few passes over the picture; see ``init=predicted``.
 
     Args:
-        checkpoint: trained weights: a .safetensors file, or shipped ones: plain, or brushed for
-            look=oil and similar looks (renderer=textured).
+        checkpoint: trained weights: a .safetensors file, or shipped weights: plain, or brushed for look=oil and similar
+            looks (renderer=textured).
         temperature: variation of strokes between seeds, in the deviations that the network predicts; 0 = none.
         color_rounds: rounds of the search for the best colours (conjugate gradients); 0 keeps the predicted colours.
     """

@@ -10,7 +10,7 @@ from omegaconf import MISSING, DictConfig
 from brushexp.contracts import FILE, above, at_least, between, one_of
 from brushexp.contracts.tasks import PICTURE, Task, key
 
-DATA = "training pictures, or folders of them; null = those of scikit-image and scikit-learn"
+DATA = "training pictures, or folders of them; null = pictures of scikit-image and scikit-learn"
 WEIGHTS = "weights of the network: a .safetensors file, or the name of shipped weights"
 TEMPERATURE = "spread of strokes between samples, in the standard deviations that the network predicts"
 
@@ -20,7 +20,7 @@ class TrainPredictorTask(NetworkTask):
     """Train the network of init=predicted through the renderer."""
 
     module = "brushexp_predictor.train.task"
-    presets: ClassVar[dict[str, str]] = {"trainer": "default"}  # in 32 bits, which what draws strokes needs
+    presets: ClassVar[dict[str, str]] = {"trainer": "default"}  # in 32 bits, which renderers need
 
     data: list[str] | None = key(None, DATA)
     form: str = key(
@@ -34,9 +34,9 @@ class TrainPredictorTask(NetworkTask):
 
 @dataclass
 class SampleTask(Task):
-    """Paint a picture many times in one pass, and measure its brushwork with intervals: analyse photo.jpg samples=32.
+    """Paint a picture many times, and measure its brushwork with intervals: analyse photo.jpg samples=32.
 
-    The page shows where strokes are certain: how far directions, lengths and widths may be from what is seen.
+    The page shows how certain the directions, lengths and widths of strokes are at each place.
     """
 
     module = "brushexp_predictor.samples.task"
@@ -48,7 +48,7 @@ class SampleTask(Task):
     strokes: int | None = key(None, "approximate number of strokes; null = one per 100 pixels", at_least(1))
     checkpoint: str = key("plain", WEIGHTS)
     temperature: float = key(1.0, TEMPERATURE, between(0, 10))
-    intervals: str | None = key(None, "file of intervals from task=calibrate; null = the one beside the weights", FILE)
+    intervals: str | None = key(None, "file of intervals from task=calibrate; null = the file beside the weights", FILE)
 
     @staticmethod
     def suits(typed: Mapping[str, Any]) -> bool:
@@ -69,7 +69,7 @@ class CalibrateTask(Task):
     module = "brushexp_predictor.samples.calibrate_task"
 
     checkpoint: str = key("plain", WEIGHTS)
-    paintings: int = key(240, "number of known paintings, of twelve pictures in turn", at_least(8))
+    paintings: int = key(240, "number of known paintings, made from twelve pictures in turn", at_least(8))
     samples: int = key(32, "number of samples of each painting", between(2, 10_000))
     temperature: float = key(1.0, TEMPERATURE, between(0, 10))
     side: int = key(256, "longer side of a painting in pixels", between(32, 2048))

@@ -1,4 +1,4 @@
-"""What a trained network lays: exactly as many strokes as asked, on any canvas, as well as when it shipped."""
+"""Trained networks lay exactly the requested number of strokes on any canvas, with the quality measured at release."""
 
 import math
 from itertools import pairwise
@@ -92,7 +92,7 @@ def test_numbers_of_0_are_level_strokes_and_the_way_from_numbers_to_strokes_is_d
 
 
 def test_colors_are_those_of_least_squares() -> None:
-    """Compared with the normal equations of a matrix that has the picture of each stroke alone as a column."""
+    """The reference solves the normal equations of a matrix whose columns are pictures of single strokes."""
     random = torch.Generator().manual_seed(0)
     target = torch.rand(3, 24, 24, generator=random)
     strokes = Predicted(color_rounds=0)(target, 6, torch.Generator())

@@ -1,4 +1,4 @@
-"""The network learns, goes on after an interruption as if there had been none, and ships with a recipe."""
+"""The network learns, continues after an interruption as if there had been none, and ships with a recipe."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Samples of a picture: what is seen where, what samples say together, and intervals that hold what they promise."""
+"""Samples of a picture find visible strokes, are summarised correctly, and give intervals with the right coverage."""
 
 import json
 import math
@@ -180,7 +180,7 @@ def test_intervals_are_read_as_written_and_refused_for_other_weights(tmp_path):
     path, kinds = tmp_path / "a.json", list(scalings)
     conformal.write_scalings(path, scalings, {"hash": "abc"})
     assert conformal.read_scalings(path, {"hash": "abc"}, kinds) == scalings
-    words = r"another hash than xyz; fit them with task=calibrate"
+    words = r"a different hash than xyz; fit them with task=calibrate"
     refuses(words, conformal.read_scalings, path, {"hash": "xyz"}, kinds)
     refuses("lacks an interval", conformal.read_scalings, path, {}, [("strokes", "width")])
     data = json.loads(path.read_text())

@@ -1,4 +1,4 @@
-"""Paintings with known strokes for the tests of recovery, and what finds strokes in plain pictures."""
+"""Paintings with known strokes for the tests of recovery, and simple methods that find strokes in plain pictures."""
 
 from functools import cache
 from typing import Any
@@ -27,18 +27,18 @@ def silent(share: float, state: str) -> None:
 
 @cache
 def shipped() -> RecoveryModel:
-    """Weights that come with the program."""
+    """Load the shipped weights."""
     return load_model()
 
 
 def straight(*ends: tuple[tuple[float, float], tuple[float, float]]) -> Array:
-    """Curves (N, 3, 2) of straight lines between two places each."""
+    """Make curves (N, 3, 2) that are straight lines between two places each."""
     start, end = np.array(ends, float).transpose(1, 0, 2)
     return np.stack([start, 0.5 * (start + end), end], 1)
 
 
 def plain_strokes(curve: Array, width: float, color: Array | None = None) -> StrokeLayout:
-    """Strokes of one width that neither sway nor taper, grey unless they have colours."""
+    """Make strokes of one width without sway and taper, grey unless colours are given."""
     n = len(curve)
     color = np.full((n, 3), 0.4) if color is None else color
     return StrokeLayout(np.asarray(curve, float), np.full(n, width), color, np.zeros(n), np.zeros(n))
@@ -51,7 +51,7 @@ def lay_on(windows: StrokeWindows, layout: StrokeLayout, ground: Array, coats: f
 
 
 def bars(angle: float = 0.4) -> KnownPainting:
-    """Two straight strokes of 20 px on 96 x 128 px, the second over the first, drawn with discs."""
+    """Draw two straight strokes 20 px wide on 96 x 128 px with discs, the second above the first."""
     way = 35 * np.array([np.cos(angle), np.sin(angle)])
     ways, middle = np.array([way, [-way[1], way[0]]]), np.array([60.0, 48.0])
     curve = straight(*((middle - way, middle + way) for way in ways))
@@ -61,7 +61,7 @@ def bars(angle: float = 0.4) -> KnownPainting:
 
 
 def bristles(size: tuple[int, int], seed: int) -> KnownPainting:
-    """Some 50 strokes of bristles on a canvas (H, W)."""
+    """Draw about 50 bristle strokes on a canvas (H, W)."""
     random = np.random.default_rng(seed)
     rows, columns = np.mgrid[: size[0], : size[1]] / 200
     picture = np.stack([0.5 + 0.4 * np.sin(4 * rows + 3 * columns + k) for k in range(3)], 2).astype(np.float32)
@@ -71,26 +71,26 @@ def bristles(size: tuple[int, int], seed: int) -> KnownPainting:
 
 
 def picture_of(painting: KnownPainting) -> Array:
-    """The picture (H, W, 3) float32 in [0, 1] of a painting."""
+    """Convert the picture of a painting to (H, W, 3) float32 in [0, 1]."""
     return painting.image.astype(np.float32) / 255
 
 
 def saved_strokes(curve: Array, width: Array, color: Array, size: tuple[int, int], depth: list[int] | None = None):
-    """A catalogue of opaque strokes, bottom to top unless their depth says otherwise."""
+    """Make a catalogue of opaque strokes, bottom to top unless ``depth`` is given."""
     numbers = (torch.tensor(np.array(value), dtype=torch.float32) for value in (curve, width, color))
     order = torch.tensor(range(len(width)) if depth is None else depth, dtype=torch.int32)
     return Saved(strokes_along(*numbers, 1.0), order, size, torch.ones(3), "analytic")
 
 
 def recover_dark(image: Array, confidence: float) -> Recovered:
-    """Find dark strokes that do not touch, each with the same confidence."""
+    """Find separate dark strokes, all with the same confidence."""
     found = prediction_from_labels(label(image.mean(2) < 0.5) - 1, image)
     saved = saved_strokes(found.curve, found.width, found.color, image.shape[:2])
     return Recovered(saved, np.full(len(found), confidence, np.float32), found.labels)
 
 
 def f1_of(labels: Array, truth: Array) -> float:
-    """Compute F1 at an IoU of 0.5 of the regions of two label images."""
+    """Compute the F1 of the regions of two label images at an IoU of 0.5."""
     counts = [np.bincount(one[one >= 0]) for one in (labels, truth)]
     both = (labels >= 0) & (truth >= 0)
     pairs, number = np.unique(np.stack([labels[both], truth[both]]), axis=1, return_counts=True)

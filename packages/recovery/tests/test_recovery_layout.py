@@ -1,4 +1,4 @@
-"""The folders of the package show the way of the data, and imports go one way along it."""
+"""The folders of the package follow the data flow, and imports go only one way along it."""
 
 import ast
 import re
@@ -14,7 +14,7 @@ MOST_MODULES = 15
 
 
 def folders_imported_by(path: Path) -> set[str]:
-    """Folders of the package that a module imports from, also in its functions and for types alone."""
+    """List the package folders from which a module imports, including in functions and for types only."""
     nodes = (node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.ImportFrom))
     modules = (node.module for node in nodes if (node.module or "").startswith(f"{NAME}."))
     return {module.split(".")[1] for module in modules}

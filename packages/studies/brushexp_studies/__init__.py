@@ -1,4 +1,4 @@
 """Compare settings: paired differences, fronts, curves and effects of sweeps, and ``task=compare``.
 
-`plotting` and `contact_sheet` draw for other packages, too.
+Other packages also use `plotting` and `contact_sheet`.
 """

@@ -27,12 +27,12 @@ from brushexp_studies.plotting import COLORS, DASHES, FAINT, FIGURE_SIZE, INK
 
 TIMES = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 60, 120, 300, 600, 1800)  # seconds
 LEVELS = (15, 20, 25, 28, 30, 33, 36, 40, 45)  # dB
-MOST_CURVES = len(COLORS) * len(DASHES)  # with a look of their own
-MOST_IMAGES = 6  # in a plot
+MOST_CURVES = len(COLORS) * len(DASHES)  # number of distinguishable curves
+MOST_IMAGES = 6  # maximum number of images in a plot
 
 
 def quality_at(curve: Curve, seconds: float, *, after_end: bool = False) -> float | None:
-    """Interpolate the best PSNR in dB up to a time; None before the curve and, unless ``after_end``, behind it."""
+    """Interpolate the best PSNR in dB up to a time; None before the curve and, unless ``after_end``, after it."""
     times, psnr = curve
     if not times[0] <= seconds <= (math.inf if after_end else times[-1]):
         return None
@@ -40,7 +40,7 @@ def quality_at(curve: Curve, seconds: float, *, after_end: bool = False) -> floa
 
 
 def time_to(curve: Curve, psnr: float) -> float | None:
-    """Interpolate when a PSNR in dB was reached, in seconds, not before the first point; None if it never was."""
+    """Interpolate the time in seconds, not before the first point, at which a PSNR in dB was reached; None if never."""
     times, best = curve[0], np.maximum.accumulate(curve[1])
     k = int(np.searchsorted(best, psnr))
     around = slice(max(k - 1, 0), k + 1)
@@ -48,8 +48,8 @@ def time_to(curve: Curve, psnr: float) -> float | None:
 
 
 def write_anytime(folder: Path, frame: DataFrame) -> Path | None:
-    """Write ``anytime.md``, quality at equal time and time to equal quality; None if no two settings left curves."""
-    lines = ["Seconds of optimisation; a run keeps the best picture it has had. Means over seeds."]
+    """Write ``anytime.md``, quality at equal time and time to equal quality; None for fewer than two curves."""
+    lines = ["Seconds of optimisation; a run keeps its best picture so far. Means over seeds."]
     for image, curves in curves_by_image(frame).items():
         if len(means := mean_curves(curves)) > 1:
             lines += ["", f"## {image}", "", *_comparison(means)]
@@ -62,7 +62,7 @@ def write_anytime(folder: Path, frame: DataFrame) -> Path | None:
 
 
 def _comparison(curves: Mapping[str, Curve]) -> list[str]:
-    """Tabulate quality at some times, time to some qualities, and the leaders."""
+    """Tabulate quality at given times, time to given qualities, and the leaders."""
     start, end = min(c[0][0] for c in curves.values()), max(c[0][-1] for c in curves.values())
     low, high = min(c[1][0] for c in curves.values()), max(c[1].max() for c in curves.values())
     qualities, times = [], []
@@ -74,19 +74,19 @@ def _comparison(curves: Mapping[str, Curve]) -> list[str]:
     changes = [{"from": f"{time:.3g} s", "ahead": name} for time, name in leaders(curves)]
     two = dict.fromkeys([*qualities[0], *times[0]], 2)
     return [
-        "PSNR in dB after so many seconds; the last columns: when a run ended, and with what.", "",
+        "PSNR in dB after the given seconds; the last columns give the end of a run and its PSNR.", "",
         markdown_table(qualities, two), "",
-        "Seconds until a PSNR was reached, at the earliest those of the first measurement.", "",
+        "Seconds until a PSNR was reached, not before the first measurement.", "",
         markdown_table(times, two), "",
-        f"Who is ahead when (by more than {LEAD} dB).", "",
+        f"The leader at each time (by more than {LEAD} dB).", "",
         markdown_table(changes, align="rl"),
     ]  # fmt: skip
 
 
 def write_curves(folder: Path, frame: DataFrame) -> Path | None:
-    """Write ``curves.png``: thin lines are runs, thick ones means over seeds; None if no two settings left curves.
+    """Write ``curves.png``, thin lines for runs and thick lines for means over seeds; None for fewer than two curves.
 
-    Of more than ``MOST_CURVES`` settings, those are coloured that were ahead at some time.
+    Of more than ``MOST_CURVES`` settings, only those that led at some time are coloured.
     """
     images = [(image, curves) for image, curves in curves_by_image(frame).items() if len(curves) > 1][:MOST_IMAGES]
     if not images:
@@ -114,6 +114,6 @@ def _draw_curves(axes: Axes, curves: Mapping[str, list[Curve]]) -> None:
         axes.plot(*means[label], linewidth=1.8, label=plotting.label_lines(label, 40), **look)
     plotting.fit_scale(axes, "x", [float(seconds[-1]) for alike in curves.values() for seconds, _ in alike])
     axes.set(xlabel="wall time of the optimisation, s", ylabel="PSNR, dB")
-    heading = "ahead at some time; the others are grey" if len(coloured) < len(curves) else None
+    heading = "settings that led at some time; the others are grey" if len(coloured) < len(curves) else None
     columns = 1 + (len(coloured) - 1) // 16
     axes.legend(title=heading, loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=9, frameon=False, ncols=columns)

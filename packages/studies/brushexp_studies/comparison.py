@@ -1,4 +1,4 @@
-"""Add comparisons to a sweep's report: verdicts, fronts, curves, effects and a sheet of all its paintings."""
+"""Add comparisons to a sweep's report: verdicts, fronts, curves, effects and a contact sheet."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +14,7 @@ from brushexp_studies.pareto import write_front
 
 
 def write_comparisons(folder: Path, frame: DataFrame) -> None:
-    """Write the comparisons of a sweep's runs; an album gets only its sheet."""
+    """Write the comparisons of a sweep's runs; an album gets only a contact sheet."""
     if not is_album(frame):
         paired.write_differences(folder, frame)
         write_front_and_curves(folder, frame)
@@ -32,7 +32,7 @@ def write_front_and_curves(
 
 
 def differences_on_page(frame: DataFrame) -> PageTable | None:
-    """Tabulate the differences that have enough units for a verdict; None without such."""
+    """Tabulate the differences that have enough units for a verdict; None if there are none."""
     every = paired.paired_differences(paired.paired_table(frame))
     differences = [one for one in every if len(one.gains) >= paired.LEAST_UNITS]
     if not differences:

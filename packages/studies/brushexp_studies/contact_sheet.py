@@ -1,4 +1,4 @@
-"""Draw pictures in a grid on white, with labels below them, and make such a sheet of a sweep's runs."""
+"""Draw contact sheets, grids of labelled pictures on white, for example of a sweep's runs."""
 
 import math
 from collections.abc import Sequence
@@ -18,20 +18,20 @@ from brushexp.contracts.results import digits, is_album, numbers, run_count, sho
 from brushexp.contracts.runs import Status
 from brushexp_studies.plotting import wrap_text
 
-THUMBNAIL_SIDE = 400  # pixels: longer side of a picture, where the sheet has room
-LIMIT = 6000  # pixels: longest side of a sheet, about
+THUMBNAIL_SIDE = 400  # longer side of a picture in pixels if the sheet has room
+LIMIT = 6000  # approximate maximum side of a sheet in pixels
 GAP = 16  # pixels between pictures
-TALL = 1.7  # most height of a picture with its label, in sides
-LETTER, LETTER_WIDTH, LINE = 0.04, 0.58, 1.35  # height of letters in sides; their mean width and a line in heights
+TALL = 1.7  # maximum height of a picture with its label, in sides
+LETTER, LETTER_WIDTH, LINE = 0.04, 0.58, 1.35  # height of letters in sides; their mean width and line height in heights
 PAPER, INK, BOX = "white", "#202020", "#ededed"
-COLUMNS = 6  # up to 48 pictures; larger sheets are about square
+COLUMNS = 6  # number of columns for up to 48 pictures; larger sheets are approximately square
 TARGET = "target"
-UNITS = {"psnr": "dB", "psnr_alpha": "dB in alpha", "seconds": "s"}  # the metrics below a picture have these units
+UNITS = {"psnr": "dB", "psnr_alpha": "dB in alpha", "seconds": "s"}  # units of the metrics below a picture
 
 
 @dataclass(frozen=True)
 class SheetCell:
-    """Cell of a sheet: a picture (or its file), or words in a grey box, and lines below it."""
+    """A cell of a sheet: a picture, its file, or words in a grey box, with lines of text below."""
 
     picture: Path | Image.Image | None
     label: tuple[str, ...] = ()
@@ -41,8 +41,8 @@ class SheetCell:
 def write_contact_sheet(folder: Path, frame: DataFrame) -> Path | None:
     """Write ``sheet.png`` of a sweep's runs; return None if no run has a picture.
 
-    A picture of many strokes gets twice the room. Runs that differ in two settings and cover all combinations form a
-    matrix, with a row for each picture if they differ in those; others stand row by row.
+    A picture of many strokes is drawn at twice the size. Runs that differ in two settings and cover all combinations
+    form a matrix, with a row for each picture if they differ in pictures; other runs fill row after row.
     """
     pictures = frame["run", "picture"].dropna()
     if pictures.empty:
@@ -57,7 +57,7 @@ def _rows(frame: DataFrame) -> list[list[SheetCell]]:
     """Arrange the runs of a sweep in rows of cells."""
     axes = varying_settings(frame)
     if not any("loss" in typed for typed in frame["run", "overrides"]):
-        axes.pop("loss", None)  # it follows from another setting
+        axes.pop("loss", None)  # determined by another setting
     settings = frame["setting"][list(axes)].fillna("")
     complete = not settings.duplicated().any() and len(frame) == math.prod(map(len, axes.values()))
     if len(axes) == 2 and complete:
@@ -72,7 +72,7 @@ def _rows(frame: DataFrame) -> list[list[SheetCell]]:
 
 
 def _cells(frame: DataFrame, axes: dict[str, list[str]]) -> list[SheetCell]:
-    """Make cells of runs, and of every target before the first run that painted it, but in an album."""
+    """Make the cells of runs and, except in an album, of every target before the first run that painted it."""
     words = {key: shorten(values) for key, values in axes.items()}
     settings, metrics = frame["setting"].fillna(""), numbers(frame).reindex(columns=list(UNITS))
     cells: list[SheetCell] = []
@@ -92,11 +92,11 @@ def _cells(frame: DataFrame, axes: dict[str, list[str]]) -> list[SheetCell]:
 
 
 def draw_sheet(rows: Sequence[Sequence[SheetCell]], title: str, side: int = THUMBNAIL_SIDE) -> Image.Image:
-    """Draw pictures in rows, their longer side of ``side`` pixels, or fewer if the sheet would be too large."""
+    """Draw pictures in rows, with longer sides of ``side`` pixels, or fewer if the sheet would be too large."""
     columns = max(map(len, rows))
     side = max(1, min(side, int(LIMIT / max(columns, TALL * len(rows))) - GAP))
     letter = max(10, round(LETTER * side))
-    # Matplotlib's font has more letters than Pillow's own.
+    # Matplotlib's font has more glyphs than Pillow's.
     path = Path(get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
     font, large = (ImageFont.truetype(path, size) for size in (letter, letter * 5 // 4))
     line, letters = round(LINE * letter), max(1, int(side / (LETTER_WIDTH * letter)))
@@ -127,7 +127,7 @@ def _box(words: str, side: int, letters: int, font: ImageFont.FreeTypeFont) -> I
 
 
 def _picture(cell: SheetCell, side: int) -> Image.Image | None:
-    """Resize the picture of a cell; None if there is none or it cannot be read."""
+    """Resize the picture of a cell; return None if it does not exist or cannot be read."""
     source = cell.picture
     if source is None:
         return None
@@ -135,7 +135,7 @@ def _picture(cell: SheetCell, side: int) -> Image.Image | None:
         with nullcontext(source) if isinstance(source, Image.Image) else open_picture(source) as picture:
             zoom = side / max(picture.size)
             size = max(1, round(picture.width * zoom)), max(1, round(picture.height * zoom))
-            method = Image.Resampling.NEAREST if zoom > 1 else Image.Resampling.BICUBIC  # small ones show their pixels
+            method = Image.Resampling.NEAREST if zoom > 1 else Image.Resampling.BICUBIC  # enlarged pixels stay visible
             return picture.convert("RGB").resize(size, method, reducing_gap=2.0)
     except UserError:
         return None

@@ -1,4 +1,4 @@
-"""Plot the main metrics of a sweep against its settings: means over seeds, and the spread."""
+"""Plot the main metrics of a sweep against its settings, with means and standard deviations over seeds."""
 
 from pathlib import Path
 from typing import Any
@@ -11,21 +11,21 @@ from brushexp.contracts.results import differences, over_seeds, quantities, run_
 from brushexp_studies import plotting
 from brushexp_studies.plotting import COLORS, FIGURE_SIZE, LABEL, MARKERS, TALLEST
 
-# One panel each: the first of these metrics that some run has.
+# Each panel shows the first of these metrics that any run has.
 PANELS = (
     ("psnr", "psnr_alpha", "ssim"),
     ("perceptual", "lpips_alexnet", "lpips_squeeze", "lpips_vgg16", "fid_effl0", "fid_inception", "l2", "l1"),
     ("seconds",),
 )
-POINT_HEIGHT, ROW_HEIGHT = 0.13, 0.6  # inches: of a point, and least one of a row
-SPARSE = 0.5  # share of all combinations below which a sweep is a list
+POINT_HEIGHT, ROW_HEIGHT = 0.13, 0.6  # height of a point and minimum height of a row, in inches
+SPARSE = 0.5  # share of all combinations below which a sweep counts as a list
 
 
 def effects(frame: pd.DataFrame) -> dict[str, pd.DataFrame] | None:
-    """Tabulate the main metrics by the setting with most values, for each combination of the others but the seed.
+    """Tabulate the main metrics by the setting with the most values, for each combination of the others but the seed.
 
-    A table has a row per value, rising if all are numbers, and columns ("mean", metric) and ("std", metric). None if
-    there is nothing to compare, or if hardly any combination was run: a list of settings has its front, see `pareto`.
+    A table has a row per value, ascending if all are numbers, and columns ("mean", metric) and ("std", metric). Returns
+    None if there is nothing to compare, or if few combinations were run; `pareto` compares a list of settings.
     """
     axes = {k: values for k, values in varying_settings(frame[frame["run", "label"].notna()]).items() if k != "seed"}
     if not axes:
@@ -50,9 +50,9 @@ def effects(frame: pd.DataFrame) -> dict[str, pd.DataFrame] | None:
 
 
 def write_effect(folder: Path, frame: pd.DataFrame) -> Path | None:
-    """Write ``effect.png`` of a sweep; None if nothing varies but the seed, or no two settings were finished.
+    """Write ``effect.png`` of a sweep; None if only the seed varies, or fewer than two settings were finished.
 
-    The setting with most values lies along an axis, across if it is a number; colours distinguish the others.
+    The setting with the most values has an axis, which is horizontal if it is a number; colours show the others.
     """
     series = effects(frame)
     if series is None:
@@ -80,7 +80,7 @@ def write_effect(folder: Path, frame: pd.DataFrame) -> Path | None:
 
 
 def _draw(axes: Axes, mean: pd.DataFrame, spread: pd.DataFrame, metric: str) -> None:
-    """Draw a column per series: lines over numbers, or else a strip of points for each value."""
+    """Draw a column per series: lines over numbers, or otherwise a strip of points for each value."""
     plotting.tidy(axes)
     looks, label = [_look(k, name) for k, name in enumerate(mean)], quantities()[metric].label
     if mean.index.dtype == float:

@@ -1,6 +1,6 @@
-"""Compare settings by paired differences on the same pictures, or with the same seeds if there is one picture.
+"""Compare settings by paired differences on the same pictures, or with the same seeds if there is only one picture.
 
-Of each unit, a picture or a seed, the difference between the means of its runs counts once.
+Each unit, a picture or a seed, counts once, with the difference between the means of its runs.
 """
 
 import math
@@ -29,22 +29,22 @@ from brushexp_studies import plotting
 from brushexp_studies.plotting import COLORS, GREY, INK, TALLEST
 
 CONFIDENCE = 0.95
-LEAST_UNITS = 3  # units from which on there is a verdict
-LEAST_ODD, LEAST_SHARE = 3, 0.2  # pictures each way, and share of all, from which on an answer depends on the picture
+LEAST_UNITS = 3  # minimum number of units for a verdict
+LEAST_ODD, LEAST_SHARE = 3, 0.2  # minimum number and share of pictures each way for "depends on the picture"
 NOT_DECIDED = "not decided"
 PICTURE, SEED = "picture", "seed"
-PANELS = ("psnr", "psnr_alpha", "ssim", "edges", "perceptual", "fid_effl0", "cpu_seconds")  # first metrics of the plot
+PANELS = ("psnr", "psnr_alpha", "ssim", "edges", "perceptual", "fid_effl0", "cpu_seconds")  # first metrics in the plot
 MOST_PANELS = 4
-LETTER_HEIGHT = 0.16  # inches: of the letter of a unit in the plot
+LETTER_HEIGHT = 0.16  # height in inches of a unit's letter in the plot
 LETTERS = ascii_uppercase + ascii_lowercase
-LARGEST_LOGARITHM = 700.0  # no ratio has a larger one: exp(710) overflows
+LARGEST_LOGARITHM = 700.0  # upper bound on logarithms of ratios; exp(710) overflows
 
 
 @dataclass(frozen=True)
 class Difference:
-    """Gains of a setting over a reference in one metric, of the units ("picture" or "seed") that have both.
+    """Gains of a setting over a reference in one metric, on the units ("picture" or "seed") that have both.
 
-    ``gains`` by unit, ``mean``, ``low`` and ``high`` are positive where the setting is better; those of ratios are
+    ``gains`` by unit, ``mean``, ``low`` and ``high`` are positive where the setting is better; for ratios, they are
     natural logarithms.
     """
 
@@ -59,7 +59,7 @@ class Difference:
 
     @property
     def quantity(self) -> Quantity:
-        """Quantity of the metric."""
+        """The metric's quantity."""
         return quantities()[self.metric]
 
     def units_that_gain(self, sign: int) -> list[str]:
@@ -68,7 +68,7 @@ class Difference:
 
     @property
     def verdict(self) -> str:
-        """Decide between ``depends``, ``same``, ``better``, ``worse`` and ``not decided``, see `rule_for`."""
+        """Decide between ``depends``, ``same``, ``better``, ``worse`` and ``not decided``; see `rule_for`."""
         if len(self.gains) < LEAST_UNITS or not math.isfinite(self.low):
             return NOT_DECIDED
         matters = self.quantity.matters
@@ -83,7 +83,7 @@ class Difference:
 
     @property
     def is_no_worse(self) -> bool:
-        """Tell whether the interval allows no loss that matters, and no answer depends on the picture."""
+        """Check whether the interval excludes a loss that matters, and the answer does not depend on the picture."""
         allows_none = self.low >= -self.quantity.matters
         return len(self.gains) >= LEAST_UNITS and allows_none and self.verdict != "depends"
 
@@ -117,7 +117,7 @@ class Difference:
 
 
 def format_ratio(logarithm: float) -> str:
-    """Write a ratio to three digits, of its natural logarithm: ``x 1.00``."""
+    """Write a ratio with three digits, given its natural logarithm: ``x 1.00``."""
     return f"x {math.exp(logarithm) if logarithm < LARGEST_LOGARITHM else math.inf:#.3g}".removesuffix(".")
 
 
@@ -134,10 +134,10 @@ def interval(values: Iterable[float], confidence: float = CONFIDENCE) -> tuple[f
 
 
 def paired_table(frame: DataFrame) -> DataFrame | None:
-    """Tabulate the metrics of finished runs by setting and unit; None without two settings and two units.
+    """Tabulate the metrics of finished runs by setting and unit; None for fewer than two settings or units.
 
-    Columns are metrics; the index has levels "option", the overrides in which runs differ but for image and seed, and
-    "picture" or "seed".
+    Columns are metrics. The index has the level "option", the overrides in which runs differ except image and seed, and
+    the level "picture" or "seed".
     """
     compared = frame[frame["run", "label"].notna()]
     if compared.empty:
@@ -146,7 +146,7 @@ def paired_table(frame: DataFrame) -> DataFrame | None:
     options = np.array([" ".join(parts) or "default" for parts in differences(typed)], object)
     pictures = compared["run", "image"].str.replace(r", \d+ x \d+ pixels", "", regex=True)
     if compared["run", "target"].groupby([options, pictures]).nunique().max() > 1:
-        pictures = compared["run", "image"]  # several of one name, which differ in their sizes
+        pictures = compared["run", "image"]  # pictures of one name that differ in size
     unit = PICTURE if pictures.nunique() > 1 and (pictures != "").all() else SEED
     by_unit = pictures if unit == PICTURE else compared["setting", SEED]
     units = by_unit.fillna("0").astype(str).to_numpy()
@@ -158,9 +158,9 @@ def paired_table(frame: DataFrame) -> DataFrame | None:
 def paired_differences(
     table: DataFrame | None, reference: str | None = None, metrics: Sequence[str] = (), comparisons: int | None = None
 ) -> list[Difference]:
-    """Compare all settings of a `paired_table` with one, by default the first, in metrics that have a better.
+    """Compare all settings of a `paired_table` with one, by default the first, in metrics with a known direction.
 
-    Intervals hold for so many ``comparisons`` together (Bonferroni); by default, those with the reference.
+    Intervals hold for all ``comparisons`` together (Bonferroni), by default the number of settings compared.
     """
     if table is None:
         return []
@@ -180,7 +180,7 @@ def paired_differences(
 
 
 def gains_of(values: Any, others: Any, metric: str) -> dict[str, float]:
-    """Subtract others from values, with the sign by which more is better; see `Difference`."""
+    """Subtract others from values, with the sign for which more is better; see `Difference`."""
     both = values.notna() & others.notna()
     if quantities()[metric].ratio:
         both &= (values > 0) & (others > 0)
@@ -190,7 +190,7 @@ def gains_of(values: Any, others: Any, metric: str) -> dict[str, float]:
 
 
 def difference_rows(differences: Sequence[Difference]) -> list[dict[str, Any]]:
-    """Write a row per setting and metric, in words."""
+    """Write one row per setting and metric in words."""
     return [
         {
             "setting": one.option,
@@ -205,27 +205,27 @@ def difference_rows(differences: Sequence[Difference]) -> list[dict[str, Any]]:
 
 
 def rule_for(unit: str) -> str:
-    """Write the rule of verdicts in words, for pictures or seeds."""
+    """Write the rule of verdicts for pictures or seeds in words."""
     depends = (
         f"a difference *depends on the picture* if at least {LEAST_ODD}, and {LEAST_SHARE:.0%}, of them differ by more "
         "than what matters, where that is known, in each direction; "
     ) * (unit == PICTURE)
     return (
-        f"An interval is that of Student's t over the {unit}s at {CONFIDENCE:.0%} for all comparisons of a study with "
+        f"Intervals are Student's t over the {unit}s at {CONFIDENCE:.0%} for all comparisons of a study with "
         f"its reference together (Bonferroni). In this order: {depends}there is *no difference that "
         "matters* if the interval allows none; a setting is *better* or *worse* if the interval "
-        f"excludes zero; else it is *not decided*, as it is with fewer than {LEAST_UNITS} {unit}s."
+        f"excludes zero; otherwise, and with fewer than {LEAST_UNITS} {unit}s, it is *not decided*."
     )
 
 
 def explain_pairing(differences: Sequence[Difference]) -> str:
-    """Write the reference, what is paired, and the rule of the verdicts, as Markdown."""
+    """Write the reference, the unit of pairing and the rule of verdicts as Markdown."""
     unit = differences[0].unit
     return f"Against `{differences[0].reference}`, paired by {unit}. {rule_for(unit)}"
 
 
 def write_differences(folder: Path, frame: DataFrame) -> list[Difference]:
-    """Write ``differences.md``, ``.csv`` and ``.png`` of runs with several settings on the same units; else nothing."""
+    """Write ``differences.md``, ``.csv`` and ``.png`` if runs have several settings on the same units."""
     differences = paired_differences(paired_table(frame))
     if not differences:
         return []
@@ -243,7 +243,7 @@ def write_differences(folder: Path, frame: DataFrame) -> list[Difference]:
 
 
 def write_paired_plot(path: Path, differences: Sequence[Difference], title: str) -> Path:
-    """Write a PNG with a panel per metric; a bar is the mean with its interval."""
+    """Write a PNG with a panel per metric, in which bars are means with their intervals."""
     measured = {one.metric for one in differences}
     metrics = [key for key in dict.fromkeys([*PANELS, *quantities()]) if key in measured][:MOST_PANELS]
     shown = [one for one in differences if one.metric in metrics]

@@ -1,4 +1,4 @@
-"""Find the settings that are worth their cost: the Pareto fronts of a cost against what a run is good at."""
+"""Find the settings that are worth their cost: the Pareto fronts of a cost against metrics of quality."""
 
 import math
 from collections.abc import Sequence
@@ -24,20 +24,20 @@ from brushexp.contracts.results import (
 from brushexp_studies import plotting
 from brushexp_studies.plotting import COLORS, GREY, INK
 
-COSTS = ("cpu_seconds", "seconds", "strokes_per_second")  # the first one that every run has is the cost
-FRONTS = ("psnr", "perceptual")  # metrics that have a front; without the first, the first one of OTHERS
-OTHERS = ("fid_effl0", "fid_inception", "psnr_alpha", "l2")  # what networks are judged by
-EVERY_RUN = "all runs"  # the heading of runs that paint no picture
-OWN_FEATURES = {"perceptual": ("perceptual", "lpips", "style")}  # losses that work for the features of a metric
-HEIGHT = 6.0  # inches: of the panels of an image
-MOST_IMAGES = 6  # in the plot; the tables have all
-SHORTEST_SECONDS = 0.01  # seconds: a logarithmic axis has no 0
-MOST_LINES, LINE = 20, 42  # settings in the list beside the panels, and letters of a line
+COSTS = ("cpu_seconds", "seconds", "strokes_per_second")  # the cost is the first of these that every run has
+FRONTS = ("psnr", "perceptual")  # metrics that have a front; without the first, the first of OTHERS replaces it
+OTHERS = ("fid_effl0", "fid_inception", "psnr_alpha", "l2")  # metrics of networks
+EVERY_RUN = "all runs"  # heading for runs that paint no picture
+OWN_FEATURES = {"perceptual": ("perceptual", "lpips", "style")}  # losses that optimise the features of a metric
+HEIGHT = 6.0  # height in inches of the panels of an image
+MOST_IMAGES = 6  # maximum number of images in the plot; the tables have all
+SHORTEST_SECONDS = 0.01  # lower bound on a logarithmic axis
+MOST_LINES, LINE = 20, 42  # maximum number of settings listed beside the panels, and letters per line
 
 
 @dataclass(frozen=True)
 class Trade:
-    """What is traded for what: a cost, and metrics each of which has a front; names of quantities."""
+    """The names of a cost and of the metrics that are traded for it, each with a front."""
 
     cost: str
     metrics: tuple[str, ...]
@@ -49,14 +49,14 @@ class Trade:
 
     @property
     def flags(self) -> list[str]:
-        """Columns that tell which settings are on the front of each metric."""
+        """Columns that mark the settings on the front of each metric."""
         return [f"front_{metric}" for metric in self.metrics]
 
 
 def trade_of(frame: pd.DataFrame, cost: str | None = None, metrics: Sequence[str] = ()) -> Trade | None:
     """Choose cost and metrics of finished runs where they are not given; None if the runs have none.
 
-    A UserError names a quantity that no run has.
+    Raises UserError for a given quantity that no run has.
     """
     known = [key for key, values in frame["metric"].items() if pd.to_numeric(values, errors="coerce").notna().any()]
     for key in filter(None, (cost, *metrics)):
@@ -73,7 +73,7 @@ def trade_of(frame: pd.DataFrame, cost: str | None = None, metrics: Sequence[str
 
 
 def front(costs: Any) -> np.ndarray:
-    """Tell which of some pairs of costs are on the Pareto front: no other is as low in both and lower in one."""
+    """Mark the pairs of costs on the Pareto front: no other pair is as low in both and lower in one."""
     costs = np.asarray(costs, float)
     as_low = (costs[:, None] <= costs[None]).all(-1)
     lower = (costs[:, None] < costs[None]).any(-1)
@@ -81,7 +81,7 @@ def front(costs: Any) -> np.ndarray:
 
 
 def front_table(frame: pd.DataFrame, trade: Trade) -> pd.DataFrame:
-    """Tabulate the settings of every image with at least two, by cost; values are means over seeds."""
+    """Tabulate, for every image with at least two settings, the settings by cost; values are means over seeds."""
     named = frame.copy()
     named["run", "image"] = named["run", "image"].fillna("").replace("", EVERY_RUN)
     means = over_seeds(named)
@@ -103,18 +103,18 @@ def front_table(frame: pd.DataFrame, trade: Trade) -> pd.DataFrame:
 
 
 def _cost_of(values: pd.Series, key: str, *, as_cost: bool = False) -> np.ndarray:
-    """Turn values so that less is better; of a cost without a better direction, less is. Missing ones are infinite."""
+    """Negate values if more is better, so that less is always better; missing values are infinite."""
     better = quantities()[key].better or ("lower" if as_cost else "higher")
     return (values if better == "lower" else -values).astype(float).fillna(math.inf).to_numpy()
 
 
 def write_front(folder: Path, frame: pd.DataFrame, cost: str | None = None, metrics: Sequence[str] = ()) -> Path | None:
-    """Write ``pareto.md``, ``.csv`` and ``.png``, and return the first; None without two settings of an image."""
+    """Write ``pareto.md``, ``.csv`` and ``.png``, and return the first; None if no image has two settings."""
     trade = trade_of(frame, cost, metrics)
     table = pd.DataFrame() if trade is None else front_table(frame, trade)
     if trade is None or table.empty:
         return None
-    lines = [f"Cost: {_label(trade.cost)}, means over seeds. On a front: nothing else costs as little and is as good."]
+    lines = [f"Cost: {_label(trade.cost)}, means over seeds. On a front, nothing else costs as little and is as good."]
     for remark in filter(None, (remark_on_own_features(frame, trade.metrics), remark_on_provenance(frame))):
         lines += ["", escape_markdown(remark)]
     digits = {key: quantities()[key].digits for key in (trade.cost, *trade.metrics)}
@@ -125,7 +125,7 @@ def write_front(folder: Path, frame: pd.DataFrame, cost: str | None = None, metr
         rows["overrides"] = points["overrides"]
         commands = [f"{number:>4}: {text}" for number, text in _on_a_front(points, trade, "command")]
         lines += ["", f"## {image}", "", markdown_table(rows, digits), ""]
-        lines += ["Those on a front are repeated by", "", "```", *commands, "```"]
+        lines += ["Commands for the settings on a front:", "", "```", *commands, "```"]
     write_text(folder / "pareto.md", "\n".join([*lines, ""]))
     write_text(folder / "pareto.csv", csv_table(table))
     plotting.save_figure(_plot(table, trade, folder), folder / "pareto.png")
@@ -133,7 +133,7 @@ def write_front(folder: Path, frame: pd.DataFrame, cost: str | None = None, metr
 
 
 def remark_on_own_features(frame: pd.DataFrame, metrics: Sequence[str]) -> str:
-    """Say which settings minimise the features in which a metric measures them; "" if none does."""
+    """Name the settings that minimise the same features as a metric; "" if there are none."""
     remarks = []
     for metric in metrics:
         losses = OWN_FEATURES.get(metric, ())
@@ -147,12 +147,12 @@ def remark_on_own_features(frame: pd.DataFrame, metrics: Sequence[str]) -> str:
 
 
 def _on_a_front(points: pd.DataFrame, trade: Trade, column: str) -> list[tuple[int, str]]:
-    """List the numbers of the settings on a front, with a column of theirs."""
+    """List the numbers of the settings on a front, with their values in a column."""
     return list(points.loc[points[trade.flags].any(axis=1), ["number", column]].itertuples(index=False, name=None))
 
 
 def _plot(table: pd.DataFrame, trade: Trade, folder: Path) -> Figure:
-    """Draw a row of panels, one for each metric, for each image, and list the settings on their fronts beside it."""
+    """Draw a row of panels for each image, one per metric, and list the settings on the fronts beside it."""
     images = list(table.groupby("picture", sort=False))[:MOST_IMAGES]
     figure = plotting.new_figure(HEIGHT * len(images))
     n = len(trade.metrics)
@@ -166,17 +166,17 @@ def _plot(table: pd.DataFrame, trade: Trade, folder: Path) -> Figure:
         text = "\n".join(plotting.label_lines(line, LINE, most=2) for line in lines)
         panels[-1].text(0, 1, text, va="top", fontsize=8.5, linespacing=1.3, color=INK, in_layout=False)
         panels[-1].axis("off")
-    plotting.add_title(figure, folder, "what is worth its cost; pareto.md has all settings")
+    plotting.add_title(figure, folder, "settings worth their cost; pareto.md has all settings")
     return figure
 
 
 def _label(key: str) -> str:
-    """Label an axis; of a quantity without a better end by its name alone."""
+    """Label an axis; a quantity without a better direction has only its name."""
     return quantities()[key].label if quantities()[key].better else quantities()[key].name
 
 
 def _panel(axes: Axes, points: pd.DataFrame, cost: str, metric: str) -> None:
-    """Draw all points, and the numbered front of one metric, near which the axis ends."""
+    """Draw all points and the numbered front of one metric, with axes that end near the front."""
     plotting.tidy(axes)
     axes.set(xlabel=_label(cost), ylabel=_label(metric))
     points = points.dropna(subset=[metric])

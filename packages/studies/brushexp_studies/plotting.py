@@ -1,4 +1,4 @@
-"""Draw static plots: colours, text, axes, strips of points."""
+"""Helpers for static plots: colours, text, axes, strips of points."""
 
 import io
 import math
@@ -18,16 +18,16 @@ from pandas import DataFrame
 
 from brushexp.contracts.files import write_bytes
 
-# Okabe and Ito (2008): the colour-blind can distinguish them; without yellow, which is faint on white.
+# Colours that colour-blind people can distinguish (Okabe and Ito, 2008), without yellow, which is faint on white.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 MARKERS = "osD^vPX"
 DASHES = ("-", "--", ":", "-.")
 INK, FAINT, GREY = "#202020", "#d8d8d8", "#9a9a9a"
 DPI = 100
 FIGURE_SIZE = (14.0, 5.0)  # inches
-TALLEST = 30.0  # inches: of a figure whose height grows with its rows
-LABEL = 28  # letters in a line of the label of a row
-LOGARITHMIC_FROM = 20.0  # ratio of largest to smallest number from which an axis is logarithmic
+TALLEST = 30.0  # maximum height in inches of a figure that grows with its rows
+LABEL = 28  # letters per line of a row's label
+LOGARITHMIC_FROM = 20.0  # ratio of largest to smallest number above which an axis is logarithmic
 
 
 def new_figure(height: float = FIGURE_SIZE[1]) -> Figure:
@@ -45,7 +45,7 @@ def tidy(axes: Axes) -> None:
 
 
 def save_figure(figure: Figure, path: Path) -> Path:
-    """Write a PNG, the same for the same figure."""
+    """Write a PNG that is byte-identical for the same figure."""
     file = io.BytesIO()
     FigureCanvasAgg(figure).print_png(file, metadata={"Software": None})  # figure.savefig draws twice
     write_bytes(path, file.getvalue())
@@ -53,7 +53,7 @@ def save_figure(figure: Figure, path: Path) -> Path:
 
 
 def draw_strips(axes: Axes, table: DataFrame, looks: Sequence[Any], bars: DataFrame | None = None) -> None:
-    """Draw a row of points for each row of a table, its columns above each other, with error ``bars``."""
+    """Draw a strip of points for each row of a table, with its columns above each other, and error ``bars``."""
     for k, look in enumerate(looks):
         places = np.arange(len(table)) + 0.8 * ((k + 0.5) / len(looks) - 0.5)
         axes.errorbar(table.iloc[:, k], places, xerr=None if bars is None else bars.iloc[:, k], ls="none", **look)
@@ -62,7 +62,7 @@ def draw_strips(axes: Axes, table: DataFrame, looks: Sequence[Any], bars: DataFr
 
 
 def fit_scale(axes: Axes, name: str, values: Iterable[float]) -> None:
-    """Make an axis (x or y) logarithmic, with plain numbers, where values are positive and differ much."""
+    """Make an axis (x or y) logarithmic, with plain numbers, if values are positive and differ widely."""
     finite = [value for value in values if math.isfinite(value)]
     if finite and min(finite) > 0 and max(finite) / min(finite) > LOGARITHMIC_FROM:
         axes.set(**{f"{name}scale": "log"})
@@ -78,18 +78,18 @@ def add_title(figure: Figure, folder: Path, text: str) -> None:
 
 
 def without_math(text: str) -> str:
-    """Put text on one line, with "?" for letters that the font lacks and dollar signs escaped."""
+    """Put text on one line, replace letters that the font lacks with "?", and escape dollar signs."""
     letters = get_font(findfont(FontProperties())).get_charmap()
     return "".join(sign if ord(sign) in letters else "?" for sign in " ".join(text.split())).replace("$", r"\$")
 
 
 def label_lines(text: str, width: int, most: int = 3) -> str:
-    """Break the text of a plot into at most ``most`` lines of ``width`` letters."""
+    """Break a label of a plot into at most ``most`` lines of ``width`` letters."""
     return wrap_text(without_math(text), width, most)
 
 
 def wrap_text(text: str, width: int, most: int = 3) -> str:
-    """Break text into at most ``most`` lines of ``width`` letters, at spaces, after signs, or within words."""
+    """Break text into at most ``most`` lines of ``width`` letters, at spaces, after punctuation, or within words."""
     marked = re.sub(r"(?<=[+,/_])", "\v", text)  # textwrap may break lines at these places
     filled = textwrap.fill(marked, width, max_lines=most, placeholder="...", replace_whitespace=False)
     return filled.replace("\v", "")

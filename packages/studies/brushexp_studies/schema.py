@@ -15,7 +15,7 @@ class CompareTask(Task):
     module = "brushexp_studies.task"
     alone = "runs"
     runs: list[str] = key(
-        MISSING, "folder of a run or sweep, or one that contains several; separate folders with commas", FOLDER
+        MISSING, "folder of a run or sweep, or a folder of several; separate folders with commas", FOLDER
     )
     cost: str | None = key(None, "metric on the axis of the fronts, such as n_strokes or bits; null = CPU seconds")
     fronts: list[str] = key([], "metrics with a Pareto front, such as [ssim,perceptual]; [] = PSNR and perceptual")

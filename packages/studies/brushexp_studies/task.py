@@ -1,4 +1,4 @@
-"""``task=compare``: put finished runs beside each other, from wherever they are."""
+"""``task=compare``: compare finished runs from any folders."""
 
 import logging
 from pathlib import Path
@@ -16,19 +16,19 @@ log = logging.getLogger(__name__)
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Write page, table, front, curves and quality at equal time of the runs in ``cfg.runs`` into this run's folder."""
+    """Write page, table, front, curves and quality at equal time for ``cfg.runs`` into this run's folder."""
     runs = gather([Path(path) for path in cfg.runs], folder)
     paintings = runs[runs["run", "image"].fillna("") != ""]
-    if paintings.empty and trade_of(runs, cfg.cost, cfg.fronts) is not None:  # networks, say
+    if paintings.empty and trade_of(runs, cfg.cost, cfg.fronts) is not None:  # networks, for example
         paintings = runs.copy()
         paintings["run", "image"] = EVERY_RUN
     if paintings.empty or over_seeds(paintings).groupby("image").size().max() < 2:
         raise UserError(
-            f"runs={','.join(cfg.runs)}: {len(paintings)} of {len(runs)} runs are finished paintings, and no two of "
-            "them are of one picture with different settings; add more with 'runs=[...]'"
+            f"runs={','.join(cfg.runs)}: {len(paintings)} of {len(runs)} runs are finished paintings, and no two "
+            "of them show one picture with different settings; add more with 'runs=[...]'"
         )
     if omitted := len(runs) - len(paintings):
-        log.info("%d of %d runs are left out: no paintings, or not finished", omitted, len(runs))
+        log.info("%d of %d runs are left out: not paintings, or not finished", omitted, len(runs))
     front = write_front_and_curves(folder, paintings, cfg.cost, cfg.fronts)
     write_run_tables(folder, paintings)
     write_sweep_page(folder, paintings)

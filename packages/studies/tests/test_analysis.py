@@ -1,4 +1,4 @@
-"""Brushwork analysis: known strokes have known measures, paintings compare, tables and figures say what was found."""
+"""Brushwork analysis gives known strokes their known measures, compares paintings, and writes tables and figures."""
 
 import math
 from dataclasses import replace
@@ -55,7 +55,7 @@ def analysis_of_random(n: int = 60, seed: int = 0, name: str = "one", size: tupl
 
 
 def combed(n: int, angle: float = 0.5) -> Strokes:
-    """Straight parallel strokes."""
+    """Make straight parallel strokes."""
     made = random_strokes(n, SIZE, width=(0.2, 0.2))
     way = torch.tensor([math.cos(angle), math.sin(angle)]).expand(n, 2)
     return replace(made, start=-0.5 * way, control=0 * way, end=0.5 * way, scale=torch.full((n,), 12.0))
@@ -78,7 +78,7 @@ def test_a_dot_has_no_direction_and_what_is_not_defined_is_nan():
     assert (one.length[0], one.curvature[0]) == (0, 0)
     assert one.area[0] == pytest.approx(math.pi * 4)
     assert np.isnan([one.straightness[0], one.orientation[0]]).all()
-    assert one.coherence[0] == pytest.approx(1)  # of the one direction there is
+    assert one.coherence[0] == pytest.approx(1)  # only one direction exists
     assert one.aligned.tolist() == [0, 0]
     assert one.neighbours.tolist() == [1, 1]
     assert np.isnan(measured(straight((10, 10), (30, 10), width=0)).elongatedness).all()
@@ -115,7 +115,7 @@ def test_what_lies_above_hides_a_stroke_and_visible_shares_agree_with_the_obviou
     below, cover = straight((20, 30), (40, 30), width=6), straight((10, 30), (60, 30), width=20)
     assert measured(Strokes.join(below, cover)).visible == pytest.approx([0, 1], abs=2e-3)
     assert measured(straight((300, 300), (320, 300))).visible == 0
-    ends = (4000, 4000), (9000, 4000)  # a huge canvas is looked at reduced
+    ends = (4000, 4000), (9000, 4000)  # a huge canvas is analysed at a reduced size
     strokes = Strokes.join(straight(*ends, width=500), straight(*ends, width=900))
     assert measured(strokes, (8000, 12_000)).visible == pytest.approx([0, 1], abs=2e-3)
     strokes = random_strokes(15, SIZE, width=(0.1, 0.3))
@@ -160,7 +160,7 @@ def test_faint_and_thin_strokes_are_left_out_and_hidden_ones_if_asked():
 
 @pytest.mark.parametrize("strokes", [Strokes.none(), straight((10, 10), (20, 20), opacity=0.01)])
 def test_a_painting_of_nothing_is_refused(strokes):
-    words = r"against=x.h5: none of its \d strokes can be seen"
+    words = r"against=x.h5: none of its \d strokes is visible"
     refuses(words, analysis_of, saved(strokes), "x", "x.h5", option="against")
 
 

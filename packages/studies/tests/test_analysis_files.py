@@ -1,4 +1,4 @@
-"""What an analysis writes: tables that can be read back, marks of sizes that were set, figures, files of the task."""
+"""An analysis writes tables that can be read back, marks of sizes determined by settings, figures and other files."""
 
 import csv
 import io

@@ -1,4 +1,4 @@
-"""Runs from anywhere are compared: at equal time, at equal quality, and on one front."""
+"""Runs from any folders are compared at equal time, at equal quality, and on one front."""
 
 import shlex
 import warnings
@@ -29,7 +29,7 @@ def single_run(folder: Path, *words: str, **numbers: object) -> Path:
 
 
 def sweep(folder: Path, *settings: str, **numbers: object) -> None:
-    """Write the files of a sweep with one override a job."""
+    """Write the files of a sweep with one override per job."""
     for k, setting in enumerate(settings):
         single_run(folder / str(k), setting, loss="mse", **numbers)
 
@@ -84,7 +84,7 @@ def test_a_folder_without_runs_is_explained(tmp_path, name, reason):
 
 @pytest.fixture
 def compare(tmp_path, config):
-    """Run the task in this process; it returns the folder and the figures."""
+    """Run the task in this process; return the folder and the metrics."""
     folder = tmp_path / "compared"
 
     def run(*overrides: str):
@@ -122,7 +122,7 @@ COSTS = st.lists(st.tuples(st.integers(0, 6), st.integers(0, 6)), min_size=1, ma
 
 
 def make_sweep(folder: Path) -> None:
-    """Four settings; steps=3 is beaten in PSNR by steps=2, and steps=4 in all by everything."""
+    """Write four settings; steps=2 beats steps=3 in PSNR, and all beat steps=4 in everything."""
     rows = ((4, 8.0, 15, 0.4), (1, 1.0, 20, 0.3), (2, 2.0, 25, 0.2), (3, 4.0, 24, 0.1))
     for steps, seconds, psnr, perceptual in rows:
         numbers = {"seconds": seconds, "psnr": psnr, "perceptual": perceptual}
@@ -166,7 +166,7 @@ def test_the_cost_is_cpu_seconds_where_every_run_has_them_or_what_a_key_says(tmp
     frame = collect(tmp_path)
     assert trade_of(frame) == Trade("cpu_seconds", ("psnr",))
     assert front_table(frame, trade_of(frame))["front_psnr"].tolist() == [True] * 3
-    by_strokes = front_table(frame, trade_of(frame, "n_strokes", ["l1"]))  # 100 strokes have the least error
+    by_strokes = front_table(frame, trade_of(frame, "n_strokes", ["l1"]))  # 100 strokes have the smallest error
     assert list(zip(by_strokes["overrides"], by_strokes["front_l1"], strict=True)) == [
         ("steps=2", True), ("steps=1", True), ("steps=3", False),
     ]  # fmt: skip
@@ -209,7 +209,7 @@ def test_pictures_are_never_mixed(tmp_path):
 
 @pytest.mark.parametrize(("images", "targets", "names"), [
     ("aa", (100, 101), ["a.png, 30 x 20 pixels", "a.png, 30 x 20 pixels (2)"]),
-    ("ab", (None, None), ["a.png", "b.png"]),  # the targets were not kept
+    ("ab", (None, None), ["a.png", "b.png"]),  # targets were not kept
 ])  # fmt: skip
 def test_pictures_have_names_of_their_own(tmp_path, images, targets, names):
     for image, target in zip(images, targets, strict=True):

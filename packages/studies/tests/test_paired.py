@@ -1,4 +1,4 @@
-"""Paired differences and effects: SciPy's paired t test, verdicts that keep to their rule, and their plots."""
+"""Paired differences agree with SciPy's paired t test, verdicts follow their rule, and effects are plotted."""
 
 import json
 import math
@@ -29,7 +29,7 @@ PICTURES = ("a", "b", "c", "d")
 
 
 def make_study(folder, psnr=(A, B, C), units=PICTURES, key="image", **noted):
-    """A sweep of as many settings as there are rows, over pictures or seeds; None is a job that failed."""
+    """Write a sweep with one setting per row, over pictures or seeds; None is a failed job."""
     for unit, *values in zip(units, *psnr, strict=True):
         for k, value in enumerate(values):
             numbers = {"psnr": value, "seconds": 2.0 + k} if value is not None else {"status": "failed"}
@@ -106,13 +106,13 @@ def test_one_setting_or_one_picture_is_no_study(tmp_path, psnr, units):
     ((0.01, -0.01, 0.02, -0.02), "same"),
     ((0.5, -0.4, 0.3, 0.1), "not decided"),
     ((1.0, 1.0, 1.0, -1.0, -1.0, -1.0), "depends"),
-    ((1.0, 1.1, 1.2, 1.0, 0.9, 1.0, 1.1, -0.2, -0.2, -0.2), "depends"),  # though the mean is better
-    ((0.05, 0.05, 0.05, -0.05, -0.05, -0.05), "same"),  # by less than matters
-    ((0.05, 0.06, 0.04, 0.05), "same"),  # for sure, but too little to matter
+    ((1.0, 1.1, 1.2, 1.0, 0.9, 1.0, 1.1, -0.2, -0.2, -0.2), "depends"),  # although the mean is better
+    ((0.05, 0.05, 0.05, -0.05, -0.05, -0.05), "same"),  # differences too small to matter
+    ((0.05, 0.06, 0.04, 0.05), "same"),  # significant, but too small to matter
     ((0.11, 0.12, 0.13, 0.12), "better"),
-    ((*(17 * (1.0,)), *(3 * (-1.0,))), "better"),  # 3 of 20 are too few for an answer that depends on the picture
+    ((*(17 * (1.0,)), *(3 * (-1.0,))), "better"),  # 3 of 20 are too few for "depends"
     ((*(16 * (1.0,)), *(4 * (-1.0,))), "depends"),
-    ((0.5, 0.6), "not decided"),  # too few
+    ((0.5, 0.6), "not decided"),  # too few units
     ((0.5,), "not decided"),
 ])  # fmt: skip
 def test_verdicts_keep_to_the_rule(gains, verdict):
@@ -120,9 +120,9 @@ def test_verdicts_keep_to_the_rule(gains, verdict):
 
 
 def test_a_verdict_is_told_with_its_numbers():
-    many = gap(0.5, 1.5, metric="seconds", confidence=1 - 0.05 / 200)  # with one degree of freedom: exp overflows
+    many = gap(0.5, 1.5, metric="seconds", confidence=1 - 0.05 / 200)  # one degree of freedom: exp overflows
     assert many.bounds == "[x 0.00, x inf]"
-    unknown = gap(*3 * (1e-9,), *3 * (-1e-9,), metric="style_poly")  # of which no difference is known to matter
+    unknown = gap(*3 * (1e-9,), *3 * (-1e-9,), metric="style_poly")  # a metric without a known difference that matters
     assert unknown.verdict == "not decided"
     assert gap(0.5, 0.6, 0.4, 0.5).sentence == "better: +0.50 [+0.37, +0.63]"
     assert gap(0.01, 0.0, 0.02).sentence == "no difference that matters: +0.01 [-0.01, +0.03]"
@@ -197,12 +197,12 @@ def test_failed_and_interrupted_runs_are_left_out_but_not_those_that_stopped_ear
     [({"seed": "0"}, 20.0), ({"seed": "1"}, 21.0)],
     [({"lr": "1"}, 20.0), ({"lr": "2"}, None)],
     [({"lr": "1"}, None), ({"lr": "2"}, None)],
-    [(chosen, 20.0) for chosen in ({}, *({key: value} for key in "abc" for value in "12"))],  # a list, no grid
+    [(chosen, 20.0) for chosen in ({}, *({key: value} for key in "abc" for value in "12"))],  # a list, not a grid
 ])  # fmt: skip
 def test_nothing_to_compare_gives_no_plot(tmp_path, runs):
     for chosen, psnr in runs:
         make_run(tmp_path, chosen, psnr=psnr)
-    (tmp_path / "effect.png").touch()  # of the first jobs
+    (tmp_path / "effect.png").touch()  # written for the first jobs
     assert drawn(tmp_path) is None
     assert write_curves(tmp_path, collect(tmp_path)) is None
     assert list(tmp_path.glob("*.png")) == []
@@ -218,7 +218,7 @@ def test_nothing_to_compare_gives_no_plot(tmp_path, runs):
 def test_every_plot_is_drawn_whole(tmp_path, axes, heights):
     make_grid(tmp_path, axes)
     with warnings.catch_warnings():
-        warnings.simplefilter("error")  # the layout never gives up
+        warnings.simplefilter("error")  # layout warnings would raise errors
         path = drawn(tmp_path)
     with Image.open(path) as picture:
         pixels = np.asarray(picture.convert("L"))
@@ -226,7 +226,7 @@ def test_every_plot_is_drawn_whole(tmp_path, axes, heights):
     if heights:
         assert heights[0] <= pixels.shape[0] <= heights[1]
         for edge in (pixels[:2], pixels[-2:], pixels[:, :2], pixels[:, -2:]):
-            assert edge.min() > 250, "there is white all around"
+            assert edge.min() > 250, "the border is white"
 
 
 def test_values_are_shortened_as_long_as_they_differ():
@@ -250,7 +250,7 @@ def test_a_report_has_its_plots(tmp_path):
     make_grid(tmp_path, {"init": ["grid", "slic"]}, anytime=CURVE)
     before = drawn(tmp_path).read_bytes()
     renew_sweep_report(tmp_path)
-    assert (tmp_path / "effect.png").read_bytes() == before, "the same every time"
+    assert (tmp_path / "effect.png").read_bytes() == before, "the file is byte-identical every time"
     assert {path.name for path in tmp_path.glob("*.png")} == {"effect.png", "curves.png", "pareto.png"}
     assert {path.name for path in tmp_path.glob("*.md")} == {"table.md", "anytime.md", "pareto.md"}
     assert json.loads((tmp_path / "0" / "metrics.json").read_text())["psnr"] == 20.0

@@ -1,4 +1,4 @@
-"""Build the left side of the page: picture, look, strokes, time, focus and style."""
+"""Build the left side of the page: picture, look, strokes, time, canvas, focus, style, paper, palette and tubes."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -26,9 +26,9 @@ from brushexp_studio.wishes import (
     planned_strokes,
 )
 
-SECONDS = "seconds"  # a choice beside the qualities
-NONE = ""  # key of no picture
-FEWEST_STROKES, MOST_STROKES, NOTCHES = 50, 10_000, 80  # strokes, and positions of their slider
+SECONDS = "seconds"  # alternative to the qualities
+NONE = ""  # key for no picture
+FEWEST_STROKES, MOST_STROKES, NOTCHES = 50, 10_000, 80  # range of the slider for strokes, and its positions
 
 
 class Controls:
@@ -37,9 +37,9 @@ class Controls:
     def __init__(self, visit: Visit, complain: Callable[[str], None]) -> None:
         self.visit, self.complain = visit, complain
         self.displayed: dict[str, Photo | None] = {}
-        self.asked: Wishes | None = None  # what strokes were planned for last
-        self.samples: dict[str, Tag] = {}  # pictures of the looks
-        self.thumbs: dict[str, dict[str, Button]] = {}  # of pictures and of styles, by their keys
+        self.asked: Wishes | None = None  # choices for which the shown number of strokes was planned
+        self.samples: dict[str, Tag] = {}  # pictures of looks
+        self.thumbs: dict[str, dict[str, Button]] = {}  # thumbnails of pictures and of styles, by key
         with Tag("section", "controls", aria_label="What to paint and how"):
             with part("Picture"):
                 self.pictures = Tag("div", "thumbs", role="group", aria_label="Picture")
@@ -88,7 +88,7 @@ class Controls:
                 self.show_drafts()
                 background_tasks.create(self._renew_strokes())
             key = chosen.key if chosen else NONE
-            # Otherwise they stay, because a click on a removed one would be lost.
+            # Existing thumbnails stay, because a click on a removed one would be lost.
             if key not in self.thumbs.get(name, ()):
                 place.clear()
                 with place:
@@ -103,9 +103,9 @@ class Controls:
             sample.set(src=address or f"/looks/{look}.webp")
 
     def _thumbs(self, name: str, chosen: Photo | None, take: Callable[[Photo], None]) -> dict[str, Button]:
-        """Add the choices: samples, or paintings as styles, and the visitor's own picture."""
+        """Add the choices: samples, or paintings for styles, and the visitor's own picture."""
         none = Button("None", lambda: self._take_style(None), classes="drop") if name == "style" else None
-        whole = name == "picture"  # a file dropped anywhere on the page
+        whole = name == "picture"  # accepts a file dropped anywhere on the page
         own = {"name": f"Your own {name}", "text": "Your own", "address": "/photos", "whole": whole}
         Drop(partial(self.receive, take=take), **own)
         shipped = SAMPLES if name == "picture" else tuple(PAINTINGS)
@@ -118,8 +118,8 @@ class Controls:
         async def choose() -> None:
             self.visit.reading += 1
             try:
-                photo = await run.io_bound(lambda: self.visit.photos[key])  # the first time it is read
-                if photo is not None:  # the studio is not about to end
+                photo = await run.io_bound(lambda: self.visit.photos[key])  # the first access reads the file
+                if photo is not None:  # None if the studio is closing
                     take(photo)
             finally:
                 self.visit.reading -= 1
@@ -214,13 +214,13 @@ class Controls:
         self.visit.notify()
 
     async def _renew_strokes(self) -> None:
-        """Show how many strokes there will be and whether their size can be chosen."""
+        """Show the planned number of strokes and whether their size can be chosen."""
         wishes = self.visit.wishes
         if wishes.photo is None:
             return
         self.asked = asked = replace(wishes)
         plan = await run.io_bound(lambda: (planned_strokes(asked), own_size(asked.look)))
-        if asked is not self.asked:  # another choice was made meanwhile, and its plan may already be here
+        if asked is not self.asked:  # superseded by a later choice, whose plan may already be shown
             return
         if plan and wishes.strokes is None:
             self.number.show(f"set by the look: {plan[0]:,}")

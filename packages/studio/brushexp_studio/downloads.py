@@ -12,19 +12,19 @@ from brushexp.contracts.families import ExportJob
 from brushexp_studio.plans import Plan
 from brushexp_studio.prints import Print
 
-PRINTS = "print"  # folder of these files in that of the painting
+PRINTS = "print"  # name of the folder of these files in the painting's folder
 MAKING, MADE, BROKEN = "making", "made", "broken"
 
 
 class Painted(Protocol):
-    """A finished painting and its files, from which others are made."""
+    """A finished painting and its files, from which other files are made."""
 
     folder: Path
     painting: Any  # a `brushexp.Painting`, or None if it was not kept
 
     @property
     def name(self) -> str:
-        """The name of saved files."""
+        """Name of saved files."""
 
     @property
     def ratio(self) -> float:
@@ -43,10 +43,10 @@ class Painted(Protocol):
 class Form:
     """A kind of file made on request."""
 
-    title: str  # on its button
-    what: str  # one line about it
+    title: str  # label of its button
+    what: str  # description in one line
     is_print: bool = False  # whether it has a size on paper
-    draws: int | None = 1  # times that the picture is drawn for it; None if nobody knows before
+    draws: int | None = 1  # number of times that the picture is drawn; None if unknown in advance
 
 
 FORMS = {
@@ -60,7 +60,7 @@ FORMS = {
 
 
 def possible_forms(work: Painted) -> dict[str, Form]:
-    """List the files that can be made of a painting; PSD needs an extra, a plan needs tubes."""
+    """List the files that can be made from a painting; PSD needs an extra, and a plan needs tubes."""
     missing = {"psd"} if find_spec("psd_tools") is None else set()
     if not work.has_tubes:
         missing.add("plan")
@@ -72,11 +72,11 @@ class Download:
     """A file being made, or finished."""
 
     form: str
-    choice: Print | Plan | None = None  # what the visitor has chosen about it
+    choice: Print | Plan | None = None  # the visitor's choice of size or difficulty
     status: str = MAKING
-    share: float | None = 0.0  # of the work that is done, 0 to 1; None if nobody knows
-    path: Path | None = None  # once it is made
-    trouble: str = ""  # why it cannot be made, in one line
+    share: float | None = 0.0  # finished share of the work, 0 to 1; None if unknown
+    path: Path | None = None  # path of the finished file
+    trouble: str = ""  # reason for a failure in one line
 
     @property
     def words(self) -> str:
@@ -92,7 +92,7 @@ class Download:
 
 @dataclass(frozen=True)
 class WatchedJob(ExportJob):
-    """An export job that reports to ``watch`` the share of the picture in each drawn band."""
+    """An export job that reports the share of the picture in each drawn band to ``watch``."""
 
     watch: Callable[[float], None] = field(default=lambda share: None, kw_only=True)
 
@@ -107,7 +107,7 @@ class Stopped(Exception):
 
 
 def make_file(work: Painted, download: Download, tell: Callable[[float | None], None]) -> Path:
-    """Make a file of a finished painting and ``tell`` the finished share; raise a UserError if that is impossible."""
+    """Make a file of a finished painting and ``tell`` the finished share; raise UserError if that is impossible."""
     folder = work.folder / PRINTS
     folder.mkdir(parents=True, exist_ok=True)
     if download.form == "zip":

@@ -16,18 +16,18 @@ from brushexp_studio.photos import JPEG, Photo
 from brushexp_studio.works import Works
 
 log = logging.getLogger(__name__)
-SIDE = 192  # pixels of the longer side of a draft
-MOST_DRAFTS = 300  # that are kept, the oldest go
-PAUSE = 0.3  # seconds between two looks for something to do
-NICENESS = 10  # of the thread, where the system has such a thing for threads
+SIDE = 192  # longer side of a draft in pixels
+MOST_DRAFTS = 300  # maximum number of drafts kept; the oldest are dropped
+PAUSE = 0.3  # seconds between two checks for work
+NICENESS = 10  # niceness of the thread on systems with niceness per thread
 
 
 class Drafts:
-    """Drafts of photographs by key and look, painted one at a time, and not while a painting is running or waiting."""
+    """Drafts of photographs by key and look, painted one at a time while no painting is running or waiting."""
 
     def __init__(self, works: Works) -> None:
         self.works = works
-        self.pictures: dict[tuple[str, str], bytes] = {}  # JPEG by photograph and look; empty where a look failed
+        self.pictures: dict[tuple[str, str], bytes] = {}  # JPEGs by photograph and look; empty if a look failed
         self._wanted: tuple[Photo, list[str]] | None = None
         self._closing = Event()
         self._thread: Thread | None = None
@@ -40,7 +40,7 @@ class Drafts:
             self._thread.start()
 
     def address(self, photo: Photo | None, look: str) -> str | None:
-        """Return the address of a draft; None if there is none."""
+        """Return the address of a draft, or None if it does not exist."""
         return f"/drafts/{photo.key}/{look}.jpg" if photo and self.pictures.get((photo.key, look)) else None
 
     def close(self) -> None:
@@ -66,7 +66,7 @@ class Drafts:
                 self.works.version += 1
 
     def _next(self) -> tuple[Photo, str] | None:
-        """Return the next draft to paint; None if there is nothing to do."""
+        """Return the next draft to paint, or None if there is nothing to do."""
         if self._wanted is None:
             return None
         photo, looks = self._wanted
@@ -76,7 +76,7 @@ class Drafts:
         return self.works.is_warm.is_set() and self.works.current is None and not self._closing.is_set()
 
     def _paint(self, photo: Photo, look: str) -> bytes | None:
-        """Paint a draft; None if something more urgent comes, empty bytes if the look fails."""
+        """Paint a draft; return None if more urgent work arrives, and empty bytes if the look fails."""
         keys: dict[str, Any] = {"look": look, "quality": "draft", "resolution": min(SIDE, max(photo.size))}
         try:
             if not self._may_paint():

@@ -20,7 +20,7 @@ from brushexp_studio.visit import BLEND, COMPARE, PAINTING, PHOTOGRAPH, REPLAY, 
 from brushexp_studio.wishes import Wishes
 from brushexp_studio.works import DONE, FAILED, GLANCE, WAITING, Work
 
-FILES = {  # names on the page; a film is one of two kinds
+FILES = {  # names on the page; a film is either an MP4 or a GIF
     "painting.png": "PNG",
     "strokes.svg": "SVG",
     "catalogue.h5": "Strokes",
@@ -35,9 +35,9 @@ class Easel:
 
     def __init__(self, visit: Visit, receive: Any, begin: Callable[[Wishes], None]) -> None:
         self.visit, self.receive, self.begin = visit, receive, begin
-        self.touched: Path | None = None  # mask of the place to touch up
+        self.touched: Path | None = None  # mask of the place to repaint
         self.state: tuple[Any, ...] = ()
-        self.made: tuple[tuple[str, str], ...] = ()  # forms of files, and how far they are
+        self.made: tuple[tuple[str, str], ...] = ()  # forms of files and their progress
         with Tag("section", "easel", aria_label="The picture"):
             self.views = Tag("div", "chips", role="group", aria_label="View")
             self.place = Tag("div", "place")
@@ -46,7 +46,7 @@ class Easel:
             self.prints = PrintControls(visit, self._show_files)
             self.strip = Tag("div", "strip", role="group", aria_label="Paintings of this session")
         self.live: Tag | None = None
-        self.making: dict[str, tuple[Tag, Tag]] = {}  # words and bars of files that are being made, by their forms
+        self.making: dict[str, tuple[Tag, Tag]] = {}  # texts and progress bars of files being made, by form
         visit.listeners.append(self.show)
         self.show()
 
@@ -70,7 +70,7 @@ class Easel:
         self.renew()
 
     def renew(self) -> None:
-        """Show the latest picture of the painting, and redraw the rest if more has changed."""
+        """Show the latest picture of the painting, and redraw everything if more has changed."""
         work, works = self.visit.work, self.visit.works
         made = tuple((key, download.status) for key, download in work.downloads.items()) if work else ()
         state = (len(works.all), work and (work.number, work.status), bool(work and work.frames))
@@ -84,7 +84,7 @@ class Easel:
         self._renew_files()
         if work and work.frames and self.live:
             self.live.set(src=work.address)
-        has_caption = work and work.frames and self.visit.view in (PAINTING, COMPARE)  # a replay has its own
+        has_caption = work and work.frames and self.visit.view in (PAINTING, COMPARE)  # a replay has its own caption
         self.caption.set_text(work.frames[work.last][1] if work and has_caption else "")
 
     def _choose(self, view: str) -> None:
@@ -145,7 +145,7 @@ class Easel:
             with Tag("div", "row tools"):
                 Tag("button", "choice", "Show it alone", type="button", data_zoom=".place .stage img")
         elif work.status == WAITING and self.visit.works.before(work):
-            Tag("p", "caption hint", "It will be painted after those before it.")
+            Tag("p", "caption hint", "It will be painted after the paintings before it.")
 
     def _compare(self) -> None:
         work, other = self._work, self.visit.against
@@ -180,7 +180,7 @@ class Easel:
         address = f"/photos/{work.wishes.subject.key}/masks"
         mask = Mask(take, picture=work.address, ratio=work.ratio, address=address, before="", **words)
         mask.style(f"--ratio: {work.ratio}")
-        Tag("p", "caption hint", "Paint over a place to repaint it; everything else stays.")
+        Tag("p", "caption hint", "Paint over a place to repaint it; everything else stays as it is.")
         with Tag("div", "row tools", role="group", aria_label="Touch up"):
             for how, title in HOWS.items():
                 buttons.append(Button(title, partial(self._begin_touch, work, how)))
@@ -231,10 +231,10 @@ class Easel:
             Tag("small", text=describe_file(work.files[name], work.wishes.canvas))
 
     def _show_form(self, key: str, form: Form, work: Work) -> None:
-        """Add a file made on request: first a button, then its progress, then a link."""
+        """Add a file made on request, shown first as a button, then as its progress, then as a link."""
         download = work.downloads.get(key)
         if download and download.status != MAKING and download.choice != self._choice_for(key):
-            download = None  # of another size or difficulty
+            download = None  # made for another size or difficulty
         with Tag("li"):
             if download and download.status == MADE:
                 Tag("a", "button", form.title, href=f"/works/{work.number}/made/{key}", download="")
@@ -251,7 +251,7 @@ class Easel:
                 chips("Difficulty of the plan", DIFFICULTIES, self.visit.plan.difficulty, self._take_difficulty)
 
     def _choice_for(self, key: str) -> Print | Plan | None:
-        """Return what this tab has chosen about a file to make."""
+        """Return this tab's choice of size or difficulty for a file."""
         if FORMS[key].is_print:
             return self.visit.paper
         return self.visit.plan if key == "plan" else None

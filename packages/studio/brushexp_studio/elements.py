@@ -1,4 +1,4 @@
-"""Define the elements of the page: plain HTML in the style of run pages, and six with scripts."""
+"""Define the elements of the page: plain HTML in the style of run pages, and six elements with scripts."""
 
 from collections.abc import Callable
 from functools import partial
@@ -17,7 +17,7 @@ class Tag(TextElement):
         self.set(**attributes)
 
     def set(self, **attributes: Any) -> None:
-        """Change attributes; None removes one."""
+        """Change attributes; None removes an attribute."""
         for name, value in attributes.items():
             attribute = name.replace("_", "-")
             if value is None:
@@ -27,7 +27,7 @@ class Tag(TextElement):
 
 
 class Button(Tag):
-    """A button that calls ``do``; a choice is ``pressed`` or not."""
+    """A button that calls ``do``; ``pressed`` is its state if it is a choice."""
 
     def __init__(
         self, text: str, do: Callable[[], Any], *, pressed: bool | None = None, classes: str = "button"
@@ -66,7 +66,7 @@ class Frames(Scripted, component="web/frames.js"):
 
 
 class Blend(Scripted, component="web/blend.js"):
-    """A slider from a photograph to its painting: addresses ``photograph``, ``painting``, and ``saved`` of a blend."""
+    """A slider from a photograph to its painting: addresses ``photograph``, ``painting`` and ``saved`` (the blend)."""
 
 
 class Mask(Scripted, component="web/mask.js"):
@@ -88,7 +88,7 @@ class Slide(Scripted, component="web/slide.js"):
 
 
 def chips(name: str, choices: dict[Any, str], chosen: Any, choose: Callable[[Any], Any]) -> dict[Any, Button]:
-    """Add a group of buttons, one of them pressed, and return them by key; ``choose`` receives a key."""
+    """Add a group of buttons, one of them pressed, and return the buttons by key; ``choose`` receives a key."""
     buttons: dict[Any, Button] = {}
 
     def press(key: Any) -> Any:

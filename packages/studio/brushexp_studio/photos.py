@@ -1,4 +1,4 @@
-"""Store uploaded pictures and samples; each is read once and kept as a plain PNG."""
+"""Store uploaded pictures and samples; each picture is read once and kept as a plain PNG."""
 
 import itertools
 import logging
@@ -20,9 +20,9 @@ from brushexp.contracts.pictures import check_ratio, read_picture, samples
 
 LARGEST_UPLOAD = 2**26  # bytes of a file from the browser
 LONGEST_NAME = 60  # letters
-LARGEST_SIDE = 2048  # pixels: no larger canvas can be chosen
+LARGEST_SIDE = 2048  # pixels; no larger canvas can be chosen
 JPEG: dict[str, Any] = {"format": "JPEG", "quality": 90}  # options of pictures on the page
-SAMPLES = ("astronaut", "grace_hopper", "chelsea", "coffee", "rocket")  # of skimage and matplotlib
+SAMPLES = ("astronaut", "grace_hopper", "chelsea", "coffee", "rocket")  # shipped with scikit-image and Matplotlib
 PAINTINGS = {  # samples of styles: key -> file; made with look=vangogh and look=gouache at 512 pixels
     "rocket_after_van_gogh": Path(__file__).parent / "paintings" / "rocket_after_van_gogh.webp",
     "coffee_in_gouache": Path(__file__).parent / "paintings" / "coffee_in_gouache.webp",
@@ -34,10 +34,10 @@ class Photo:
     """A picture as a PNG in the session's folder."""
 
     key: str
-    name: str  # of the user's file or of a sample; the path of a painting
+    name: str  # name of the user's file or of a sample, or path of a painting
     path: Path
     size: tuple[int, int]  # height, width
-    remark: str = ""  # what its file has told: that it is cut short, or may be damaged
+    remark: str = ""  # warnings about the file, for example that it is cut short or may be damaged
 
     @property
     def ratio(self) -> float:
@@ -58,25 +58,25 @@ class Photos:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.masks: dict[str, Path] = {}  # by their stems
+        self.masks: dict[str, Path] = {}  # masks by stem
         self._photos: dict[str, Photo] = {}
         self._numbers = itertools.count(1)
-        self._reading = RLock()  # one at a time: they may be large, and remarks are read from stderr
+        self._reading = RLock()  # one picture at a time: pictures may be large, and remarks are read from stderr
 
     def __getitem__(self, key: str) -> Photo:
-        """Return a picture by key, or a sample or painting by name; raise a UserError if there is none."""
+        """Return a picture by key, or a sample or painting by name; raise UserError if it does not exist."""
         with self._reading:
             if key in SAMPLES and key not in self._photos:
                 self._photos[key] = self._store(samples()[key], key, key)
             if key in PAINTINGS and key not in self._photos:
                 path = PAINTINGS[key]
-                self._photos[key] = self._store(path, key, str(path))  # so that its command names the file
+                self._photos[key] = self._store(path, key, str(path))  # the painting's command names this path
         if key not in self._photos:
             raise UserError("this picture no longer exists; choose it again")
         return self._photos[key]
 
     def add(self, received: Path, name: str) -> Photo:
-        """Read an uploaded file with its name; refuse (UserError) anything but a picture."""
+        """Read an uploaded file with its name; raise UserError for anything but a picture."""
         key = f"photo{next(self._numbers)}"
         path = Path("".join(letter for letter in name if letter.isprintable()) or "picture")
         short = path.stem[:LONGEST_NAME] + path.suffix[:LONGEST_NAME] or "picture"
@@ -87,7 +87,7 @@ class Photos:
         return self._photos[key]
 
     def add_mask(self, received: Path, photo: Photo) -> str | None:
-        """Store a mask for a picture; return its key, or None for an empty mask. A UserError refuses a wrong size."""
+        """Store a mask for a picture and return its key, or None if it is empty; raise UserError for a wrong size."""
         with self._reading:
             grey = read_picture(received, key="mask").max(2)
             check_ratio("the mask", grey.shape, photo.size, "focus")

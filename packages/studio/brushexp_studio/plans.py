@@ -8,13 +8,13 @@ DIFFICULTIES = {"": "As painted", "easy": "Easy", "medium": "Medium", "hard": "H
 
 @dataclass(frozen=True)
 class Plan:
-    """A plan of one of the ``DIFFICULTIES``."""
+    """A plan with one of the ``DIFFICULTIES``."""
 
     difficulty: str = ""
 
     @property
     def label(self) -> str:
-        """Its part of the name of a saved file."""
+        """The plan's part of a saved file's name."""
         return self.difficulty
 
     def options(self, ratio: float) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Choose the size of a print: the paper or a length, the treatment of edges, and the number of pixels."""
+"""Compute the size of a print from the paper or a length, the treatment of edges, and the number of pixels."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -7,7 +7,7 @@ from brushexp.contracts.members import CM, DPI
 
 SQUARE, OWN = "Square", "Own size"
 PAPERS = {"A5": (21.0, 14.8), "A4": (29.7, 21.0), "A3": (42.0, 29.7), "A2": (59.4, 42.0)}  # cm, longer side first
-MOST_PIXELS = 5000  # of the longer side: more than 300 dpi on A3, and large prints are looked at from farther away
+MOST_PIXELS = 5000  # on the longer side: more than 300 dpi on A3; larger prints are viewed from farther away
 
 
 @dataclass(frozen=True)
@@ -15,28 +15,28 @@ class Print:
     """A size on paper; paper is measured in cm, margin and bleed in mm."""
 
     paper: str = "A4"
-    side: float = 30.0  # cm: of a square, or the longer side of a picture of its own size
+    side: float = 30.0  # side in cm of a square, or longer side in cm of a picture with its own proportions
     fill: bool = False  # whether the picture is cropped to the shape of the paper
     margin: float = 0.0  # mm of white paper on each side
-    bleed: float = 0.0  # mm beyond the edge on each side, to be cut off
+    bleed: float = 0.0  # mm beyond the edge on each side, to be trimmed
 
     @property
     def label(self) -> str:
-        """Its part of the name of a saved file."""
+        """The print's part of a saved file's name."""
         return self.paper.replace(" ", "_")
 
     @property
     def is_cropped(self) -> bool:
-        """Tell whether the picture takes the shape of the paper: always on a square, never at its own size."""
+        """Check whether the picture takes the shape of the paper: always on a square, never in its own proportions."""
         return self.paper == SQUARE or (self.paper in PAPERS and self.fill)
 
     def box(self, ratio: float) -> tuple[float, float]:
-        """Compute width and height of the paper in cm for a picture with a ``ratio`` (width / height)."""
+        """Compute the width and height of the paper in cm for a picture with a ``ratio`` (width / height)."""
         longer, shorter = PAPERS.get(self.paper, (self.side, self.side))
         return (longer, shorter) if ratio >= 1 else (shorter, longer)
 
     def size(self, ratio: float) -> tuple[float, float]:
-        """Compute width and height of the print in cm, without bleed.
+        """Compute the width and height of the print in cm, without bleed.
 
         >>> Print("A4").size(1.5), Print("A4", fill=True).size(1.5), Print("Square", side=20).size(0.7)
         ((29.7, 19.8), (29.7, 21.0), (20, 20))
@@ -44,12 +44,12 @@ class Print:
         width, height = self.box(ratio)
         if self.is_cropped:
             return width, height
-        around = self.margin / 5  # both sides, in cm
+        around = self.margin / 5  # both margins together, in cm
         across = min(width - around, (height - around) * ratio)
         return round(across + around, 1), round(across / ratio + around, 1)
 
     def dpi(self, ratio: float) -> int:
-        """Compute pixels per inch: 300, or fewer if the print would have more than `MOST_PIXELS`.
+        """Compute the pixels per inch: 300, or fewer if the print would have more than `MOST_PIXELS`.
 
         >>> Print("A4").dpi(1.5), Print("A2").dpi(1.5)
         (300, 213)

@@ -20,7 +20,7 @@ class StudioTask(Task):
     module = "brushexp_studio.task"
 
     output: str = key("${scratch:}", "folder for the log; by default no log is kept")
-    keep: str | None = key(None, "folder for finished paintings; null = they are deleted with the page")
+    keep: str | None = key(None, "folder for finished paintings; null = delete them when the studio closes")
     port: int = key(0, "port of the server, 1 to 65535; 0 = any free port", between(0, 65535))
     open: bool = key(True, "whether to open the page in the browser; false = only print the address")
 
@@ -40,7 +40,7 @@ class ViewTask(Task):
 
     @staticmethod
     def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
-        """Check that there is something to view."""
+        """Check that a page exists to view."""
         from brushexp_studio.view import newest_run  # noqa: PLC0415  (``--help`` does not need it)
 
         if cfg.catalogue is None:

@@ -29,8 +29,8 @@ from brushexp_studio.serving import HOST, port_error
 from brushexp_studio.tab import add_page
 from brushexp_studio.works import Works
 
-LOOKS = Path(__file__).parent / "looks"  # samples, of docs/site/look_samples.py
-NAMES = [HOST, "localhost", "[::1]"]  # of this machine; pages of others may use another name for it
+LOOKS = Path(__file__).parent / "looks"  # samples written by docs/site/look_samples.py
+NAMES = [HOST, "localhost", "[::1]"]  # accepted names of this machine; foreign pages may use another name for it
 POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -40,7 +40,7 @@ GUARDS = [
     (b"referrer-policy", b"no-referrer"),
 ]  # fmt: skip
 FOREVER = {"Cache-Control": "private, max-age=3600, immutable"}  # the picture at an address never changes
-READER = ThreadPoolExecutor(1, "reader")  # of uploads: each thread would keep the memory of a large one
+READER = ThreadPoolExecutor(1, "reader")  # thread for uploads; each thread retains the memory of a large one
 
 
 def application(photos: Photos, works: Works, drafts: Drafts) -> FastAPI:
@@ -89,7 +89,7 @@ def application(photos: Photos, works: Works, drafts: Drafts) -> FastAPI:
     _take_uploads(app, photos)
     app.mount("/looks", StaticFiles(directory=LOOKS))
     for error in (KeyError, UserError, FileNotFoundError):
-        app.add_exception_handler(error, lambda *_: Response("there is nothing with this name here", 404))
+        app.add_exception_handler(error, lambda *_: Response("nothing here has this name", 404))
     app.add_middleware(OwnPages)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=NAMES, www_redirect=False)
     return app
@@ -133,7 +133,7 @@ class OwnPages:
 
 
 async def _receive(request: Request, use: Any) -> dict[str, Any]:
-    """Pass an uploaded file to ``use`` and return its result or error; stop at the largest size."""
+    """Pass an uploaded file to ``use`` and return its result or error; stop at `LARGEST_UPLOAD`."""
     received = 0
     try:
         with NamedTemporaryFile() as file:

@@ -20,9 +20,9 @@ HOST = "127.0.0.1"  # no other machine can connect
 LARGEST_PAGE = 2**28  # bytes
 HEADERS = {
     "Content-Type": "text/html; charset=utf-8",
-    "Cache-Control": "no-store",  # the page may be rewritten
+    "Cache-Control": "no-store",  # pages may be rewritten
     "X-Frame-Options": "DENY",
-    # An untrusted page may run its own scripts, which reach neither other pages here nor the network.
+    # An untrusted page may run its own scripts, which can reach neither other pages here nor the network.
     "Content-Security-Policy": "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
     "img-src data:; base-uri 'none'; form-action 'none'",
 }
@@ -31,9 +31,9 @@ TIMEOUT_SECONDS = 10  # seconds of silence after which a connection is closed
 
 @contextmanager
 def serve(pages: Mapping[str, Path], port: int = 0) -> Iterator[str]:
-    """Serve files by address inside ``with``, and yield the address of the first one, ``/``.
+    """Serve files by address inside ``with``, and yield the address of the first file, ``/``.
 
-    Files are read at each request. Port 0 means any free port; an unavailable port raises a UserError.
+    Files are read at each request. Port 0 means any free port; an unavailable port raises UserError.
     """
     try:
         server = _Server((HOST, port), _Handler)
@@ -53,14 +53,14 @@ def serve(pages: Mapping[str, Path], port: int = 0) -> Iterator[str]:
 def port_error(port: int, error: OSError) -> UserError:
     """Make the error for an unavailable port."""
     reason = f"port={port} is not available ({error.strerror})"
-    return UserError(f"{reason}; choose another one, or port=0 for any free port")
+    return UserError(f"{reason}; choose another port, or port=0 for any free port")
 
 
 def show_until_interrupted(address: str, *, in_browser: bool) -> None:
     """Open the address in the browser if asked, and wait for Ctrl-C."""
     try:
         if in_browser and not webbrowser.open(address):
-            log.info("could not start a browser; open %s yourself", address)
+            log.info("no browser could be started; open %s yourself", address)
         while True:
             time.sleep(3600)
     except KeyboardInterrupt:
@@ -92,7 +92,7 @@ class _Handler(BaseHTTPRequestHandler):
             check_file(page, "", LARGEST_PAGE)
             body = page.read_bytes()
         except (UserError, OSError):
-            self.send_error(HTTPStatus.NOT_FOUND, "there is no such page here")
+            self.send_error(HTTPStatus.NOT_FOUND, "no such page exists here")
             return
         self.send_response(HTTPStatus.OK)
         for name, value in HEADERS.items():

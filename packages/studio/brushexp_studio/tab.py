@@ -18,8 +18,8 @@ from brushexp_studio.visit import Visit
 from brushexp_studio.wishes import Wishes
 from brushexp_studio.works import FAILED, FINISHING, WAITING, Works
 
-MOMENT = 0.2  # seconds between two looks
-LONGEST_GAP = 30.0  # seconds without a connection, as on a busy machine, for which a tab keeps its choices
+MOMENT = 0.2  # seconds between two updates
+LONGEST_GAP = 30.0  # seconds for which a tab keeps its choices without a connection, as on a busy machine
 LIKELY = ("oil", "watercolour", "impasto", "vangogh", "pastel", "ink", "gouache", "pointillist", "plain")
 WEB = Path(__file__).parent / "web"
 ICON = (
@@ -52,7 +52,7 @@ def likelihood(look: str) -> tuple[int, str]:
 
 
 class Tab:
-    """The page below its bar."""
+    """The page below the bar."""
 
     controls: Controls
 
@@ -81,7 +81,7 @@ class Tab:
         self.trouble.set_text(words)
 
     async def paint(self) -> None:
-        """Start a painting of the chosen picture and show it, ignoring a second click."""
+        """Start a painting of the chosen picture and show it; ignore a second click."""
         while self.visit.reading:  # otherwise it would paint the previous picture
             await asyncio.sleep(MOMENT)
         self.begin(self.visit.wishes)

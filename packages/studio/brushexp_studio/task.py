@@ -1,4 +1,4 @@
-"""``task=studio``: paint photographs in the browser, on this machine."""
+"""``task=studio``: paint photographs in the browser on this machine."""
 
 import logging
 from pathlib import Path
@@ -13,7 +13,7 @@ log = logging.getLogger(__name__)
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Serve the studio until Ctrl-C, then remove all uploads, and all paintings unless they are kept."""
+    """Serve the studio until Ctrl-C; then remove all uploads and, unless they are kept, all paintings."""
     try:
         from brushexp_studio.server import open_studio  # noqa: PLC0415  (an extra)
     except ModuleNotFoundError as error:

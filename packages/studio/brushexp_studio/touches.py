@@ -14,8 +14,8 @@ from brushexp.contracts.pictures import load_mask
 from brushexp.contracts.strokes import Strokes, curve_of, half_width_of, length_of, point_at, save_catalogue
 
 HOWS = {"finer": "Finer here", "looser": "Looser here", "again": "Again"}
-FACTORS = {"finer": 3.0, "looser": 0.25, "again": 1.0}  # fresh strokes for each that goes
-FEWEST_STROKES = 6  # with which a place can be painted
+FACTORS = {"finer": 3.0, "looser": 0.25, "again": 1.0}  # number of fresh strokes per removed stroke
+FEWEST_STROKES = 6  # minimum number of strokes for a place
 TOO_SMALL = "this place is too small for its strokes; paint over more of it"
 
 
@@ -23,16 +23,16 @@ TOO_SMALL = "this place is too small for its strokes; paint over more of it"
 class Touch:
     """A place of a painting, bright in a ``mask``, and how to repaint it."""
 
-    number: int  # of the painting
+    number: int  # number of the painting
     mask: Path
     how: str  # a key of `HOWS`
 
 
 def lay_fresh_strokes(painting: Any, touch: Touch, seed: int, path: Path) -> None:
-    """Replace the strokes in a place of a painting by fresh ones of its look, and write the catalogue.
+    """Replace the strokes in a place of a painting with fresh strokes in its look, and write the catalogue.
 
-    A stroke is in the place if both ends and the middle of its curve are. Fresh strokes go on top of all others, small
-    over large, in the number that ``touch.how`` asks for; steps then fit them. A UserError is raised if the place is
+    A stroke lies in the place if both ends and the middle of its curve do. ``touch.how`` determines the number of fresh
+    strokes, which lie on top of all others, small over large, and are then optimised. Raises UserError if the place is
     too small.
     """
     saved = painting.finished.job.saved
@@ -51,7 +51,7 @@ def lay_fresh_strokes(painting: Any, touch: Touch, seed: int, path: Path) -> Non
     if len(fresh) < FEWEST_STROKES:
         raise UserError(TOO_SMALL)
     fresh = fresh[(half_width_of(fresh) * length_of(curve_of(fresh))).argsort(descending=True)]
-    stays = saved.depth.argsort().flip(0)  # the uppermost first
+    stays = saved.depth.argsort().flip(0)  # top to bottom
     stays = stays[~goes[stays]]
     numbers = torch.empty(len(goes), dtype=torch.long)
     numbers[~goes] = torch.arange(len(stays))
@@ -61,7 +61,7 @@ def lay_fresh_strokes(painting: Any, touch: Touch, seed: int, path: Path) -> Non
 
 
 def lies_in(mask: Tensor, strokes: Strokes) -> Tensor:
-    """Tell which strokes (N,) have both ends and the middle of their curves inside a bool mask (H, W)."""
+    """Mark the strokes (N,) with both ends and the middle of their curves inside a mask (H, W), bool."""
     points = point_at(curve_of(strokes)[:, None], torch.linspace(0, 1, 3)).floor().long()  # (N, 3, 2)
     x, y = points[..., 0].clamp(0, mask.shape[1] - 1), points[..., 1].clamp(0, mask.shape[0] - 1)
     inside: Tensor = mask[y, x].all(1)
@@ -69,12 +69,12 @@ def lies_in(mask: Tensor, strokes: Strokes) -> Tensor:
 
 
 def picture_at(pixels: np.ndarray, size: tuple[int, int]) -> Tensor:
-    """Scale a picture (h, w, 3) uint8 to ``size`` (H, W), as (3, H, W) in [0, 1]."""
+    """Resize a picture (h, w, 3), uint8, to ``size`` (H, W), as (3, H, W) in [0, 1]."""
     scaled = Image.fromarray(pixels).resize((size[1], size[0]), Image.Resampling.LANCZOS)
     return torch.from_numpy(np.asarray(scaled, np.float32) / 255).movedim(2, 0)
 
 
 def overrides_of(keys: dict[str, Any], touch: Touch, catalogue: Path) -> dict[str, Any]:
-    """Turn the overrides of a painting into those for repainting a place of it, with given strokes."""
+    """Convert the overrides of a painting to overrides that repaint one place, starting from given strokes."""
     kept = {key: value for key, value in keys.items() if key != "strokes" and key.partition(".")[0] != "init"}
     return kept | {"catalogue": str(catalogue), "region": str(touch.mask)}

@@ -15,11 +15,11 @@ from brushexp.contracts.strokes import load_catalogue
 from brushexp_studio.serving import serve, show_until_interrupted
 
 log = logging.getLogger(__name__)
-SHOWN = ("catalogue.h5", "report.html")  # what can be looked at in the folder of a run
+SHOWN = ("catalogue.h5", "report.html")  # files in a run's folder that can be viewed
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Serve the page of a run or sweep until Ctrl-C, making a missing page in this run's folder."""
+    """Serve the page of a run or sweep until Ctrl-C; write a missing page into this run's folder."""
     source = newest_run() if cfg.catalogue is None else Path(cfg.catalogue)
     pages = pages_of(cfg, source, folder)
     with serve(pages, cfg.port) as address:
@@ -33,7 +33,7 @@ def pages_of(cfg: DictConfig, source: Path, folder: Path) -> dict[str, Path]:
     """Map paths of addresses to the files to serve for a catalogue, run or sweep.
 
     A missing ``report.html`` is written into ``folder``. A sweep includes the pages of its runs. A source that is
-    neither a run nor a sweep raises a UserError.
+    neither a run nor a sweep raises UserError.
     """
     page = folder / PAGE_NAME
     if (source / PAGE_NAME).is_file() and cfg.get("renderer") is None:
@@ -45,11 +45,11 @@ def pages_of(cfg: DictConfig, source: Path, folder: Path) -> dict[str, Path]:
         write_text(page, run_page(_draw(_reopen(cfg, source)), name=name or path.stem))
     elif (source / "catalogue.h5").is_file():
         painting = read_painting(source, _reopen(cfg, source / "catalogue.h5"))
-        write_text(page, page_in(source, painting))  # the folder of the run stays as it is
+        write_text(page, page_in(source, painting))  # the run's folder is not changed
     elif any(source.glob(f"*/{METRICS_FILE}")):
         runs = gather([source], folder)
         write_sweep_page(folder, runs)
-        links = [Path(name, PAGE_NAME) for name in runs.index]  # a browser goes from / by ../../sweep/3 to /sweep/3
+        links = [Path(name, PAGE_NAME) for name in runs.index]  # browsers resolve ../../sweep/3 at / to /sweep/3
         return {"/": page} | {"/" + "/".join(p for p in link.parts if p != ".."): folder / link for link in links}
     else:
         raise UserError(
@@ -60,13 +60,13 @@ def pages_of(cfg: DictConfig, source: Path, folder: Path) -> dict[str, Path]:
 
 
 def _reopen(cfg: DictConfig, path: Path) -> ExportJob:
-    """Reopen a catalogue with its own renderer, unless another one is chosen."""
+    """Reopen a catalogue with its own renderer unless another one is chosen."""
     saved, renderer = with_renderer(load_catalogue(path), cfg.get("renderer"), str(path))
     return export_job(saved, renderer, build(cfg.blend), source=str(path))
 
 
 def _draw(job: ExportJob) -> Finished:
-    small = job.at_most(LARGEST_SIDE)  # more would be too large for the page
+    small = job.at_most(LARGEST_SIDE)  # a larger picture would not fit on the page
     pictures = {"painting": small.picture()}
     if not job.is_bare:
         pictures["flat"] = small.bare().picture()
@@ -74,7 +74,7 @@ def _draw(job: ExportJob) -> Finished:
 
 
 def newest_run(folder: Path = Path("outputs")) -> Path:
-    """Find the run or sweep with the newest page or catalogue; raise a UserError if there is none."""
+    """Find the run or sweep with the newest page or catalogue; raise UserError if there is none."""
     places = {path.parent: path.stat().st_mtime for name in SHOWN for path in sorted(folder.glob(f"*/{name}"))}
     if not places:
         raise UserError(f"there is no run in {folder}/; name one to view: brushexp view FOLDER")

@@ -23,7 +23,7 @@ VIEWS = {
 
 @dataclass
 class Visit:
-    """A tab with its choices, painting and view; parts of the page listen to changes."""
+    """A tab with its choices, painting and view; parts of the page listen for changes."""
 
     photos: Photos
     works: Works
@@ -31,15 +31,15 @@ class Visit:
     looks: list[str]
     wishes: Wishes = field(default_factory=Wishes)
     view: str = PHOTOGRAPH
-    work: Work | None = None  # on the easel
-    against: Work | None = None  # the painting to compare with; None is the photograph
-    begun: Work | None = None  # the last painting that this tab has begun
+    work: Work | None = None  # painting on the easel
+    against: Work | None = None  # painting to compare with; None means the photograph
+    begun: Work | None = None  # last painting started by this tab
     is_there: bool = True  # whether the tab is open
-    tab: str | None = None  # what the browser calls it, also when it loads the page again
-    paper: Print = field(default_factory=Print)  # of prints
+    tab: str | None = None  # the browser's identifier, which survives a reload
+    paper: Print = field(default_factory=Print)  # size of prints
     plan: Plan = field(default_factory=Plan)
-    reading: int = 0  # chosen pictures that are still being read
-    wanted: set[tuple[int, str]] = field(default_factory=set)  # files to save once they are made: painting, form
+    reading: int = 0  # number of chosen pictures that are still being read
+    wanted: set[tuple[int, str]] = field(default_factory=set)  # files (painting, form) to save once they are made
     listeners: list[Callable[[], None]] = field(default_factory=list)
 
     def notify(self) -> None:
@@ -53,7 +53,7 @@ class Visit:
         self.notify()
 
     def stoppable(self) -> Work | None:
-        """Return the painting that Stop ends: that of this tab, or the shown one if nobody else waits for it."""
+        """Return the painting that Stop ends: this tab's own, or the shown one if no other tab waits for it."""
         shown = self.work if self.work and not getattr(self.work.owner, "is_there", False) else None
         return next((work for work in (self.begun, shown) if work and work.is_open), None)
 

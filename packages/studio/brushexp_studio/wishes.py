@@ -1,4 +1,4 @@
-"""Turn the choices of a user into overrides of the command line."""
+"""Convert the choices of a user to overrides of the command line."""
 
 import shlex
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from brushexp_studio.touches import Touch
 QUALITIES = ("draft", "normal", "fine", "best")
 SIDES = (256, 512, 768, 1024)  # pixels of the canvas
 FOCUS = {"look": "Set by the look", "auto": "Faces first", "even": "Everywhere", "mask": "Painted by hand"}
-AS_LOOK = ""  # choice that is left to the look
+AS_LOOK = ""  # leaves a choice to the look
 PAPERS = {
     AS_LOOK: "Set by the look",
     "smooth": "None",
@@ -40,31 +40,31 @@ TUBES = {
     "zorn": "Zorn's oils",
 }
 TUBES_LOOK = "tubes"  # look of a painting with tubes
-LONGEST_STROKE = 10.0  # pitches: the largest init.length and init.width
+LONGEST_STROKE = 10.0  # maximum init.length and init.width in pitches
 
 
 @dataclass
 class Wishes:
     """The choices of a user; None leaves a choice to the look."""
 
-    photo: Photo | None = None  # None: no picture is chosen yet
+    photo: Photo | None = None  # None if no picture is chosen yet
     look: str = "oil"
     side: int = 512
     quality: str = "normal"
-    seconds: float | None = None  # instead of the steps of a quality
+    seconds: float | None = None  # time limit that replaces the steps of a quality
     strokes: int | None = None
-    size: float = 1.0  # factor of the strokes' length and width
+    size: float = 1.0  # factor on the length and width of strokes
     focus: str = "look"
-    mask: Path | None = None  # painted by hand
+    mask: Path | None = None  # focus mask painted by hand
     style: Photo | None = None
     paper: str = AS_LOOK
     palette: str = AS_LOOK
-    tubes: str = AS_LOOK  # anything else goes with `TUBES_LOOK`
-    touch: Touch | None = None  # of a finished painting, which is then painted anew at a place
+    tubes: str = AS_LOOK  # other values require `TUBES_LOOK`
+    touch: Touch | None = None  # place of a finished painting to repaint
 
     @property
     def subject(self) -> Photo:
-        """The picture to paint, which must be chosen."""
+        """The picture to paint, which must have been chosen."""
         assert self.photo is not None
         return self.photo
 
@@ -87,7 +87,7 @@ class Wishes:
         if self.size != 1:
             own = own_size(self.look)
             keys |= {f"init.{name}": min(LONGEST_STROKE, value * self.size) for name, value in own.items()}
-            keys |= {"init": plugin_of(_settings(self.look, "normal").init).name} if own else {}  # a draft has another
+            keys |= {"init": plugin_of(_settings(self.look, "normal").init).name} if own else {}  # instead of a draft's
         if self.focus != "look":
             keys["focus"] = {"auto": "auto", "even": None, "mask": self.mask and str(self.mask)}[self.focus]
         if self.focus == "mask" and self.mask:
@@ -100,7 +100,7 @@ class Wishes:
         return keys
 
     def at_a_glance(self) -> dict[str, Any] | None:
-        """Convert to keys of a painting that starts from a network's strokes; None if it does already, or cannot."""
+        """Convert to keys of a painting that starts from predicted strokes; None if it already does, or cannot."""
         drafted, own = (plugin_of(_settings(self.look, quality).init).name for quality in ("glance", "normal"))
         if drafted == own or self.size != 1 or self.touch or (self.seconds is None and self.quality == "draft"):
             return None

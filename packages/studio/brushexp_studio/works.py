@@ -1,4 +1,4 @@
-"""Paint the paintings of a session one at a time in a thread; others wait in a queue."""
+"""Paint the paintings of a session one at a time in a thread, while others wait in a queue."""
 
 import io
 import logging
@@ -23,11 +23,11 @@ from brushexp_studio.touches import TOO_SMALL, lay_fresh_strokes, overrides_of
 from brushexp_studio.wishes import Wishes
 
 log = logging.getLogger(__name__)
-FRAME_SIDE = 1024  # pixels of the longer side of a frame
-MOST_FRAMES = 120  # per painting; of more every second one is removed
-GLANCE = -1  # number of the picture that is shown before a painting's own
+FRAME_SIDE = 1024  # longer side of a frame in pixels
+MOST_FRAMES = 120  # maximum number per painting, above which every second frame is removed
+GLANCE = -1  # number of the predicted picture that is shown before a painting's first picture
 WITHDRAWN = "withdrawn"  # status of a painting that was stopped before it began
-LONGEST_QUEUE = 20  # paintings that wait
+LONGEST_QUEUE = 20  # maximum number of waiting paintings
 WAITING, PAINTING, FINISHING, DONE, FAILED = "waiting", "painting", "finishing", "done", "failed"
 
 
@@ -38,15 +38,15 @@ class Work:
     number: int
     wishes: Wishes
     folder: Path
-    owner: Any = None  # the visit that has begun it
+    owner: Any = None  # visit that started the painting
     status: str = WAITING
     frames: dict[int, tuple[bytes, str]] = field(default_factory=dict)  # pictures and captions by number, in order
-    trouble: str = ""  # what went wrong, in one line
+    trouble: str = ""  # error in one line
     stopped: Event = field(default_factory=Event)
-    share: float = 0.0  # of the work that is done, 0 to 1
+    share: float = 0.0  # finished share of the work, 0 to 1
     seconds_left: float | None = None
-    painting: Any = None  # the finished one, as `brushexp.Painting`
-    downloads: dict[str, Download] = field(default_factory=dict)  # requested files, by their forms
+    painting: Any = None  # finished `brushexp.Painting`
+    downloads: dict[str, Download] = field(default_factory=dict)  # requested files by form
 
     @property
     def is_open(self) -> bool:
@@ -80,7 +80,7 @@ class Work:
 
     @property
     def files(self) -> dict[str, Path]:
-        """Downloadable files by their names in the folder."""
+        """Downloadable files by name in the folder."""
         if self.status != DONE:
             return {}
         paths = sorted(path for path in self.folder.rglob("*") if path.is_file())
@@ -93,7 +93,7 @@ class Work:
         return self.painting is not None and "tubes" in self.painting.settings.cfg.change
 
     def blend(self, percent: int) -> bytes:
-        """Composite the painting over its photograph, at 0 to 100 percent opacity as on the page, and return a PNG."""
+        """Return a PNG of the painting over its photograph at 0 to 100 percent opacity, as on the page."""
         with Image.open(self.files["painting.png"]) as picture:
             painting = picture.convert("RGB")
         with Image.open(self.wishes.subject.path) as picture:
@@ -103,13 +103,13 @@ class Work:
         return file.getvalue()
 
     def jpeg(self, number: int) -> bytes:
-        """Return a picture or, if it was removed, the next one; raise a KeyError if none follows."""
+        """Return a picture or, if it was removed, the next one; raise KeyError if none follows."""
         frames = dict(self.frames)  # the painting thread continues
         later = [other for other in frames if other >= number]
         return frames[min(later, default=number)][0]
 
     def add_frame(self, image: Any, caption: str, number: int | None = None) -> None:
-        """Add a picture (H, W, 3) uint8, with the next number if none is given."""
+        """Add a picture (H, W, 3), uint8, under ``number``, or under the next number if it is None."""
         number = self.last + 1 if number is None else number
         self.frames[number] = encode(Image.fromarray(image), FRAME_SIDE, **JPEG), caption
         if len(self.frames) > MOST_FRAMES:
@@ -123,13 +123,13 @@ class Works:
     def __init__(self, folder: Path, options: dict[str, Any]) -> None:
         self.folder, self.options = folder, options
         self.all: list[Work] = []
-        self.count = 0  # paintings begun
-        self.version = 0  # grows with every change that the page shows
+        self.count = 0  # number of paintings started
+        self.version = 0  # increases with every change that the page shows
         self.is_warm = Event()
-        self.easel = Lock()  # one picture is painted at a time, a draft too
+        self.easel = Lock()  # only one picture, painting or draft, is painted at a time
         self._thread: Thread | None = None
         self._closing = Event()
-        self._making = Lock()  # one file at a time
+        self._making = Lock()  # only one file is made at a time
         self._makers: list[Thread] = []
 
     @property
@@ -142,7 +142,7 @@ class Works:
         return sum(other.is_open and other.number < work.number for other in self.all)
 
     def __getitem__(self, number: int) -> Work:
-        """Return a painting by number; raise a KeyError if there is none."""
+        """Return a painting by number; raise KeyError if it does not exist."""
         return {work.number: work for work in self.all}[number]
 
     def warm_up(self) -> None:
@@ -151,7 +151,7 @@ class Works:
         self._thread.start()
 
     def begin(self, wishes: Wishes, owner: Any = None) -> Work:
-        """Queue a painting; raise a UserError if no picture is chosen or the queue is full."""
+        """Queue a painting; raise UserError if no picture is chosen or the queue is full."""
         if wishes.photo is None:
             raise UserError("choose a picture first")
         if sum(work.is_open for work in self.all) > LONGEST_QUEUE:
@@ -175,7 +175,7 @@ class Works:
         self.version += 1
 
     def make(self, work: Work, form: str, choice: Print | Plan | None = None) -> Download:
-        """Start to make a file of a finished painting, unless it exists or is being made.
+        """Start to make a file of a finished painting unless it exists or is being made.
 
         A print or a plan is remade for another ``choice``.
         """
@@ -219,7 +219,7 @@ class Works:
         self.version += 1
 
     def _warm(self) -> None:
-        for look in ("oil", "plain"):  # together they use the renderers of all looks
+        for look in ("oil", "plain"):  # together, these use the renderers of all looks
             if not self._closing.is_set():
                 brushexp.paint("chelsea", look=look, resolution=48, steps=2, **self.options)
         self.is_warm.set()
@@ -233,13 +233,13 @@ class Works:
         work.status = PAINTING
         self.version += 1
         try:
-            with self.easel:  # a draft ends first
+            with self.easel:  # waits for a draft to end
                 self._paint(work)
             work.status = DONE
         except Exception as error:
             work.status = FAILED
             work.trouble = str(error) if isinstance(error, UserError) else f"this painting failed: {error}"
-            if work.wishes.touch and work.wishes.touch.mask.name in work.trouble:  # a file that nobody has seen
+            if work.wishes.touch and work.wishes.touch.mask.name in work.trouble:  # a file unknown to the user
                 work.trouble = TOO_SMALL
             log.log(logging.INFO if isinstance(error, UserError) else logging.ERROR, "%s", error, exc_info=True)
         self.version += 1
@@ -270,7 +270,7 @@ class Works:
                     work.painting = state.painting
 
     def _glance(self, work: Work) -> None:
-        """Show the strokes that a network lays at a glance until the painting's own first picture exists."""
+        """Show strokes predicted by a network until the painting's first picture exists."""
         if (keys := work.wishes.at_a_glance()) is not None:
             painter: Any = brushexp.iterate(work.wishes.subject.path, **keys | self.options)
             with closing(painter) as states:

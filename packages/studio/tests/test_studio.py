@@ -1,4 +1,4 @@
-"""``task=studio``: one server for all tests, used as a visitor does, in a real browser, with a real photograph."""
+"""Tests of ``task=studio`` in a real browser with a real photograph; all tests share one server."""
 
 import io
 import re
@@ -22,7 +22,7 @@ CHELSEA = Path(skimage.data.__file__).parent / "chelsea.png"
 
 @pytest.fixture(scope="module")
 def studio(tmp_path_factory):
-    """Address of a studio, which is closed with Ctrl-C at the end."""
+    """Start a studio, yield its address, and close it with Ctrl-C at the end."""
     folder = tmp_path_factory.mktemp("studio")
     process = Program("task=studio", "open=false", "threads=1", f"output={folder}/out", cwd=folder, TMPDIR=str(folder))
     log, found = folder / "out" / "run.log", None
@@ -36,12 +36,12 @@ def studio(tmp_path_factory):
     assert process.returncode == 0, err
     assert "the studio is closed" in out
     assert "Traceback" not in out + err
-    assert not list(folder.glob("brushexp-studio-*")), "what the visitor gave is gone"
+    assert not list(folder.glob("brushexp-studio-*")), "uploads are deleted"
 
 
 @pytest.fixture
 def tab(studio, browser):
-    """Open the studio in a new tab; at its end nothing was asked of another machine, and nothing went wrong."""
+    """Open the studio in a new tab; check at the end that no errors and no requests to other machines occurred."""
     contexts, asked, errors = [], [], []
 
     def open_tab(size=WIDE, **options):
@@ -84,7 +84,7 @@ def finish(page, number):
 
 
 def fits(page):
-    """Nothing scrolls sideways, every control has a name, and no two of them lie over each other."""
+    """Check that nothing scrolls sideways, every control has a name, and no controls overlap."""
     assert page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth")
     nameless = """[...document.querySelectorAll("button, a, input, canvas")].filter((one) => one.checkVisibility() &&
       !(one.ariaLabel || one.labels?.length || one.innerText?.trim() || one.querySelector("img[alt]:not([alt=''])")))
@@ -116,10 +116,10 @@ def test_a_visitor_uploads_a_photograph_paints_it_and_takes_everything_home(tab,
             new DragEvent("drop", { bubbles: true, cancelable: true, dataTransfer: files }));
         }""",
         ["写真 cat.png", list(CHELSEA.read_bytes())],
-    )  # dropped beside every field
+    )  # dropped outside every field
     page.get_by_alt_text("the photograph 写真 cat").wait_for()
     page.get_by_text(re.compile(r"set by the look: [\d,]+")).wait_for()
-    choose(page, "Look", "plain")  # 1,500 steps: it is not done before it is stopped
+    choose(page, "Look", "plain")  # 1,500 steps, so that it is stopped before it ends
     choose(page, "Canvas", "512")
     choose(page, "Time", "Best")
     page.get_by_role("button", name="Paint", exact=True).click()
@@ -127,15 +127,15 @@ def test_a_visitor_uploads_a_photograph_paints_it_and_takes_everything_home(tab,
     picture.wait_for()
     first = picture.get_attribute("src")
     another = page.locator(f".place .stage img[src^='/works/']:not([src='{first}'])")
-    another.wait_for(timeout=180_000)  # by itself; kernels may be compiled in between
+    another.wait_for(timeout=180_000)  # updates automatically; kernels may be compiled first
     assert re.match(r"step \d+ of \d+ · \d+\.\d dB · [\d,]+ strokes", page.locator(".caption").inner_text())
-    page.get_by_role("button", name="Stop").dispatch_event("click")  # the page moves while it is painted
+    page.get_by_role("button", name="Stop").dispatch_event("click")  # the page moves during painting
     finish(page, 1)
     done, steps = re.match(r"step (\d+) of (\d+)", page.locator(".caption").inner_text()).groups()
-    assert int(done) < int(steps), "stopped, and kept"
+    assert int(done) < int(steps), "the stopped painting is kept"
     with page.expect_download() as download:
         page.get_by_role("button", name="Everything, zip").click()
-    page.get_by_role("link", name="Everything, zip").wait_for()  # to save it again
+    page.get_by_role("link", name="Everything, zip").wait_for()  # for saving it again
     assert download.value.suggested_filename == "写真_cat-plain-1.zip"
     with zipfile.ZipFile(download.value.path()) as archive:
         names = {Path(name).name for name in archive.namelist()}
@@ -147,7 +147,7 @@ def test_a_visitor_uploads_a_photograph_paints_it_and_takes_everything_home(tab,
     assert download.value.suggested_filename == "写真_cat-plain-1-painting.png"
     with page.context.expect_page() as report:
         page.get_by_role("link", name="Page", exact=True).click()
-    report.value.get_by_role("heading", name="Replay").wait_for()  # the new tab has to load
+    report.value.get_by_role("heading", name="Replay").wait_for()  # wait until the new tab has loaded
 
 
 def test_a_large_file_says_how_far_it_is_before_it_is_saved(tab):
@@ -188,12 +188,12 @@ def test_two_paintings_are_compared_and_replayed(tab):
     page.keyboard.press("Home")
     assert divider.get_attribute("aria-valuetext") == "0 % from the left"
     choose(page, "View", "Replay")
-    page.get_by_role("button", name="Play").wait_for()  # it has come to its end
+    page.get_by_role("button", name="Play").wait_for()  # the replay has ended
     moment = page.get_by_role("slider", name="Moment of the painting")
     moment.press("Home")
     assert "step 0 of" in moment.get_attribute("aria-valuetext")
     fits(page)
-    other = tab()  # which shows the same paintings
+    other = tab()  # shows the same paintings
     other.get_by_role("button", name="painting 4 · ink").wait_for()
     fits(other)
 
@@ -210,7 +210,7 @@ def test_a_plan_is_as_difficult_as_the_visitor_chooses(tab):
     assert download.value.suggested_filename.endswith("-tubes-5-plan-easy.pdf")
     page.get_by_role("link", name="Plan", exact=True).wait_for()
     choose(page, "Difficulty of the plan", "As painted")
-    page.get_by_role("button", name="Plan", exact=True).wait_for()  # the easy one is not what it makes now
+    page.get_by_role("button", name="Plan", exact=True).wait_for()  # the easy plan is no longer offered
     fits(page)
 
 
@@ -253,7 +253,7 @@ def test_the_focus_is_painted_by_touch_and_by_keyboard(tab, studio):
 def test_only_pages_of_the_studio_on_this_machine_are_answered(studio):
     port = urlsplit(studio).port
     assert ask(studio, "/", Host=f"localhost:{port}")[0] == 200
-    assert ask(studio, "/", Host="evil.example")[0] == 400  # a name that may mean this machine
+    assert ask(studio, "/", Host="evil.example")[0] == 400  # a name that may resolve to this machine
     assert ask(studio, "/photos", "POST", b"x", Origin="http://evil.example")[0] == 403
     assert ask(studio, "/photos", "POST", b"x", Origin="null")[0] == 403
     socket = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec_WebSocket_Version": "13"}

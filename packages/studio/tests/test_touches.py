@@ -1,4 +1,4 @@
-"""A place of a painting is painted anew with more, fewer or other strokes, and all else stays."""
+"""A place of a painting is repainted with more, fewer or different strokes, and the rest stays unchanged."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from brushexp_studio.touches import TOO_SMALL, Touch, lay_fresh_strokes, overrid
 pytestmark = pytest.mark.slow
 SETTINGS = {"look": "plain", "resolution": 128, "steps": 2, "strokes": 600}
 PLACE = slice(20, 70)  # rows and columns of the place
-WIDTH = 16  # pixels by which strokes reach out of it at most
+WIDTH = 16  # maximum distance in pixels that strokes reach beyond the place
 
 
 def test_a_place_gets_finer_looser_or_other_strokes_and_all_else_stays(tmp_path):

@@ -1,4 +1,4 @@
-"""What a visitor of the studio sends is a picture, or is refused in a line; paintings wait for their turn, and stop."""
+"""Uploads to the studio are pictures or are refused in one line; paintings queue and can be stopped."""
 
 import asyncio
 import errno
@@ -49,7 +49,7 @@ CHELSEA = Path(skimage.data.__file__).parent / "chelsea.png"
 
 @pytest.fixture
 def uploads(tmp_path, caplog):
-    """Address of a studio without the page, in this process; nothing that is sent brings a traceback."""
+    """Serve a studio without its page in this process; check at the end that no upload caused a traceback."""
     works = Works(tmp_path, {})
     with running(application(Photos(tmp_path), works, Drafts(works)), 0) as address:
         yield address
@@ -65,7 +65,7 @@ def encoded_as(kind, picture=None):
 
 
 def claiming(kind, place, size):
-    """A picture whose header says that its sides are others; those lie at ``place``."""
+    """Encode a picture whose header, at ``place``, claims a different size."""
     data = encoded_as(kind)
     return data[:place] + size + data[place + len(size) :]
 
@@ -74,7 +74,7 @@ WIDEST = b"\xff\xff\xff\xff"
 
 
 def flipped(data, place):
-    """The same bytes but for one bit."""
+    """Copy bytes with one bit flipped."""
     return data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :]
 
 
@@ -158,17 +158,17 @@ def test_paintings_wait_for_their_turn_and_stop_is_for_those_of_ones_own_tab(tmp
     theirs.begun = works.begin(theirs.wishes, theirs)
     last = works.begin(theirs.wishes, theirs)
     theirs.work = mine.begun
-    assert (theirs.stoppable(), mine.stoppable()) == (theirs.begun, mine.begun), "each its own"
+    assert (theirs.stoppable(), mine.stoppable()) == (theirs.begun, mine.begun), "each tab can stop its own painting"
     assert works.before(last) == 2
     works.stop(theirs.begun)
-    assert [work.number for work in works.all] == [1, 3], "what waits is withdrawn"
+    assert [work.number for work in works.all] == [1, 3], "a waiting painting is withdrawn"
     assert theirs.stoppable() is None, "the other tab is open"
     mine.is_there = False
     assert theirs.stoppable() is mine.begun, "the tab is gone"
     again = Visit(Mock(), works, Mock(), [])
-    again.join()  # before it is known whose it is
+    again.join()  # before the tab is identified
     again.arrive("first")
-    assert again.stoppable() is again.work is mine.begun, "it was loaded again, while others wait"
+    assert again.stoppable() is again.work is mine.begun, "the tab was reloaded while other paintings wait"
     assert theirs.stoppable() is None
     gate.set()
     works._thread.join(60)
@@ -183,7 +183,7 @@ def test_before_the_first_step_stands_what_a_network_lays_where_a_draft_begins_w
     others = ({"look": "ink"}, {"quality": "draft"}, {"size": 2.0})
     assert [Wishes(photo=photo, **other).at_a_glance() for other in others] == [None] * 3
     larger = Wishes(photo=photo, quality="draft", size=2.0).overrides()
-    assert (larger["init"], larger["init.length"]) == ("layers", 6.4), "sizes are those of the look's own start"
+    assert (larger["init"], larger["init.length"]) == ("layers", 6.4), "sizes are those of the look's initialiser"
     more = Wishes(photo=photo, look="tubes", tubes="zorn", paper="laid", palette="muted").overrides()
     assert (more["tubes"], more["paper"], more["palette"]) == ("zorn", "laid", "muted")
     asked = []
@@ -223,7 +223,7 @@ def test_drafts_are_painted_while_nobody_paints(tmp_path, monkeypatch):
     works.all.append(work := Work(1, Wishes(photo=photo), tmp_path))
     go_on.set()
     with works.easel:
-        assert drafts.address(photo, "oil") is None, "Paint ends a draft"
+        assert drafts.address(photo, "oil") is None, "the Paint button ends a draft"
     works.all.remove(work)
     while len(drafts.pictures) < len(looks):
         time.sleep(0.01)
@@ -264,13 +264,13 @@ def test_a_file_is_made_once_and_tells_how_far_it_is(tmp_path):
     with zipfile.ZipFile(zipped.path) as archive:
         names = {Path(name).name for name in archive.namelist()}
     assert "painting.png" in names
-    assert "painting.ora" not in names, "what was made on request is not one of the painting's own files"
+    assert "painting.ora" not in names, "files made on request are not the painting's own files"
     work.downloads["pdf"] = Download("pdf", Print("A5"), MADE)
     assert works.make(work, "pdf", Print("A5")).status == MADE
     work.painting = None
     lost = made(works, work, "pdf", Print("A4"))
     assert (lost.status, lost.trouble) == (BROKEN, "this painting was not kept; paint it again")
-    assert works.make(work, "pdf", Print("A4")) is not lost, "it is tried again"
+    assert works.make(work, "pdf", Print("A4")) is not lost, "the file is tried again"
 
 
 def test_a_plan_is_made_for_each_difficulty(tmp_path):
@@ -336,7 +336,7 @@ def test_of_two_plans_that_of_the_later_choice_is_shown_whichever_comes_first(mo
     monkeypatch.setattr(studio_controls, "planned_strokes", lambda wishes: len(wishes.look))
     monkeypatch.setattr(studio_controls, "own_size", lambda look: {})
     monkeypatch.setattr(studio_controls.run, "io_bound", slow_for_oil)
-    with ThreadPoolExecutor() as pool:  # a browser of other tests has the loop of this thread
+    with ThreadPoolExecutor() as pool:  # other tests' browser uses this thread's event loop
         pool.submit(asyncio.run, choose()).result()
     controls.number.show.assert_called_once_with("set by the look: 5")
 
@@ -349,7 +349,7 @@ def test_faces_are_counted_and_marked(tmp_path):
     ]  # fmt: skip
     mask = mask_of(find_faces(photo), photo.size)
     assert mask.shape == photo.size
-    assert mask[110, 225] == 255, "on her nose"
+    assert mask[110, 225] == 255, "the mask covers her nose"
     assert 0.01 < (mask > 0).mean() < 0.1
     kept = photos.masks[photos.keep_mask(mask)]
     assert kept.is_file()

@@ -1,4 +1,4 @@
-"""``task=view``: the page of a catalogue, a run or a sweep, served on this machine alone."""
+"""``task=view`` serves the page of a catalogue, a run or a sweep to this machine only."""
 
 import os
 import re
@@ -62,12 +62,12 @@ def test_a_page_is_served_to_this_machine_and_nothing_else(tmp_path):
         assert (status, body) == (200, "<p>é".encode())
         assert head["Content-Type"] == "text/html; charset=utf-8"
         assert "connect-src" not in head["Content-Security-Policy"]
-        assert "default-src 'none'" in head["Content-Security-Policy"]  # so a page of others reads no other page
+        assert "default-src 'none'" in head["Content-Security-Policy"]  # an untrusted page cannot read other pages
         for path in ("//[", "/secret.txt", "/report.html", "/../secret.txt", "/%2e%2e/secret.txt", "/a%20b/gone.html"):
             assert ask(address, path)[0] == 404, path
-        assert [ask(address, path)[0] for path in ("/link.html", "/folder")] == [404, 404], "a link may lead anywhere"
+        assert [ask(address, path)[0] for path in ("/link.html", "/folder")] == [404, 404], "links may lead anywhere"
         assert ask(address, "/", method="POST")[0] == 501
-        assert ask(address, "/", Host="evil.example")[0] == 403  # its name may mean this machine
+        assert ask(address, "/", Host="evil.example")[0] == 403  # its name may resolve to this machine
         assert ask(address, "/", Host=f"localhost:{port}")[0] == 200
         with socket.socket() as other, pytest.raises(OSError, match="refused"):
             other.connect(("127.0.0.2", port))  # another address of this machine
@@ -87,7 +87,7 @@ def test_a_catalogue_is_drawn_by_its_own_renderer(tmp_path, config):
     run = painted_run(tmp_path / "run")
     before = sorted(run.iterdir())
     assert "20.00" in pages(config, run, tmp_path / "out")["/"].read_text(), "its PSNR"
-    assert sorted(run.iterdir()) == before, "it may be somebody else's, and read-only"
+    assert sorted(run.iterdir()) == before, "the folder may be read-only"
 
 
 def test_a_renderer_that_is_not_here_is_named_and_another_one_helps(tmp_path, config):

@@ -1,4 +1,4 @@
-"""A painting keeps so many of its pictures, and a page that asks late for one that is gone gets the next."""
+"""A painting keeps a limited number of pictures, and a page that requests a removed picture gets the next one."""
 
 import io
 
@@ -22,7 +22,7 @@ def test_a_picture_that_was_removed_is_shown_by_the_next_one_that_is_left(tmp_pa
     assert len(work.frames) < MOST_FRAMES
     for number in range(MOST_FRAMES + 1):
         shown = int(grey_of(work.jpeg(number)))
-        assert number - 2 <= shown <= number + 3  # of JPEG
+        assert number - 2 <= shown <= number + 3  # rounding by JPEG
     assert work.jpeg(1) == work.jpeg(2) == work.frames[2][0]
     assert work.jpeg(GLANCE) == work.frames[0][0]
     with pytest.raises(KeyError):

@@ -1,4 +1,4 @@
-"""Checks of each plugin family's contract, which packages run over their own members.
+"""Checks of each plugin family's contract, which packages apply to their own members.
 
     import brushexp
     import pytest
@@ -17,7 +17,7 @@ from typing import Any
 
 
 def contract(family: str) -> list[Callable[..., Any]]:
-    """List the checks of a family; the last one is about the words of a member.
+    """List the checks of a family; the last check is about a member's texts.
 
     >>> [check.__name__ for check in contract("order")]
     ['gives_every_stroke_a_depth', 'speaks_plainly']

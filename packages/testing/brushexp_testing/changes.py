@@ -16,7 +16,7 @@ STEPS = 100
 
 
 def painting_at(step: int, strokes: Strokes, *, is_over: bool = False) -> PaintingState:
-    """Return the state of a painting of random colours after ``step`` steps, with given strokes."""
+    """Return the state of a painting of random colours after ``step`` steps with given strokes."""
     renderer, blend = Analytic(), Compositor(Tiled(), Rgb())
     ground = torch.tensor([0.9, 0.8, 0.6])
 
@@ -50,7 +50,7 @@ def begun(make: Make) -> tuple[Any, Strokes]:
 
 
 def paints_a_picture_of_the_same_size_on_one_colour(make: Make) -> None:
-    """Check that targets and grounds keep their shapes and are finite, at every step; the target is 0 to 1."""
+    """Check that targets, in [0, 1], and grounds keep their shapes and are finite at every step."""
     change, strokes = begun(make)
     for step in (0, 1, 50, STEPS):
         state = painting_at(step, strokes)
@@ -65,9 +65,9 @@ def paints_a_picture_of_the_same_size_on_one_colour(make: Make) -> None:
 
 
 def lets_strokes_stay_as_it_has_limited_them(make: Make) -> None:
-    """Check that the number of valid strokes never changes, and that limiting strokes twice is the same as once.
+    """Check that limiting strokes preserves their number and validity, and that limiting them twice has no effect.
 
-    Enlarging strokes keeps their number, too.
+    Enlarging strokes also preserves their number.
     """
     change, strokes = begun(make)
     assert isinstance(change.order(Depth()), Order)
@@ -110,7 +110,7 @@ def aims_alike_after_it_is_restored(make: Make) -> None:
 
 
 class Depth(Order):
-    """By width."""
+    """Order strokes by width."""
 
     every = 1
 

@@ -10,10 +10,10 @@ from brushexp_testing.families import Check, Make
 WINDOW = 32
 EXTREMES = [
     [-0.5, 0, 0, 0.2, 0.5, 0, -1.3529, 0, 0, 0],  # no width
-    [-0.5, 0, 0, 0.2, 0.5, 0, -30, 0, 0, 0],  # less than that
+    [-0.5, 0, 0, 0.2, 0.5, 0, -30, 0, 0, 0],  # less than no width
     [-0.5, 0, 0, 0.2, 0.5, 0, 10.41, 0, 0, 0],  # as wide as the window
     [0.3, 0.1, 0.3, 0.1, 0.3, 0.1, 0, 0, 0, 0],  # no length
-    [0.3, 0.1, 0.3, 0.1, 0.3, 0.1, -1.3529, 0, 0, 0],  # neither
+    [0.3, 0.1, 0.3, 0.1, 0.3, 0.1, -1.3529, 0, 0, 0],  # no length, no width
     [0.3, 0.1, -0.6, 0.1, 0.3, 0.1, 0, 0, 0, 0],  # back and forth
     [-0.5, 0, 3, -40, 0.5, 0, 0, 0, 0, 0],  # control far outside
     [5, 5, 6, 5, 7, 6, 0, 0, 0, 0],  # all outside
@@ -27,7 +27,7 @@ def _valid(n: int) -> Tensor:
 
 
 def _distances(parameters: Tensor) -> Tensor:
-    """Measure the distance from every pixel's centre to the curves, (n, S, S), in windows."""
+    """Measure the distance (n, S, S) of every pixel's centre from the curves, in windows."""
     strokes = strokes_of(parameters)
     t = torch.linspace(0, 1, 101)[:, None, None]
     curve = (1 - t) ** 2 * strokes.start + 2 * t * (1 - t) * strokes.control + t**2 * strokes.end  # (101, n, 2)
@@ -47,7 +47,7 @@ def _is_simulated(parameters: Tensor, simulated: Simulated) -> None:
 
 
 def returns_pictures_and_heights(make: Make) -> None:
-    """Paint on an empty canvas: of every stroke some, none in the corner, and its own colour where there is none."""
+    """Check that every stroke leaves paint, none in the corner, and has its own colour where no paint is."""
     engine, parameters = make(window=WINDOW), _valid(6).requires_grad_()
     simulated = engine(parameters, seed=1)
     _is_simulated(parameters, simulated)
@@ -109,7 +109,7 @@ def lays_paint_where_the_stroke_is(make: Make) -> None:
 
 
 def centres_the_paint_on_the_stroke(make: Make) -> None:
-    """Check that the centre of the paint is that of a straight stroke, and a wider stroke covers more."""
+    """Check that paint is centred on a straight stroke, and that a wider stroke covers more."""
     parameters = torch.tensor([[-0.6, 0.3, 0, 0.3, 0.6, 0.3, w, 0, 0, 0] for w in (-1.0, 0.0, 1.0)])
     alpha = make(window=WINDOW)(parameters, seed=1).images[:, 3]
     middle = (torch.arange(WINDOW) + 0.5) / WINDOW
@@ -121,7 +121,7 @@ def centres_the_paint_on_the_stroke(make: Make) -> None:
 
 
 def turns_its_picture_with_the_stroke(make: Make) -> None:
-    """Check that a stroke turned by a right angle is its picture turned, but for the grain."""
+    """Check that rotating a stroke by a right angle rotates its picture, apart from the grain."""
     engine = make(window=WINDOW)
     parameters = torch.tensor([[-0.6, 0.3, 0.1, -0.4, 0.5, 0.1, 0.5, 0, 0, 0]]).repeat(24, 1)  # grains average out
     turned = parameters.clone()

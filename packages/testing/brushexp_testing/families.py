@@ -24,9 +24,9 @@ from brushexp.contracts.runs import Status
 from brushexp.contracts.strokes import FIELDS, LATER_FIELDS, Catalogue, Strokes, check_strokes
 from brushexp_testing.words import refuses_plainly
 
-Make = Callable[..., Any]  # builds a fresh plugin from options
+Make = Callable[..., Any]  # function that builds a new plugin from options
 Check = Callable[[Make], None]
-SIZE = (24, 40)  # not square: catches a swap of height and width
+SIZE = (24, 40)  # not square, so that swapping height and width fails
 
 
 def some_strokes(
@@ -56,7 +56,7 @@ def some_strokes(
 
 
 def with_gradients(strokes: Strokes, dtype: torch.dtype = torch.float32) -> Strokes:
-    """Copy strokes so that they collect gradients."""
+    """Copy strokes into leaves that collect gradients."""
     return strokes.map(lambda value: value.detach().to(dtype).clone().requires_grad_())
 
 
@@ -93,7 +93,7 @@ def is_bounded_and_differentiable_in_every_field(make: Make) -> None:
 
 
 def loads_its_checkpoint(make: Make) -> None:
-    """Check that a renderer with an option ``checkpoint`` reads that file, and raises an error if there is none."""
+    """Check that a renderer with an option ``checkpoint`` reads that file, and raises an error if it is missing."""
     if "checkpoint" in signature(type(make())).parameters:
         try:
             make(checkpoint="missing.safetensors")
@@ -122,7 +122,7 @@ def gives_every_stroke_a_depth(make: Make) -> None:
 
 
 def is_finite_differentiable_and_zero_at_best(make: Make) -> None:
-    """Check that a loss is a finite number with finite gradients, even without strokes, and 0 at its best."""
+    """Check that a loss is finite with finite gradients, even without strokes, and that its minimum is 0."""
     loss = make()
     assert loss.weight > 0
     image, strokes = torch.rand(3, *SIZE, requires_grad=True), with_gradients(some_strokes(6, SIZE, bend=0.05))
@@ -138,11 +138,11 @@ def is_finite_differentiable_and_zero_at_best(make: Make) -> None:
 
 
 def is_best_for_equal_pictures(make: Make) -> None:
-    """Check that a metric is a number or None for pictures of any size, at its best for equal pictures.
+    """Check that a metric is a number or None for pictures of any size, and is best for equal pictures.
 
-    A metric that needs the ``job`` measures the painting's file, which two pictures do not have; its own tests do that.
+    A metric that needs the ``job`` measures a painting's file, which two pictures lack; it is left to its own tests.
     """
-    metric, size = make(), (176, 184)  # some look at several scales
+    metric, size = make(), (176, 184)  # some metrics compare several scales
     if "job" in metric.needs:
         return
     strokes, focus = some_strokes(6, size), torch.ones(size)
@@ -226,7 +226,7 @@ def writes_into_the_folder_of_the_run(make: Make) -> None:
 def paints_with_no_more_strokes_than_asked(make: Make) -> None:
     """Check that a painter yields valid strokes within the budget, counts its steps, and leaves no bare canvas.
 
-    The seed alone decides, and pictures of few pixels and of one colour are painted, too.
+    The result depends only on the seed. Tiny pictures and pictures of a single colour are painted as well.
     """
     if not isinstance(make(), Painter):
         return
@@ -248,7 +248,7 @@ def paints_with_no_more_strokes_than_asked(make: Make) -> None:
 
 
 def request_of(target: torch.Tensor, n: int, background: torch.Tensor) -> PaintRequest:
-    """Ask a painter for a picture, and draw its strokes plainly."""
+    """Make a request to paint a picture with plain strokes."""
 
     def draw(strokes: Strokes) -> torch.Tensor:
         order = torch.arange(len(strokes) - 1, -1, -1)

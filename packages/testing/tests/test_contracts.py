@@ -1,4 +1,4 @@
-"""Checks of contracts let those pass that keep them, and nobody else."""
+"""The checks of a contract pass for members that keep it, and fail for all others."""
 
 from dataclasses import dataclass, replace
 
@@ -16,7 +16,7 @@ from brushexp.registry import FAMILIES
 
 @dataclass(kw_only=True)
 class Tied(Order):
-    """All strokes lie at one depth, of which a number is missing."""
+    """Give all strokes the same depth, so that other depths are missing."""
 
     every: int = 1
 
@@ -64,7 +64,7 @@ def test_a_message_says_in_one_line_what_is_wrong_and_what_to_do():
 
 
 class Shrinks(Change):
-    """Strokes shrink whenever they are asked for, and one more is lost at the end."""
+    """Shrink strokes whenever they are requested, and lose one at the end."""
 
     def limit(self, strokes, before, rows, state):
         return replace(strokes, width=strokes.width / 2)

@@ -1,1 +1,1 @@
-"""A leaderboard of painters, the claims of the thesis judged by studies, and departures from its procedure."""
+"""Rank painters on a leaderboard, judge the claims of the thesis by studies, and list departures from its procedure."""

@@ -1,4 +1,4 @@
-"""Measure paintings by others with our own code, and store them in folders like those of runs."""
+"""Measure paintings by others with our own code, and store them in folders like runs."""
 
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
@@ -19,10 +19,10 @@ def add_paintings(
     folder: Path, painting: Path, target: str | None, name: str, numbers: Mapping[str, Any],
     lpips_backbone: str, lpips_weights: str | None,
 ) -> None:  # fmt: skip
-    """Measure a painting, or a folder of them, and leave each in a folder of its own below ``folder``.
+    """Measure one or several paintings, and store each in a separate folder below ``folder``.
 
-    ``painting`` is a picture or a catalogue, ``target`` what it was painted after; of folders the files of one name
-    belong together. ``name`` is that of the painter; ``numbers`` are added to the metrics.
+    ``painting`` is a picture, a catalogue or a folder of these; ``target`` is the picture that was painted, or a folder
+    of pictures with the same names. ``name`` is the painter's name; ``numbers`` are added to the metrics.
     """
     metrics = standard_metrics()
     if lpips_weights is not None:
@@ -35,14 +35,14 @@ def add_paintings(
         (run / ".hydra").mkdir(parents=True, exist_ok=True)
         write_picture(run / "painting.png", pixels)
         write_picture(run / "target.png", target_pixels)
-        write_json(run / ".hydra" / "config.yaml", {"image": image})  # JSON is YAML, too
+        write_json(run / ".hydra" / "config.yaml", {"image": image})  # JSON is also YAML
         others = {key: value for key, value in {**numbers, **strokes}.items() if value is not None}
         others |= {"status": Status.COMPLETED, "painter": name}
         write_json(run / METRICS_FILE, measure(metrics, pixels, target_pixels) | others)
 
 
 def draw_added(path: Path, shape: tuple[int, ...]) -> tuple[np.ndarray, dict[str, int]]:
-    """Draw a painting (H, W, 3) in 8 bits at the size of its target, without light, and count its strokes."""
+    """Draw a painting (H, W, 3), uint8, at the size of its target, without light, and count its strokes."""
     if path.suffix.lower() in catalogue_suffixes():
         saved = load_catalogue(path, "add")
         job = export_job(saved, resolution=max(shape)).bare()
@@ -50,33 +50,33 @@ def draw_added(path: Path, shape: tuple[int, ...]) -> tuple[np.ndarray, dict[str
     else:
         pixels, strokes = to_bytes(load_picture(str(path), None, "add")), {}
     if pixels.shape != shape:
-        sizes = f"{pixels.shape[1]} x {pixels.shape[0]} pixels and its target {shape[1]} x {shape[0]}"
+        sizes = f"{pixels.shape[1]} x {pixels.shape[0]} pixels but its target {shape[1]} x {shape[0]}"
         raise UserError(
-            f"add={path} has {sizes}; metrics compare pictures of one size: give the target it was painted in"
+            f"add={path} has {sizes}; metrics compare pictures of equal size; give the target at the painting's size"
         )
     return pixels, strokes
 
 
 def _pairs(painting: Path, target: str | None) -> Iterator[tuple[Path, str]]:
     if target is None:
-        raise UserError(f"add={painting} needs what was painted; give target=photo.jpg, or a folder of such")
+        raise UserError(f"add={painting} needs the painted picture; give target=photo.jpg, or a folder of photos")
     if not painting.is_dir():
         yield painting, target
         return
     if not Path(target).is_dir():
         raise UserError(
-            f"add={painting} is a folder and target={target} is none; give a folder with files of the same names"
+            f"add={painting} is a folder but target={target} is not; give a folder with files of the same names"
         )
     targets = {path.stem: path for path in sorted(Path(target).iterdir()) if path.suffix.lower() in picture_suffixes()}
     known = {*picture_suffixes(), *catalogue_suffixes()}
     paths = [path for path in sorted(painting.iterdir()) if path.suffix.lower() in known]
     if not paths:
-        raise UserError(f"add={painting}: there is no painting in it; give pictures or catalogues")
+        raise UserError(f"add={painting}: the folder has no painting; give pictures or catalogues")
     for before, path in pairwise((Path(), *paths)):
         if path.stem == before.stem:
-            raise UserError(f"add={path} and {before.name} are both of {path.stem}; take one of them away")
+            raise UserError(f"add={path} and {before.name} both show {path.stem}; remove one of them")
         if path.stem not in targets:
             raise UserError(
-                f"target={target} has no picture {path.stem} for add={path}; add it, or take the other away"
+                f"target={target} has no picture {path.stem} for add={path}; add it, or remove the painting"
             )
         yield path, str(targets[path.stem])

@@ -15,18 +15,18 @@ from brushexp_thesis.entries import entries_in, read_plain_yaml
 from brushexp_thesis.evidence import Bounds
 
 SHIPPED_CLAIMS = Path(__file__).with_suffix(".yaml")
-BETTER, NO_WORSE, OPEN = "better", "no worse", "open"  # what can be expected of a setting
+BETTER, NO_WORSE, OPEN = "better", "no worse", "open"  # possible expectations of a setting
 HOLDS, FAILS, CANNOT, NOT_RUN = "holds", "does not hold", "cannot be answered here", "not run"
 DEPENDS = "depends on the picture"
-COMPARED = ("setting", "against", "metric", "expects")  # what a claim needs, unless no study has answered it
+COMPARED = ("setting", "against", "metric", "expects")  # fields that a claim needs unless no study has answered it
 
 
 @dataclass(kw_only=True)
 class Claim:
-    """A sentence of the thesis, and the comparison that decides it: see claims.yaml.
+    """A sentence of the thesis and the comparison that decides it; see claims.yaml.
 
-    ``cannot`` says why no study here could answer it. ``needs`` says what a study would need that could answer it but
-    has not been run; the claim is then *not run*, whatever its study has measured.
+    ``cannot`` says why no study here could answer the claim. ``needs`` says what a study that could answer it would
+    need; the claim is then *not run*, whatever its study has measured.
     """
 
     study: str = ""
@@ -43,10 +43,10 @@ class Claim:
     after_results: bool = False
 
     def answer(self, difference: Difference) -> tuple[str, Bounds]:
-        """Judge the claim by a measured difference; open claims get the answer itself.
+        """Judge the claim by a measured difference; the verdict of an open claim is the difference's own verdict.
 
-        The bounds are those of the mean gain that the verdict states or, of an undecided one, that the claim does. A
-        claim of a gain is first tested for having none that matters, whatever else the difference shows.
+        The bounds are those of the mean gain stated by the verdict or, if it is undecided, by the claim. A claim of a
+        gain is first tested for the absence of a gain that matters.
         """
         matters, least = difference.quantity.matters, math.log(self.at_least)
         larger = (0.0, math.inf) if difference.mean > 0 else (-math.inf, 0.0)
@@ -68,7 +68,7 @@ class Claim:
 
 
 def read_claims(path: Path = SHIPPED_CLAIMS) -> dict[str, list[Claim]]:
-    """Read the claims in a YAML file, by study; raise UserError for one that is incomplete or names no metric."""
+    """Read the claims in a YAML file by study; raise UserError if one is incomplete or has an unknown metric."""
     try:
         data = read_plain_yaml(path, "give a file of claims")
         claims = {study: entries_in(Claim, listed, study) for study, listed in data.items()}
@@ -87,19 +87,19 @@ def _check(claim: Claim, where: str) -> None:
     if (claim.cannot or claim.needs) and len(missing) == len(COMPARED):
         return
     if missing:
-        cure = "give each; of a claim without a study give none, but cannot (why no study could answer it) or needs"
+        cure = "give all; for a claim without a study give none, but cannot (why no study could answer it) or needs"
         raise UserError(f"{where} has no {' and no '.join(missing)}; {cure}")
     if claim.metric not in quantities() or claim.expects not in (BETTER, NO_WORSE, OPEN):
-        raise UserError(f"'{claim.says}' has an unknown metric or expects; see the first lines")
+        raise UserError(f"'{claim.says}' has an unknown metric or expects; see the first lines of the file")
     if not 0 < claim.at_least < math.inf:
         raise UserError(f"'{claim.says}' has at_least={claim.at_least}; give a ratio above 0")
 
 
 def as_hydra_writes(setting: str) -> str:
-    """Write the overrides of a setting as Hydra gives them to jobs: ``critic=True critic_lr=0.0005``."""
+    """Write the overrides of a setting as Hydra passes them to jobs: ``critic=True critic_lr=0.0005``."""
     try:
         overrides = OverridesParser.create().parse_overrides(shlex.split(setting))
     except (HydraException, ValueError) as error:
         reason = str(error).partition("\n")[0]
-        raise UserError(f"'{setting}' is no setting as studies list them: {reason}") from error
+        raise UserError(f"'{setting}' is not a setting of a study: {reason}") from error
     return " ".join(f"{override.get_key_element()}={override.get_value_element_as_str()}" for override in overrides)

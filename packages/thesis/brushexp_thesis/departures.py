@@ -1,4 +1,4 @@
-"""``task=departures``: list every setting in which finished paintings differ from the thesis's procedure."""
+"""``task=departures``: list every setting in which finished paintings differ from the procedure of the thesis."""
 
 import json
 import logging
@@ -16,7 +16,7 @@ from brushexp.contracts.strokes import config_of, load_catalogue
 
 log = logging.getLogger(__name__)
 THESIS = Path(__file__).with_name("thesis.yaml")
-ABSENT = "absent"  # in place of a setting that a run does not have
+ABSENT = "absent"  # value of a setting that a run lacks
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
@@ -24,8 +24,8 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     folders = gather([Path(path) for path in cfg.runs], folder)["run", "folder"]
     catalogues = {name: path / "catalogue.h5" for name, path in folders.items() if (path / "catalogue.h5").is_file()}
     if not catalogues:
-        raise UserError(f"runs={','.join(cfg.runs)}: there is no finished painting; give folders of such with runs=")
-    lines, counts = ["# Beside the thesis", ""], []
+        raise UserError(f"runs={','.join(cfg.runs)}: no finished painting found; set runs= to folders that contain one")
+    lines, counts = ["# Departures from the thesis", ""], []
     for name, path in catalogues.items():
         settings = list_settings(config_of(load_catalogue(path)), [])
         rows = list(departures({key: value for key, value, _ in settings}))
@@ -37,9 +37,9 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def departures(settings: Mapping[str, str]) -> Iterator[dict[str, str]]:
-    """Compare a run with the thesis: each ``setting`` that differs, both values, and the section of the thesis.
+    """Yield each ``setting`` in which a run differs from the thesis, with both values and the section of the thesis.
 
-    ``settings`` are dotted keys and values as they would be typed, plugins by their names.
+    ``settings`` maps dotted keys to values as they would be typed, with plugins by name.
     """
     for row in yaml_of(read_text(THESIS, ""), list):
         condition, _, value = row.get("with", "").partition("=")

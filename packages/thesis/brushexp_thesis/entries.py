@@ -1,4 +1,4 @@
-"""Read YAML files of entries as dataclasses; raise a UserError that names the entry and the key that is wrong."""
+"""Read YAML files of entries as dataclasses; raise a UserError that names an invalid entry and key."""
 
 from dataclasses import fields
 from pathlib import Path
@@ -15,7 +15,7 @@ Kind = TypeVar("Kind")
 
 
 def read_plain_yaml(path: Path, cure: str) -> dict[str, Any]:
-    """Read a mapping from a YAML file, which must not refer to anything outside itself."""
+    """Read a mapping from a YAML file that must not refer to anything outside itself."""
     text = read_text(path, cure)
     if "${" in text:
         raise UserError("${...} refers to something else; write the value itself")
@@ -30,7 +30,7 @@ def entries_in(kind: type[Kind], listed: Any, where: str) -> list[Kind]:
 
 
 def entry_of(kind: type[Kind], mapping: Any, where: str) -> Kind:
-    """Convert a mapping to a dataclass, its values to the types of the fields."""
+    """Convert a mapping to a dataclass, and its values to the types of the fields."""
     keys = ", ".join(field.name for field in fields(kind))  # type: ignore[arg-type]
     if not isinstance(mapping, dict):
         raise UserError(f"{where} is {in_short(mapping)}; give a mapping of {keys}")

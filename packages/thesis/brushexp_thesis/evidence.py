@@ -1,6 +1,6 @@
-"""Test paired gains beside Student's interval: by ranks, by medians, and many claims together.
+"""Complement Student's interval of paired gains with tests by ranks, by medians, and for many claims together.
 
-``gains`` are one number for each picture or seed, see `brushexp_studies.paired.Difference`.
+``gains`` has one number for each picture or seed; see `brushexp_studies.paired.Difference`.
 """
 
 import math
@@ -10,16 +10,17 @@ import numpy as np
 from brushexp_studies.paired import Difference
 from scipy.stats import binom, t, wilcoxon
 
-Bounds = tuple[float, float]  # bounds of a mean gain; infinite where a statement has none
+Bounds = tuple[float, float]  # bounds of a mean gain; infinite where a statement sets no bound
 RESAMPLES = 9999
 POWER = 0.8  # share of studies that find the smallest detectable effect
-RARE = 0.05  # share of all pictures: an answer depends on the picture if more than it gain, and more than it lose
+RARE = 0.05  # an answer depends on the picture if more than this share of all pictures gain, and more than it lose
 
 
 def p_of_mean(gains: Sequence[float], stated: Bounds) -> float:
-    """Compute the p of Student's t that their mean lies within bounds, two-sided; above 0.05 its interval leaves them.
+    """Compute the two-sided p-value, by Student's t, of the statement that the mean gain lies within bounds.
 
-    It is twice the larger of the one-sided p against each bound (of two, an equivalence test: Schuirmann, 1987).
+    It is twice the larger of the one-sided p-values against each bound; with two bounds, this is an equivalence test
+    (Schuirmann, 1987). Above 0.05, the interval exceeds the bounds.
     """
     sample = np.array(gains, float)
     if len(sample) < 2:
@@ -31,7 +32,7 @@ def p_of_mean(gains: Sequence[float], stated: Bounds) -> float:
 
 
 def p_of_ranks(gains: Sequence[float], stated: Bounds) -> float:
-    """Compute the p of signed ranks (Wilcoxon, 1945) that their middle lies within bounds, as `p_of_mean` does."""
+    """Compute the p-value like `p_of_mean`, but by signed ranks (Wilcoxon, 1945)."""
     sample = np.array(gains, float)
     above = [sign * (sample - bound) for sign, bound in zip((1, -1), stated, strict=True) if math.isfinite(bound)]
     one_sided = [float(wilcoxon(one, alternative="greater").pvalue) if one.any() else 1.0 for one in above]
@@ -39,9 +40,10 @@ def p_of_ranks(gains: Sequence[float], stated: Bounds) -> float:
 
 
 def p_of_both_ways(gains: Sequence[float], matters: float) -> float:
-    """Compute the p that more than a `RARE` share of all pictures gains by more than what matters, and as many lose.
+    """Compute the p-value of the statement that more than a share `RARE` of all pictures gain, and as many lose.
 
-    It is twice the larger of the two binomial p (an intersection-union test: Berger, 1982).
+    Only gains and losses greater than ``matters`` count. It is twice the larger of the two binomial p-values (an
+    intersection-union test; Berger, 1982).
     """
     sample = np.array(gains, float)
     counts = [int((sign * sample > matters).sum()) for sign in (1, -1)]
@@ -49,7 +51,7 @@ def p_of_both_ways(gains: Sequence[float], matters: float) -> float:
 
 
 def median_of(gains: Sequence[float], confidence: float) -> tuple[float, float, float]:
-    """Compute the median with its bootstrap interval (percentiles; Efron, 1979), reproducibly."""
+    """Compute the median and its bootstrap interval (percentiles; Efron, 1979), reproducibly."""
     sample = np.array(gains, float)
     drawn = np.random.default_rng(0).choice(sample, (RESAMPLES, len(sample)))
     low, high = np.quantile(np.median(drawn, axis=1), [(1 - confidence) / 2, (1 + confidence) / 2])
@@ -57,7 +59,7 @@ def median_of(gains: Sequence[float], confidence: float) -> tuple[float, float, 
 
 
 def detectable_effect(one: Difference) -> float:
-    """Compute the smallest mean gain whose interval excludes zero in a `POWER` share of studies of this spread.
+    """Compute the smallest mean gain whose interval excludes zero in a share `POWER` of studies with this spread.
 
     It is half of the interval plus the `POWER` quantile of Student's t times the standard error (Bloom, 1995).
     """

@@ -1,4 +1,4 @@
-"""Measure a painting's quality where its target is flat, and where it is busy."""
+"""Measure a painting's quality separately where its target is flat and where it is busy."""
 
 import torch
 from torch import Tensor
@@ -7,11 +7,11 @@ from brushexp.contracts import register
 from brushexp.contracts.families import Comparison, Metric
 from brushexp.contracts.pictures import psnr_of
 
-WINDOWS = 16  # along the shorter side of a picture
+WINDOWS = 16  # number of windows along the shorter side of a picture
 
 
 def variation(target: Tensor) -> Tensor:
-    """Compute the standard deviation (H, W) of the colours of ``target`` (3, H, W) in a square around each pixel."""
+    """Compute the standard deviation (H, W) of the colours of a ``target`` (3, H, W) in a square around each pixel."""
     from scipy.ndimage import uniform_filter  # noqa: PLC0415  (--help does not need it)
 
     side = max(3, min(target.shape[1:]) // WINDOWS)

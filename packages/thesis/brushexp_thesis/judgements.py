@@ -1,4 +1,4 @@
-"""Judge claims by the studies that there are: all of a page together, with what else speaks for or against each."""
+"""Judge all claims of a page by the available studies, with further evidence for and against each claim."""
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -19,16 +19,16 @@ from brushexp_thesis.claims import CANNOT, DEPENDS, NOT_RUN, Claim
 from brushexp_thesis.evidence import detectable_effect, median_of, p_of_both_ways, p_of_mean, p_of_ranks
 from brushexp_thesis.study_records import Study
 
-LEAST_RANKED = 6  # units from which on ranks can be significant
+LEAST_RANKED = 6  # minimum number of units at which ranks can be significant
 
 
 @dataclass(frozen=True)
 class Judgement:
     """A claim with its verdict.
 
-    ``difference`` is what decides it, None without a study. ``p`` is that of the verdict's statement or, undecided, of
-    the claim's, for all claims of the page together; ``p_ranks`` is that of its signed ranks, for itself. ``alone`` is
-    the verdict before claims were taken together.
+    ``difference`` decides the claim; it is None without a study. ``p`` is the p-value of the verdict's statement or, if
+    undecided, of the claim, corrected for all claims of the page; ``p_ranks`` is the uncorrected p-value by signed
+    ranks. ``alone`` is the verdict before the correction.
     """
 
     claim: Claim
@@ -40,7 +40,7 @@ class Judgement:
 
     @property
     def effect(self) -> str:
-        """Write what was measured: the mean with its interval, and the counts where the answer depends on them."""
+        """Write the measured mean with its interval, and the counts if the answer depends on the picture."""
         assert self.difference is not None
         one = self.difference
         if one.verdict != "depends":
@@ -50,7 +50,7 @@ class Judgement:
 
     @property
     def power(self) -> str:
-        """Write the smallest effect that a study of this size and spread would find; empty for too few units."""
+        """Write the smallest effect that a study of this size and spread would detect; empty for too few units."""
         assert self.difference is not None
         found = detectable_effect(self.difference)
         quantity = self.difference.quantity
@@ -70,7 +70,7 @@ class Judgement:
 
     @property
     def remark(self) -> str:
-        """Say what a reader of the study should know: why it does not answer the claim, or how to read the answer."""
+        """Explain to the reader why the study does not answer the claim, or how to read the answer."""
         if self.claim.cannot:
             return f"Cannot be answered here: {self.claim.cannot}."
         if self.claim.needs:
@@ -78,7 +78,7 @@ class Judgement:
         return self.claim.remark and f"{self.claim.remark}."
 
     def _word_of_ranks(self) -> str:
-        """Say so if signed ranks decide what Student's t alone does not, or the other way round."""
+        """Note whether signed ranks decide a claim that Student's t does not, or vice versa."""
         if self.p_ranks is None or self.difference is None or len(self.difference.gains) < LEAST_RANKED:
             return ""
         differ = (self.p_ranks < 1 - CONFIDENCE) != (self.alone != NOT_DECIDED)
@@ -86,14 +86,14 @@ class Judgement:
 
 
 def judge(claims: Iterable[Claim], studies: Mapping[str, Study]) -> list[Judgement]:
-    """Judge every claim; those that have an answer are corrected together (Holm)."""
+    """Judge every claim, and correct all answered claims together (Holm)."""
     single = [_judge_alone(claim, studies) for claim in claims]
     corrected = iter(holm([one.p for one in single if one.p is not None]))
     return [one if one.p is None else _correct(one, next(corrected)) for one in single]
 
 
 def _correct(one: Judgement, p: float) -> Judgement:
-    """Give a claim its p beside all others, which may leave its verdict undecided."""
+    """Give a claim its corrected p-value, which may leave its verdict undecided."""
     is_doubtful = p >= 1 - CONFIDENCE and one.verdict != NOT_DECIDED
     return replace(one, p=p, verdict=NOT_DECIDED if is_doubtful else one.verdict)
 
@@ -111,7 +111,7 @@ def _judge_alone(claim: Claim, studies: Mapping[str, Study]) -> Judgement:
 
 
 def evidence_row(judgement: Judgement, paintings: Collection[str]) -> dict[str, str]:
-    """Write the measurements of a claim: mean, median and counts, also for photographs and paintings apart."""
+    """Write the measurements of a claim: mean, median and counts, also separately for photographs and paintings."""
     claim, one = judgement.claim, judgement.difference
     assert one is not None
     better, worse = len(one.units_that_gain(1)), len(one.units_that_gain(-1))
@@ -136,5 +136,5 @@ def _in_words(one: Difference, middle_low_high: Sequence[float]) -> str:
 
 
 def format_p(p: float) -> str:
-    """Write a p with two digits: ``0.031``, ``< 0.0001``."""
+    """Write a p-value with two digits: ``0.031``, ``< 0.0001``."""
     return "< 0.0001" if p < 1e-4 else f"{p:#.2g}"

@@ -1,4 +1,4 @@
-"""``task=leaderboard``: compare painters, of finished runs, of others, and figures that were published."""
+"""``task=leaderboard``: compare finished runs, paintings by others, and published figures."""
 
 import logging
 import os
@@ -39,15 +39,15 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         add_paintings(folder / "added", Path(cfg.add), cfg.target, name, numbers, cfg.lpips_backbone, cfg.lpips_weights)
         folders.append(folder / "added")
     if not folders:
-        raise UserError("nothing is given; try runs=outputs, or add=painting.png target=photo.jpg name=theirs")
+        raise UserError("nothing to compare; try runs=outputs, or add=painting.png target=photo.jpg name=theirs")
     runs = gather(folders, folder)
     entries = entries_of(runs)
     if not entries:
-        raise UserError(f"runs={','.join(cfg.runs)}: there is no finished painting; give folders of such with runs=")
+        raise UserError(f"runs={','.join(cfg.runs)}: no finished painting found; set runs= to folders that contain one")
     finished = {str(entry.folder) for entry in entries}
     others = sorted({as_shown(Path(path)) for path in runs["run"]["folder"] if str(path) not in finished})
     if others:
-        log.warning("left out, for these are no finished paintings: %s", shorten(", ".join(others), 300))
+        log.warning("left out, because they are not finished paintings: %s", shorten(", ".join(others), 300))
     remark = remark_on_provenance(runs[[str(path) in finished for path in runs["run"]["folder"]]])
     if remark:
         log.warning(remark)
@@ -61,13 +61,13 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     command = shlex.join(["brushexp", *words])
     table = tables.write_leaderboard_tables(folder, sections, elsewhere, command, note)
     log.info("%s: %d paintings in %d sections", as_shown(table), len(entries), len(sections))
-    return {"paintings": len(entries), "status": Status.COMPLETED}  # without a metrics.json: it is no run itself
+    return {"paintings": len(entries), "status": Status.COMPLETED}  # without a metrics.json, because this is not a run
 
 
 def write_leaderboard_page(
     folder: Path, sections: Sequence[Section], elsewhere: Sequence[PublishedFigures], note: str = ""
 ) -> Path:
-    """Write ``report.html``, with the plot beside it; each picture is shown in the first section that has it."""
+    """Write ``report.html`` and its plot; each picture is shown in the first section that contains it."""
     home = {target: section for section in reversed(sections) for target in section.pictures}
     side = side_for(sum((1 + len(section.rows)) for section in home.values()))
     html = page(
@@ -144,6 +144,6 @@ def _draw_section(axes: Axes, section: Section) -> None:
             axes.fill_between(times, low, high, color=COLORS[k % len(COLORS)], alpha=0.06, linewidth=0)
     plotting.fit_scale(axes, "x", [curve[0][-1] for row in rows for curve in row.curves])
     axes.set_title(plotting.without_math(section.title), fontsize=11, loc="left", color=INK)
-    axes.set_xlabel("wall time of the optimisation, s; what is done stays", fontsize=10)
+    axes.set_xlabel("wall time of the optimisation, s; finished paintings stay", fontsize=10)
     axes.set_ylabel(f"mean PSNR, dB, {CONFIDENCE:.0%} interval", fontsize=10)
     axes.legend(loc="upper left", bbox_to_anchor=(1.01, 1), fontsize=9, frameon=False)

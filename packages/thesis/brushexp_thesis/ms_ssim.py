@@ -1,16 +1,16 @@
-"""Structural similarity at several scales, as papers on Gaussians for pictures report it."""
+"""Structural similarity at several scales, as reported in papers on Gaussians for pictures."""
 
 from brushexp.contracts import register
 from brushexp.contracts.families import Comparison, Metric
 
-SMALLEST_SIDE = 176  # side in pixels of which a sixteenth still holds the window of 11 x 11
+SMALLEST_SIDE = 176  # minimum side in pixels, at which a sixteenth still contains the window of 11 x 11
 
 
 @register("metric", "ms_ssim")
 class MultiscaleSimilarity(Metric):
     """MS-SSIM (Wang, Simoncelli and Bovik, 2003), SSIM at five scales; 1 is identical.
 
-    It is computed by torchmetrics in float64. A picture with a side below 176 pixels has none.
+    torchmetrics computes it in float64. It is undefined for pictures with a side below 176 pixels.
     """
 
     title = "MS-SSIM"

@@ -1,4 +1,4 @@
-"""Read published figures of others, which a leaderboard shows beside measured ones."""
+"""Read figures published by others, which a leaderboard shows beside measured figures."""
 
 import math
 from dataclasses import dataclass, field
@@ -13,22 +13,22 @@ FIGURES = ("psnr", "ssim", "ms_ssim", "l1", "lpips_alexnet", "lpips_squeeze", "l
 
 @dataclass(kw_only=True)
 class PictureSet:
-    """The pictures of which published figures are means."""
+    """The set of pictures over which published figures are averaged."""
 
-    pictures: str  # in words
-    size: list[int] = field(default_factory=list)  # width and height, pixels; empty if they differ or are not known
-    names: list[str] = field(default_factory=list)  # files without endings; empty where they are not public
+    pictures: str  # description in words
+    size: list[int] = field(default_factory=list)  # width and height in pixels; empty if sizes differ or are unknown
+    names: list[str] = field(default_factory=list)  # file names without suffixes; empty if not public
 
 
 @dataclass(kw_only=True)
 class PublishedFigures:
     """Figures of one painter or codec, with their source."""
 
-    set: str  # name of its pictures
+    set: str  # name of the set of pictures
     painter: str
-    source: str  # authors, year and table; and where the figures were read if not there
-    primitives: int | None = None  # how many
-    what: str = "strokes"  # the primitives are
+    source: str  # authors, year and table; also the secondary source, if any
+    primitives: int | None = None  # number of primitives
+    what: str = "strokes"  # kind of primitives
     machine: str = ""
     psnr: float | None = None
     ssim: float | None = None
@@ -42,12 +42,12 @@ class PublishedFigures:
 
     @property
     def figures(self) -> dict[str, float]:
-        """The figures that are published, by the names of `FIGURES`."""
+        """The published figures, with the names in `FIGURES`."""
         return {name: value for name in FIGURES if (value := getattr(self, name)) is not None}
 
 
 def read_published(path: Path = SHIPPED_FIGURES) -> list[PublishedFigures]:
-    """Read a YAML file: ``sets`` of pictures by name, and ``figures``, each of which names its ``set``."""
+    """Read a YAML file with ``sets`` of pictures by name, and ``figures`` that each name a ``set``."""
     try:
         data = read_plain_yaml(path, "give a file of published figures")
         if data.keys() != {"sets", "figures"} or not isinstance(data["sets"], dict):
@@ -61,7 +61,7 @@ def read_published(path: Path = SHIPPED_FIGURES) -> list[PublishedFigures]:
             if one.set not in sets:
                 raise UserError(f"entry {number} of figures: set is {one.set}; choose one of {', '.join(sets)}")
             if not one.figures or not all(map(math.isfinite, one.figures.values())):
-                raise UserError(f"entry {number} of figures has no figure, or one that is no number: {one.figures}")
+                raise UserError(f"entry {number} of figures has no figure, or one is not a number: {one.figures}")
             one.of = sets[one.set]
         return published
     except UserError as error:

@@ -7,7 +7,7 @@ from omegaconf import MISSING
 from brushexp.contracts import FILE, FOLDER, at_least, one_of
 from brushexp.contracts.tasks import Task, key
 
-RUNS = "folder of a run or sweep, or one that contains several; separate folders with commas"
+RUNS = "folder of a run or sweep, or a folder of several; separate folders with commas"
 
 
 @dataclass
@@ -28,7 +28,7 @@ class VerdictsTask(Task):
     module = "brushexp_thesis.verdicts"
 
     runs: list[str] = key(
-        MISSING, "folder of sweeps of experiment=, or of records of such; several with commas", FOLDER
+        MISSING, "folder of sweeps of experiment=, or of their records; separate folders with commas", FOLDER
     )
     claims: str | None = key(None, "YAML file of claims; null = the shipped claims of the thesis", FILE)
     paintings: str | None = key(None, "YAML list of pictures that are paintings; null = the shipped list", FILE)
@@ -46,10 +46,8 @@ class LeaderboardTask(Task):
 
     runs: list[str] = key([], RUNS, FOLDER)
     add: str | None = key(None, "painting by others: a picture, a catalogue, or a folder of these; null = none")
-    target: str | None = key(
-        None, "picture that add was painted after; if add is a folder, a folder with files of the same names"
-    )
-    name: str | None = key(None, "name of the painter of add; null = the name of the file")
+    target: str | None = key(None, "picture painted by add; if add is a folder, a folder with files of the same names")
+    name: str | None = key(None, "name of the painter of add; null = the file's name")
     strokes: int | None = key(None, "number of strokes of add; null = from its catalogue, or unknown", at_least(1))
     seconds: float | None = key(None, "seconds that add took; null = unknown", at_least(0))
     note: str | None = key(

@@ -1,7 +1,8 @@
 """Compare painters on the same pictures: means with intervals, at equal strokes and at equal seconds.
 
-A row is a painter with its settings and number of strokes, a section a set of pictures with all rows that have painted
-every one of them, so that no two means are of different pictures. Published figures stand beside and enter no mean.
+A row is a painter with its settings and number of strokes. A section is a set of pictures with the rows that have
+painted all of them, so that all means of a section are over the same pictures. Published figures are listed but enter
+no mean.
 """
 
 import math
@@ -36,14 +37,14 @@ SHOWN = ["psnr", "ssim", "ms_ssim", "l1", "perceptual", "lpips_alexnet", "lpips_
 SHOWN += ["bits", "psnr_decoded", "seconds", "cpu_seconds"]
 COLUMNS = {key: quantities()[key] for key in SHOWN} | {"peak_memory_mb": Quantity("memory, MB", 0, "lower")}
 IGNORED_KEYS = {
-    *("image", "pictures", "seed", "painter", "strokes", "task"),  # rows and sections are made of them
+    *("image", "pictures", "seed", "painter", "strokes", "task"),  # these define rows and sections
     *("output", "overwrite", "resume", "report", "frames", "frame_side", "timelapse", "timelapse_seconds", "logger"),
     *("checkpoint_every", "metric"),
-}  # these are none of the settings that distinguish two rows
+}  # keys that do not distinguish two rows
 
 
 def credited(painter: str) -> str:
-    """Add the author whom a painter re-implements; the name of a preset begins with that of its painter.
+    """Add the author whose painter is re-implemented; the name of a preset begins with its painter's name.
 
     >>> credited("hertzmann_wash"), credited("gradient"), credited("gone")
     ('hertzmann_wash (after Hertzmann)', 'gradient', 'gone')
@@ -58,25 +59,25 @@ def credited(painter: str) -> str:
 class Entry:
     """A finished painting of a leaderboard."""
 
-    key: tuple[str, tuple[str, ...], int | None]  # painter, settings that not all have, requested strokes
-    target: str  # fingerprint of what was painted
+    key: tuple[str, tuple[str, ...], int | None]  # painter, settings that are not common to all, requested strokes
+    target: str  # fingerprint of the painted picture
     name: str  # name of the target, with its size
     strokes: float | None
-    numbers: Mapping[str, float]  # by names of COLUMNS
+    numbers: Mapping[str, float]  # metrics with the names in COLUMNS
     curve: Curve | None
     folder: Path
-    command: str  # the command that repeats it; "" if it is not known
+    command: str  # command that repeats the painting; "" if unknown
 
 
 @dataclass(frozen=True)
 class Row:
-    """A painter on the pictures of a section; ``numbers`` are means over seeds, one for each picture."""
+    """A painter on the pictures of a section; ``numbers`` has a mean over seeds for each picture."""
 
     painter: str
     settings: str
-    strokes: float | None  # requested strokes, or the mean of the painted ones
-    numbers: Mapping[str, np.ndarray]  # each metric is known of every picture
-    curves: Sequence[Curve]  # likewise; none if some picture has none
+    strokes: float | None  # requested number of strokes, or the mean number painted
+    numbers: Mapping[str, np.ndarray]  # metrics that are known for every picture
+    curves: Sequence[Curve]  # one for each picture, or none if any picture lacks one
     entries: Sequence[Entry]  # entries of the first seed, one for each picture
 
     @property
@@ -88,14 +89,14 @@ class Row:
         return " ".join(filter(None, (self.painter, self.settings)))
 
     def psnr_at(self, seconds: float) -> list[float]:
-        """PSNR in dB of each picture after ``seconds``, or at its end if that is earlier; empty before all begin."""
+        """Return each picture's PSNR in dB after ``seconds``, or at its earlier end; empty before all have begun."""
         psnr = [quality_at(curve, seconds, after_end=True) for curve in self.curves]
         return [] if None in psnr else psnr  # type: ignore[return-value]
 
 
 @dataclass(frozen=True)
 class Section:
-    """Rows of one set of pictures, by strokes and then by PSNR, and the published figures of these pictures."""
+    """The rows of one set of pictures, by strokes and then by PSNR, and published figures of these pictures."""
 
     pictures: Mapping[str, str]  # target -> name with its size
     rows: Sequence[Row]
@@ -116,7 +117,7 @@ class Section:
 
     @cached_property
     def times(self) -> list[float]:
-        """Seconds at which rows are compared; none if fewer than two have curves."""
+        """Times in seconds at which rows are compared; empty if fewer than two rows have curves."""
         curves = [curve for row in self.rows for curve in row.curves]
         if sum(bool(row.curves) for row in self.rows) < 2:
             return []
@@ -124,9 +125,9 @@ class Section:
         return [time for time in TIMES if start <= time <= end][-7:]
 
     def against_best(self, row: Row) -> tuple[float, float, float] | None:
-        """Mean and bounds of the differences in PSNR from the best row with as many strokes.
+        """Compute mean and bounds of the differences in PSNR from the best row with as many strokes.
 
-        None for the best one itself, and for a row whose number of strokes is not known.
+        Returns None for the best row itself, and for a row with an unknown number of strokes.
         """
         rivals = [one for one in self.rows if one.strokes == row.strokes and "psnr" in one.numbers]
         best = max(rivals, key=lambda one: one.numbers["psnr"].mean(), default=row)
@@ -134,7 +135,7 @@ class Section:
         return interval(row.numbers["psnr"] - best.numbers["psnr"]) if is_comparable else None
 
     def relation(self, figures: PublishedFigures) -> str:
-        """Say how the pictures of published figures are related to those of the section."""
+        """Describe how the pictures of published figures relate to the pictures of the section."""
         shared = len({*figures.of.names} & {*self.stems})
         if shared == len(figures.of.names) == len(self.pictures):
             return "the same pictures"
@@ -147,12 +148,12 @@ def count_of(strokes: float | None) -> str:
 
 
 def stem_of(name: str) -> str:
-    """The file of a picture without its ending: ``kodim03`` of ``kodim03.png, 768 x 512 pixels``."""
+    """Return a picture's file name without suffix: ``kodim03`` of ``kodim03.png, 768 x 512 pixels``."""
     return PurePath(name.rpartition(", ")[0] or name).stem
 
 
 def entries_of(frame: DataFrame) -> list[Entry]:
-    """List the finished paintings among some runs, see `brushexp.results.runs`, whose targets still exist."""
+    """List the finished paintings with existing targets among some runs; see `brushexp.results.runs`."""
     runs = [
         (run, metrics)
         for name, run in frame["run"].iterrows()
@@ -169,7 +170,7 @@ def entries_of(frame: DataFrame) -> list[Entry]:
 
 def _entry(run: Any, metrics: Mapping[str, Any], settings: tuple[str, ...]) -> Entry:
     budget = str(setting_of(run, "strokes"))
-    painter = run["overrides"].get("painter") or metrics.get("painter", "gradient")  # a preset by its own name
+    painter = run["overrides"].get("painter") or metrics.get("painter", "gradient")  # a preset has its own name
     return Entry(
         key=(str(painter), settings, int(budget) if budget.isdecimal() else None),
         target=run["target"],
@@ -183,7 +184,7 @@ def _entry(run: Any, metrics: Mapping[str, Any], settings: tuple[str, ...]) -> E
 
 
 def sections_of(entries: Sequence[Entry], published: Sequence[PublishedFigures] = ()) -> list[Section]:
-    """Make a section for every set of pictures that some painter has painted, the largest and published ones first."""
+    """Make a section for every set of pictures that any painter has painted, with large and published sets first."""
     by_painter: dict[Any, dict[str, list[Entry]]] = {}
     for entry in entries:
         by_painter.setdefault(entry.key, {}).setdefault(entry.target, []).append(entry)
@@ -202,7 +203,7 @@ def sections_of(entries: Sequence[Entry], published: Sequence[PublishedFigures] 
 def _row(
     key: tuple[str, tuple[str, ...], int | None], alike: Sequence[Sequence[Entry]], common: Collection[str]
 ) -> Row:
-    """Average the paintings of each picture, ``alike`` but for seeds; all rows have the ``common`` settings."""
+    """Average the paintings of each picture, ``alike`` except for seeds; all rows share the ``common`` settings."""
     painter, settings, budget = key
     every = [entry for one in alike for entry in one]
     counts = [entry.strokes for entry in every if entry.strokes is not None]

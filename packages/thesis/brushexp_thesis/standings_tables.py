@@ -1,6 +1,6 @@
 """Write a leaderboard as Markdown, CSV and LaTeX.
 
-The Markdown has a table for each section; the CSV files have every metric and picture, and PSNR after equal seconds.
+The Markdown has a table for each section; the CSV files have every metric and picture, and the PSNR after equal times.
 """
 
 import math
@@ -19,15 +19,15 @@ from brushexp_thesis.standings import COLUMNS, Section, count_of
 TEXT = Path(__file__).with_name("templates") / "leaderboard.md"
 EXPLANATION = " ".join(TEXT.read_text(encoding="utf-8").split()).format(confidence=CONFIDENCE)
 BEHIND = "behind, dB"
-EQUAL_SECONDS = "The best PSNR in dB within so many seconds of optimisation; a painting that is done stays."
+EQUAL_SECONDS = "The best PSNR in dB within the given seconds of optimisation; finished paintings keep their value."
 FILES = (
     "[leaderboard.csv](leaderboard.csv) has every metric and command, [pictures.csv](pictures.csv) the PSNR of each "
     "picture, and [seconds.csv](seconds.csv) the PSNR after equal seconds for runs with curves."
 )
-IN_TEXT = ("psnr", "ssim", "ms_ssim", "perceptual", "bits", "psnr_decoded", "seconds")  # metrics of the Markdown
-THESE = "these"  # pictures of a measured row
-PUBLISHED = "Published figures of {}: not measured here, and in no mean."
-ELSEWHERE = "Figures that others have published, of pictures that are not here: they compare with nothing above."
+IN_TEXT = ("psnr", "ssim", "ms_ssim", "perceptual", "bits", "psnr_decoded", "seconds")  # metrics in the Markdown
+THESE = "these"  # name for the pictures of a measured row
+PUBLISHED = "Published figures of {}: not measured here, and not in any mean."
+ELSEWHERE = "Figures published for other pictures: they are not comparable with anything above."
 
 
 def write_leaderboard_tables(
@@ -35,7 +35,7 @@ def write_leaderboard_tables(
 ) -> Path:
     """Write ``leaderboard.md``, ``.csv`` and ``.tex``, ``pictures.csv`` and ``seconds.csv``; return the first.
 
-    ``command`` is the one that writes them.
+    ``command`` is the command that writes these files.
     """
     write_text(folder / "leaderboard.md", "\n".join(_markdown(sections, command, note)))
     lines = [line for section in sections for line in _numbers_of(section)]
@@ -51,7 +51,7 @@ def write_leaderboard_tables(
 
 
 def table_cells(section: Section) -> list[dict[str, str]]:
-    """Make the table of a section: measured rows, then published ones, whose ``pictures`` are not "these"."""
+    """Make the table of a section: measured rows, then published rows, whose ``pictures`` differ from "these"."""
     rows = []
     for row in section.rows:
         means = {metric.name: _mean(row.numbers.get(key, ()), metric.digits) for key, metric in COLUMNS.items()}
@@ -62,7 +62,7 @@ def table_cells(section: Section) -> list[dict[str, str]]:
 
 
 def published_cells(figures: PublishedFigures, pictures: str) -> dict[str, str]:
-    """Make a row of published figures; its settings are the source."""
+    """Make a row of published figures, whose settings name the source."""
     size = " at {} x {}".format(*figures.of.size) if len(figures.of.size) == 2 else ""
     machine = f", on {figures.machine}" if figures.machine else ""
     strokes = f"{count_of(figures.primitives)} {figures.what}" if figures.primitives else MISSING
@@ -87,7 +87,7 @@ def at_equal_seconds(section: Section) -> list[dict[str, str]]:
 
 
 def by_picture(section: Section) -> list[dict[str, str]]:
-    """List the PSNR of each row and picture, means over seeds."""
+    """List the PSNR of each row and picture, averaged over seeds."""
     return [
         row.words | {"picture": name, "psnr": f"{psnr:.2f}"}
         for row in section.rows
@@ -127,7 +127,7 @@ def _markdown(sections: Sequence[Section], command: str, note: str) -> Iterator[
 
 
 def without_empty(cells: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:
-    """Remove the columns in which every cell is empty."""
+    """Remove columns in which every cell is empty."""
     empty = {key for key in (cells[0] if cells else ()) if all(row[key] in ("", MISSING) for row in cells)}
     return [{key: text for key, text in row.items() if key not in empty} for row in cells]
 

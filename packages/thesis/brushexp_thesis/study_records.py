@@ -1,8 +1,8 @@
-"""Read finished studies, sweeps of a named experiment, from their folders or from the records kept of them.
+"""Read finished studies, which are sweeps of a named experiment, from their folders or their records.
 
-A record is a CSV file: a first line of JSON behind ``# `` (command, numbers of runs, cost), then a row for each setting
-and picture (or seed) with the metrics. Folders of runs are large and go; a page is written anew from records.
-A record may be another program's, which writes its command, and the question that it asks, into the first line.
+A record is a CSV file: a first line with JSON after ``# `` (command, numbers of runs, cost), then a row with the
+metrics for each setting and picture (or seed). A page can be rewritten from records after the large folders of runs are
+deleted. Another program can write a record with its command and the question that it asks in the first line.
 """
 
 import json
@@ -23,20 +23,20 @@ from brushexp.contracts.runs import UNFINISHED
 from brushexp_thesis.claims import Claim
 
 EXPERIMENT, PICTURE_WORD = "experiment=", "image="
-# The first line of a record has these.
+# Keys in the first line of a record.
 HEAD = ("name", "words", "n_jobs", "n_runs", "n_finished", "cost", "question", "provenance")
-# Words that say where and by how many processes, not what.
+# Words that say where and by how many processes a study runs, not what it does.
 OMITTED = ("hydra.sweeper.lenient=", "hydra.searchpath=", "hydra/launcher=", "hydra.launcher.")
 
 
 @dataclass(frozen=True)
 class Study:
-    """A finished sweep of a named experiment; ``words`` are its command line without the folders of a machine.
+    """A finished sweep of a named experiment; ``words`` is its command line without machine-specific folders.
 
-    Those of another program begin with ``python``; its ``question`` stands in the record.
+    The words of another program begin with ``python``, and its record contains the ``question``.
 
-    ``table`` is the `paired_table` of its runs. It has ``n_jobs`` when it is whole; of ``n_runs`` that were begun
-    ``n_finished`` have come to their ends, at a ``cost`` in words.
+    ``table`` is the `paired_table` of its runs. A complete study has ``n_jobs``; of ``n_runs`` started runs,
+    ``n_finished`` have finished, at a ``cost`` in words.
     """
 
     name: str
@@ -47,7 +47,7 @@ class Study:
     n_finished: int
     cost: str
     question: str = ""
-    provenance: str = ""  # in which versions, machines and plugin files its runs differ, in a sentence
+    provenance: str = ""  # sentence about versions, machines and plugin files in which its runs differ
 
     @property
     def command(self) -> str:
@@ -56,20 +56,20 @@ class Study:
 
     @property
     def units(self) -> list[str]:
-        """Names of the pictures or seeds that have every setting."""
+        """Names of the pictures or seeds for which every setting was run."""
         whole = self.table.groupby(level=1, sort=False).size() == len(self.table.groupby(level=0))
         return [str(unit) for unit in whole.index[whole]]
 
     @property
     def extent(self) -> tuple[int, bool]:
-        """The order of two studies of one experiment: by units, and then by whether no job is missing."""
+        """Sort key for studies of one experiment: number of units, and whether no job is missing."""
         return len(self.units), self.n_finished >= self.n_jobs
 
     def difference(self, claim: Claim) -> Difference | None:
-        """Compute the difference that decides a claim; None if a setting of it was not run.
+        """Compute the difference that decides a claim; None if one of its settings was not run.
 
-        Its interval is one of all comparisons with the study's reference together or, where it compares two others,
-        of all pairs of settings.
+        The interval is corrected for all comparisons with the study's reference or, if the claim compares two other
+        settings, for all pairs of settings.
         """
         options = list(dict.fromkeys(self.table.index.get_level_values(0)))
         if not {claim.setting, claim.against} <= set(options):
@@ -80,20 +80,20 @@ class Study:
         return next((one for one in differences if one.option == claim.setting), None)
 
     def record(self, path: Path) -> None:
-        """Write the study to a file from which `studies_in` reads it again."""
+        """Write the study to a file that `studies_in` can read."""
         metrics = self.table[[key for key in quantities() if key in self.table and self.table[key].notna().any()]]
         head = {name: getattr(self, name) for name in HEAD if getattr(self, name)}
         write_text(path, f"# {json.dumps(head)}\n{metrics.to_csv(float_format='%.7g', lineterminator=chr(10))}")
 
 
 def studies_in(folders: Sequence[Path], into: Path) -> dict[str, Study]:
-    """Read the studies in some folders, records first; of two of one experiment, the larger, or the later."""
+    """Read the studies in folders, records first; of two studies of one experiment, keep the larger, or the later."""
     studies: dict[str, Study] = {}
     for one in (*_read_records(folders), *_read_sweeps(folders, into)):
         if one.units and (one.name not in studies or one.extent >= studies[one.name].extent):
             studies[one.name] = one
     if not studies:
-        raise UserError(f"runs={','.join(map(str, folders))}: there is no sweep of an experiment=; run one first")
+        raise UserError(f"runs={','.join(map(str, folders))}: no sweep of an experiment= found; run one first")
     return studies
 
 
@@ -108,7 +108,7 @@ def _read_records(folders: Sequence[Path]) -> Iterator[Study]:
                 table = pd.read_csv(file, index_col=[0, 1], dtype={0: str, 1: str})
                 yield Study(**fields | {"words": tuple(fields["words"]), "table": table})
             except (ValueError, TypeError, KeyError, UserError) as error:
-                raise UserError(f"{path} is no record of a study ({error}); write it anew or move it away") from error
+                raise UserError(f"{path} is not a record of a study ({error}); rewrite it or move it away") from error
 
 
 def _read_sweeps(folders: Sequence[Path], into: Path) -> Iterator[Study]:
@@ -128,9 +128,9 @@ def _read_sweeps(folders: Sequence[Path], into: Path) -> Iterator[Study]:
 
 
 def as_listed(table: pd.DataFrame, jobs: Sequence[Sequence[str]]) -> pd.DataFrame:
-    """Name the options of a `paired_table` as the study lists its settings: what ``jobs`` have behind the picture.
+    """Rename the options of a `paired_table` to the study's settings, the words of ``jobs`` after the picture.
 
-    The table has them without the words that all share, in an order of its own.
+    The table's own options lack the words that all jobs share, and are ordered differently.
     """
     places = [next((k for k, word in enumerate(job) if word.startswith(PICTURE_WORD)), len(job)) for job in jobs]
     listed = list(dict.fromkeys(tuple(job[place + 1 :]) for job, place in zip(jobs, places, strict=True)))
@@ -142,17 +142,17 @@ def as_listed(table: pd.DataFrame, jobs: Sequence[Sequence[str]]) -> pd.DataFram
 
 
 def _cost(metrics: pd.DataFrame) -> str:
-    wall = "hours, CPU time not noted"
+    wall = "hours, CPU time not recorded"
     for key, unit in (("cpu_seconds", "CPU hours"), ("seconds_total", wall), ("seconds", wall)):
         seconds = metrics[key].dropna().astype(float) if key in metrics else []
         if len(seconds):
             of_some = "" if len(seconds) == len(metrics) else f" for {len(seconds)} of them"
             return f"{sum(seconds) / 3600:.2f} {unit}{of_some}"
-    return "cost not noted"
+    return "cost not recorded"
 
 
 def _short(words: Sequence[str]) -> list[str]:
-    """Shorten paths: those below the current folder to what a repetition has, others to their names.
+    """Shorten paths: below the current folder to relative paths, and all others to file names.
 
     A part with a comma keeps its quotes.
     """

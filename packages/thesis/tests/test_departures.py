@@ -1,4 +1,4 @@
-"""The list of what differs from the thesis has every such setting, and nothing else."""
+"""The list of departures has every setting that differs from the thesis, and no other settings."""
 
 from brushexp_thesis import departures as departures_task
 from brushexp_thesis.departures import THESIS, departures
@@ -14,7 +14,7 @@ OF_THE_THESIS = {row["key"]: row["value"] for row in ROWS if row["value"] != []}
 
 
 def listed(cfg) -> dict[str, str]:
-    """Key -> what the run has instead."""
+    """Map each key to the run's value."""
     settings = list_settings(OmegaConf.to_container(cfg, resolve=True, enum_to_str=True), [])
     return {row["setting"]: row["this run"] for row in departures({key: value for key, value, _ in settings})}
 
@@ -51,5 +51,5 @@ def test_the_task_lists_them_of_paintings(run_task, tmp_path):
     assert f"{result['departures']} settings differ." in text
     assert "| loss.width | width | absent | 6.24 |" in text
     (tmp_path / "catalogue.h5").unlink()
-    words = "there is no finished painting; give folders of such with runs="
+    words = "no finished painting found; set runs= to folders that contain one"
     refuses(words, run_task, departures_task, "task=departures", f"runs=[{tmp_path}]")

@@ -1,4 +1,4 @@
-"""Tests of gains are those of SciPy's on simple statements."""
+"""Tests of gains agree with SciPy's tests for simple statements."""
 
 import math
 

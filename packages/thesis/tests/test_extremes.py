@@ -1,4 +1,4 @@
-"""No scene, however absurd, is painted wrongly in silence: the quick part of ``experiment=extremes``."""
+"""No scene, however absurd, is silently painted wrongly: the quick part of ``experiment=extremes``."""
 
 from dataclasses import replace
 from functools import cache
@@ -20,23 +20,23 @@ from brushexp.plugins.renderer.base import LEAST_ALPHA, Renderer
 from brushexp.registry import build_named, plugins
 from brushexp.strokes.catalogue import FARTHEST_POSITION, Catalogue, check_strokes, drawable
 
-# The study alone has the time for them, and for the kernels of seven channels.
+# Scenes that only the study has time for, including kernels for seven channels.
 SLOW_SCENES = ("10,000 on one pixel", "canvas 8192 x 8", "pure colours in pigment", "mixing in pigment")
 BLENDS = {plugin.name: build_named("blend", plugin.name, {}) for plugin in plugins("blend")}
 CELLS = [("tiled", dtype) for dtype in DTYPES] + [(name, "float32") for name in BLENDS if name != "tiled"]
 BOUNDS = check.PICTURE_BOUNDS["float32"], check.GRADIENT_BOUNDS["float32"]
-# By how much float32 may differ from float64 all the same: a pixel, and a gradient against its size.
+# Known exceptions: maximum difference of float32 from float64 for a pixel, and relative difference for a gradient.
 DEGRADED_BY = {
     "windows 1e6 px away": (0.03, 0.3),  # float32 has steps of 1/16 px there
-    "length 10,000 px": (1e-4, 0.01),  # textured: texels are a thousand times longer than wide
-    "width 0": (1e-4, 1.0),  # topk: rounding decides which strokes are empty, and those have no gradient
+    "length 10,000 px": (1e-4, 0.01),  # textured; texels are a thousand times longer than wide
+    "width 0": (1e-4, 1.0),  # topk; rounding decides which strokes are empty, and empty strokes have no gradient
 }
-frozen = cache(frozen_renderer)  # once, and not when this file is imported
+frozen = cache(frozen_renderer)  # built once, and not when this file is imported
 no_eval_warning = pytest.mark.filterwarnings("ignore:.*in eval mode at the start of training")
 
 
 def renderers(formulas: bool) -> dict[str, Renderer]:
-    """Those that are formulas, or those that are networks."""
+    """Return the renderers that are formulas, or those that are networks."""
     made = {plugin.name: frozen(plugin.name) for plugin in plugins("renderer")}
     return {name: renderer for name, renderer in made.items() if (renderer.warm_up is None) == formulas}
 
@@ -49,7 +49,7 @@ def test_no_scene_breaks_a_formula_and_all_have_strokes_in_range(name):
         assert len(scene.strokes(most)) == min(scene.n, most)
     assert scene.target(scene.canvas).shape == (3, *scene.canvas)
     formulas = renderers(formulas=True).values()
-    turn = [*SCENES].index(name) % len(formulas)  # each scene shows the other blends to another renderer
+    turn = [*SCENES].index(name) % len(formulas)  # each scene combines the other blends with a different renderer
     for k, renderer in enumerate(() if name in SLOW_SCENES else formulas):
         checks = SceneCheck(renderer, scene, 6)
         for blend, dtype in CELLS if k == turn else CELLS[: len(DTYPES)]:
@@ -134,7 +134,7 @@ def test_a_crash_is_a_bug_and_a_message_is_none():
 
     result = SceneCheck(Crashing(), SCENES["one stroke"], 1).check(BLENDS["tiled"], "float32")
     assert result == check.Check(BROKEN, note="RuntimeError: expected scalar type Float")
-    for scene in ("1e6 px off the canvas", "windows 1e6 px away"):  # farther than float16 can tell
+    for scene in ("1e6 px off the canvas", "windows 1e6 px away"):  # farther than float16 can represent
         result = SceneCheck(Analytic(), SCENES[scene], 2).check(BLENDS["tiled"], "float16")
         assert result.verdict in (EXACT, DEGRADED)
         assert result.picture < 1e-4

@@ -1,4 +1,4 @@
-"""Painters beside each other: means of the same pictures only, others' paintings, published figures that never mix."""
+"""The leaderboard averages over equal pictures only, accepts paintings by others, and keeps published figures apart."""
 
 import re
 
@@ -37,7 +37,7 @@ def sections_in(folder, published=None):
 
 
 def paint_run(folder, image, psnr, strokes, painter=None, **noted):
-    """A made-up run; pictures of one name have one target."""
+    """Write the files of a fake run; pictures with the same name share a target."""
     chosen = {"image": f"{image}.png", "strokes": str(strokes), "frames": str(ord(image))}
     numbers = {"psnr": psnr, "l1": 0.1, "seconds": 2.0, "cpu_seconds": 3.0, "n_strokes": strokes}
     numbers |= {"anytime": [[1, psnr - 4], [2, psnr]]} | ({"painter": painter} if painter else {})
@@ -46,7 +46,7 @@ def paint_run(folder, image, psnr, strokes, painter=None, **noted):
 
 @pytest.fixture
 def runs(tmp_path):
-    """Two painters of pictures a and b with 50 strokes, one of them with two seeds, and a alone with 90."""
+    """Write runs of two painters on pictures a and b with 50 strokes, one with two seeds, and on a with 90 strokes."""
     folder = tmp_path / "runs"
     folder.mkdir()
     write_text(tmp_path / "published.yaml", PUBLISHED)
@@ -68,15 +68,15 @@ def test_means_are_of_the_same_pictures_and_differences_are_paired(runs, tmp_pat
     assert [len(section.pictures) for section in (both, alone)] == [2, 1]
     ours, greedy = both.rows
     assert (ours.painter, greedy.painter) == ("gradient", "greedy")
-    assert ours.numbers["psnr"].tolist() == [21, 31]  # over seeds first
+    assert ours.numbers["psnr"].tolist() == [21, 31]  # averaged over seeds first
     assert both.against_best(ours) is None
     mean, low, high = both.against_best(greedy)
     assert (mean, low, high) == pytest.approx((-5.5, *stats.t.interval(0.95, 1, loc=-5.5, scale=0.5)))
     names = [(row.painter, row.strokes) for row in alone.rows]
     assert names == [("gradient", 50), ("greedy", 50), ("gradient", 90), ("greedy_fast", 90)]
-    assert [one.source[-1] for one in both.published] == ["1", "3"]  # not those of another size
+    assert [one.source[-1] for one in both.published] == ["1", "3"]  # figures for another size are left out
     assert ours.psnr_at(0.5) == []
-    assert (ours.psnr_at(2), greedy.psnr_at(2)) == ([21, 31], [16, 26])  # what is done stays
+    assert (ours.psnr_at(2), greedy.psnr_at(2)) == ([21, 31], [16, 26])  # finished paintings keep their value
 
 
 def test_paintings_of_other_versions_are_told(runs, run_task, tmp_path, caplog):
@@ -145,7 +145,7 @@ def test_what_ships_has_sources_and_is_refused_when_it_is_wrong(tmp_path):
     for old, new, reason in (
         ("source:", "sauce:", "entry 1 of figures: sauce: Key 'sauce' not in .*; its keys are set, painter, source"),
         ("psnr: 99", "psnr: high", "entry 1 of figures: psnr: Value 'high'"),
-        ("psnr: 99", "psnr: .nan", "entry 1 of figures has no figure, or one that is no number"),
+        ("psnr: 99", "psnr: .nan", "entry 1 of figures has no figure, or one is not a number"),
         ("names: [", "names: [[1], ", r"sets has names with \[1\]"),
         (", psnr: 98", "", "entry 2 of figures has no figure"),
         ("set: pair", "set: par", "entry 1 of figures: set is par; choose one of pair, larger, all"),
@@ -174,12 +174,12 @@ def test_paintings_by_others_are_measured_as_ours(run_task, tmp_path, caplog, mo
     write_text(tmp_path / "published.yaml", PUBLISHED)
     result = run_task(task, "task=leaderboard", *words, f"add={theirs}", f"target={photos}", "seconds=3")
     assert result["paintings"] == 2
-    assert "no finished paintings: broken" in caplog.text
-    assert "leaderboard.md: 2 paintings in 1 sections" in caplog.messages, "paths as they are typed"
+    assert "not finished paintings: broken" in caplog.text
+    assert "leaderboard.md: 2 paintings in 1 sections" in caplog.messages, "paths are shown as typed"
     rows = [row for row in read_csv(tmp_path / "leaderboard.csv") if row["from"] == "measured"]
     assert {row["painter"] for row in rows} == {"Theirs", "gradient"}
     assert [float(row["psnr"]) for row in rows] == pytest.approx([ours["psnr"]] * 2)
-    assert not (tmp_path / "anytime.png").exists()  # there is one curve
+    assert not (tmp_path / "anytime.png").exists()  # there is only one curve
     page = (tmp_path / "report.html").read_text()
     assert page.count("Theirs") > 2
     assert '<tr class="published">' in page
@@ -195,11 +195,11 @@ def test_paintings_by_others_are_measured_as_ours(run_task, tmp_path, caplog, mo
     for name in ("x.jpg", "x.png"):
         (twins / name).write_bytes((run / "target.png").read_bytes())
     for wrong, reason in (
-        ((), "nothing is given; try runs=outputs, or add=painting.png target=photo.jpg name=theirs"),
-        ((f"add={theirs}",), "needs what was painted; give target=photo.jpg"),
-        ((f"add={theirs}/x.png", "target=coffee"), "metrics compare pictures of one size"),
+        ((), "nothing to compare; try runs=outputs, or add=painting.png target=photo.jpg name=theirs"),
+        ((f"add={theirs}",), "needs the painted picture; give target=photo.jpg"),
+        ((f"add={theirs}/x.png", "target=coffee"), "metrics compare pictures of equal size"),
         ((f"add={theirs}", f"target={run}"), "has no picture x for add="),
-        ((f"add={twins}", f"target={photos}"), "x.png and x.jpg are both of x; take one of them away"),
+        ((f"add={twins}", f"target={photos}"), "x.png and x.jpg both show x; remove one of them"),
     ):
         refuses(re.escape(reason), run_task, task, "task=leaderboard", *wrong)
 

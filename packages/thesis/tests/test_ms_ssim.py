@@ -1,4 +1,4 @@
-"""MS-SSIM is that of its source."""
+"""MS-SSIM agrees with its definition."""
 
 import pytest
 import torch
@@ -7,7 +7,7 @@ from torch.nn.functional import avg_pool2d, conv2d
 
 from brushexp.plugins.metric.base import Comparison
 
-WEIGHTS = 0.0448, 0.2856, 0.3001, 0.2363, 0.1333  # of the scales, the finest first (Wang et al., 2003, 3.2)
+WEIGHTS = 0.0448, 0.2856, 0.3001, 0.2363, 0.1333  # weights of the scales, finest first (Wang et al., 2003, 3.2)
 
 
 def by_definition(image, target):

@@ -1,4 +1,4 @@
-"""The tables of the published pages are those of the records beside them, picture by picture."""
+"""The tables of the published pages agree with the records beside them, picture by picture."""
 
 from pathlib import Path
 
@@ -53,13 +53,13 @@ def test_every_verdict_of_the_page_follows_from_the_records(judged, page):
     numbers = pd.read_csv(DOCS / "ablations" / "verdicts.csv", dtype=str, keep_default_na=False)
     assert numbers["claim"].tolist() == [one.claim.says for one in measured]
     paintings = set(yaml_of(SHIPPED_PAINTINGS.read_text(encoding="utf-8"), list))
-    for place in range(0, len(measured), 8):  # medians take a bootstrap each
+    for place in range(0, len(measured), 8):  # each median needs a bootstrap
         row = verdict_numbers(measured[place], paintings)
         assert numbers.loc[place, list(row)].to_dict() == row
 
 
 def test_means_and_intervals_of_the_leaderboard_are_those_of_its_pictures():
-    """The record has two digits, so that a mean may differ in the last one."""
+    """The record has two digits, so a mean may differ in its last digit."""
     records = pd.read_csv(DOCS / "records" / "leaderboard.csv", keep_default_na=False)
     lines = (DOCS / "leaderboard.md").read_text(encoding="utf-8").splitlines()
     groups = records.groupby(["painter", "settings", "strokes"], sort=False)

@@ -1,4 +1,4 @@
-"""The sealed set is collected by its checksums, painted once, and painted again only by a word that is kept."""
+"""The sealed set is verified by checksums, painted once, and painted again only for a recorded reason."""
 
 import hashlib
 import importlib.util
@@ -25,7 +25,7 @@ def sealed():
 
 @pytest.fixture
 def listed(tmp_path):
-    """A list of two pictures, which lie in a package."""
+    """Write a list of two pictures that are stored in a package."""
     rng, lines = np.random.default_rng(0), []
     (tmp_path / "unpacked" / "deep").mkdir(parents=True)
     for name in ("a.png", "b.png"):
@@ -42,7 +42,7 @@ def test_a_set_is_painted_once_and_again_only_with_a_reason(sealed, listed, tmp_
 
     def call(words):
         ran.append(words)
-        assert json.loads(listed.with_suffix(".json").read_text())[-1]["words"] == list(WORDS)  # noted before it begins
+        assert json.loads(listed.with_suffix(".json").read_text())[-1]["words"] == list(WORDS)  # noted in advance
         return run(*words[3:], cwd=tmp_path).returncode
 
     sealed.paint(tmp_path / "pictures", tmp_path / "out", listed=listed, words=WORDS, run=call)

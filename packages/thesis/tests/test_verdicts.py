@@ -1,4 +1,4 @@
-"""Claims are judged by paired differences; their settings are those of the studies; the page tells what was run."""
+"""Claims are judged by paired differences, name settings of the studies, and are reported on a page."""
 
 import json
 import math
@@ -53,7 +53,7 @@ def claim(expects, **fields):
 
 
 def make_sweep(folder, typed=(), jobs=12, **options):
-    """A sweep of experiment=mine with the runs of `make_study`."""
+    """Write a sweep of experiment=mine with the runs of `make_study`."""
     (folder / ".hydra").mkdir(parents=True)
     write_json(folder / ".hydra" / "jobs.json", {"typed": [*typed, "experiment=mine"], "jobs": [[]] * jobs})
     return make_study(folder, **options)
@@ -106,14 +106,14 @@ def test_a_claim_of_two_settings_beside_the_reference_has_an_interval_of_all_pai
 
 
 def study_of(gains, unit="picture", name="s"):
-    """A study whose second setting gains so much over the first."""
+    """Make a study whose second setting has the given ``gains`` over the first."""
     index = pd.MultiIndex.from_product([["y=1", "x=1"], sorted(gains)], names=["option", unit])
     table = pd.DataFrame({"psnr": [30.0] * len(gains) + [30 + gains[one] for one in sorted(gains)]}, index)
     return Study(name, (), table, 0, 0, 0, "")
 
 
 def test_claims_of_a_page_are_corrected_together():
-    """Eight claims whose p is 0.013 are each decided alone, and none of them beside seven others."""
+    """Each of eight claims with a p-value of 0.013 is decided alone, but none is decided beside seven others."""
     studies = {"s": study_of(dict(zip("abcd", (0.3, 0.6, 0.9, 0.5), strict=True)))}
     one = claim("better", study="s", setting="x=1", against="y=1")
     (alone,) = judge([one], studies)
@@ -193,12 +193,12 @@ def test_ranks_that_differ_from_student_are_remarked():
 
 
 def studies_named(name):
-    """The file of a study that ships."""
+    """Find the file of a shipped study."""
     return [path for folder in conf_folders() for path in folder.glob(f"experiment/{name}.yaml")]
 
 
 def options_of(study):
-    """What a study lists, in the words of its jobs, which are Hydra's: ``critic=True``."""
+    """List the settings of a study in Hydra's spelling, as its jobs do: ``critic=True``."""
     (path,) = studies_named(study)
     sweeper = yaml_of(read_text(path, ""))["hydra"]["sweeper"]
     parser = OverridesParser.create()
@@ -276,14 +276,14 @@ def test_the_page_has_verdicts_plots_and_costs_of_what_was_run(tmp_path, run_tas
     assert "| what nobody has run | 8 | a week of a GPU would answer it |" in text
     assert "## other" not in text
     assert "A claim of *no worse* holds if the interval allows no loss that matters" in " ".join(text.split())
-    message = "there is no sweep of an experiment=; run one first"
+    message = "no sweep of an experiment= found; run one first"
     refuses(message, run_task, verdicts, "task=verdicts", f"runs={tmp_path}/docs")
 
 
 @pytest.mark.parametrize(("noted", "cost"), [
     ({"cpu_seconds": 900.0, "seconds_total": 300.0}, "3.00 CPU hours"),
-    ({"seconds_total": 300.0}, "1.00 hours, CPU time not noted"),
-    ({"seconds_total": None, "seconds": 600.0}, "2.00 hours, CPU time not noted"),
+    ({"seconds_total": 300.0}, "1.00 hours, CPU time not recorded"),
+    ({"seconds_total": None, "seconds": 600.0}, "2.00 hours, CPU time not recorded"),
 ])  # fmt: skip
 def test_what_a_study_took_is_told_by_what_its_runs_noted(tmp_path, noted, cost):
     folder = make_sweep(tmp_path, TYPED, **noted)
@@ -307,7 +307,7 @@ def test_an_incomplete_claim_is_explained(tmp_path):
         ("s: [{says: x, section: 1, cannot: y, metric: psnr}]", "has no setting and no against and no expects; give"),
         (CLAIMS.replace("psnr", "nope"), "unknown metric"),
         (CLAIMS.replace("psnr", "[psnr]"), "entry 1 of mine: metric: "),
-        (CLAIMS.replace("order=o1", "order=o)"), r"claims=.*: 'order=o\)' is no setting as studies list them"),
+        (CLAIMS.replace("order=o1", "order=o)"), r"claims=.*: 'order=o\)' is not a setting of a study"),
         ("hello", "claims=.*: not a YAML mapping"),
         (CLAIMS.replace("expects: better", "expects: better, at_least: .nan"), "at_least=nan; give a ratio above 0"),
     ):
@@ -361,6 +361,6 @@ def test_an_unfinished_rerun_replaces_no_complete_study(tmp_path):
 
 def test_a_file_that_only_looks_like_a_record_is_refused(tmp_path):
     (tmp_path / "a.csv").write_text("# {}\n1,2\n")
-    refuses("is no record of a study", studies_in, [tmp_path], tmp_path)
-    (tmp_path / "a.csv").write_text("option,picture\n")  # any other table is left alone
-    refuses("there is no sweep", studies_in, [tmp_path], tmp_path)
+    refuses("is not a record of a study", studies_in, [tmp_path], tmp_path)
+    (tmp_path / "a.csv").write_text("option,picture\n")  # other tables are ignored
+    refuses("no sweep of", studies_in, [tmp_path], tmp_path)

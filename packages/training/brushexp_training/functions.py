@@ -11,7 +11,7 @@ from brushexp.contracts.strokes import parameters_of, sample_prior
 
 
 def simulate(n: int, *, engine: str = "fluid", seed: int = 0, **options: Any) -> tuple[Any, Simulated]:
-    """Simulate strokes of a brush in memory: their parameters (n, 10) in [-1, 1], and pictures on empty canvases.
+    """Simulate strokes of a brush in memory; return parameters (n, 10) in [-1, 1], and pictures on empty canvases.
 
     Args:
         n: number of strokes, sampled from the prior.
@@ -32,13 +32,13 @@ def train_renderer(output: str | PathLike[str], *, renderer: str = "neural", **o
     """Train a renderer on simulated strokes, as ``task=train`` does, and return it with its weights.
 
     Args:
-        output: folder of the run; weights and their recipe stay there, and ``paint(renderer=..., **{
+        output: folder of the run with the weights and their recipe; ``paint(renderer=..., **{
             "renderer.checkpoint": output / "neural.safetensors"})`` paints with them.
         renderer: name of the renderer to train.
         overrides: keys of the command line: ``data="strokes"``, ``minutes=30``, ``batch_size=32``, ``simulate=None``.
 
     Raises:
-        UserError: what is wrong, in one line, as on the command line.
+        UserError: a setting is invalid or the training fails; the message is the same as on the command line.
     """
     start, settings = time.monotonic(), settings_of("train", {"renderer": renderer, **overrides}, output)
     folder, cfg = settings.folder, settings.cfg

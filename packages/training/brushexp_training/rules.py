@@ -1,4 +1,4 @@
-"""Check, before anything starts, that strokes, networks and the limits of a training fit together."""
+"""Check before a training starts that its strokes, network and limits fit together."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from brushexp.contracts.families import Renderer
     from brushexp_training.stroke_sets.dataset import Origin
 
-BYTES_PER_TRAINED_PIXEL = 48  # a network's strokes need RGBA of the picture, of what it should be, and of its gradient
+BYTES_PER_TRAINED_PIXEL = 48  # RGBA of the drawn picture, of the true picture, and of the gradient
 TRAINING_CURVES = ("validation/psnr_alpha", "validation/", "loss/", "lr-")
 
 
@@ -36,51 +36,51 @@ def check_train(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
     check_ends(cfg)
     if cfg.data is None and cfg.simulate is None and cfg.limit is not None:
-        raise UserError(f"limit={cfg.limit} is for sets, and these strokes are simulated on the way; drop limit")
+        raise UserError(f"limit={cfg.limit} is for stored sets, but these strokes are simulated on demand; drop limit")
     origin, seeds = origin_for(cfg)
     window = origin.window
     check_trainable(keep_built(cfg.renderer), window)
     if cfg.critic and window & (window - 1):
-        wrong = f"critic=true halves the window until 4 pixels are left, which {window} do not lead to"
+        wrong = f"critic=true halves the window down to 4 pixels, which is impossible for {window}"
         raise UserError(f"{wrong}; give strokes in windows of 64 or 128 pixels (engine.window=64), or drop critic")
     check_brushes(cfg, origin, len(seeds))
     check_batch(cfg, window)
 
 
 def check_brushes(cfg: DictConfig, origin: "Origin", sets: int) -> None:
-    """Stop with a UserError if a renderer of several brushes could not tell apart those of the sets."""
+    """Raise UserError if a renderer of several brushes could not distinguish the brushes of the sets."""
     own, theirs = cfg.renderer.get("brushes") or 1, origin.engine_config.get("brushes") or 1
     if own == 1 or theirs == 1:
         return
     if sets > 1:
-        mixed = f"data= names {sets} sets, whose {theirs} brushes each are others under the same numbers"
+        mixed = f"data= names {sets} sets, which have different brushes under the same {theirs} numbers"
         raise UserError(f"{mixed}; give one set, and make it larger with n=")
     if own % theirs:
-        mixed = f"renderer.brushes={own} is no multiple of engine.brushes={theirs}, so one code would be of several"
+        mixed = f"renderer.brushes={own} is not a multiple of engine.brushes={theirs}, so brushes would share codes"
         raise UserError(f"{mixed}; set renderer.brushes={theirs}")
 
 
 def check_batch(cfg: DictConfig, window: int) -> None:
-    """Stop with a UserError if memory cannot hold the pictures of a step, ``window`` x ``window`` pixels each."""
+    """Raise UserError if memory cannot hold the pictures of a step, of ``window`` x ``window`` pixels each."""
     what = f"batch_size={cfg.batch_size} strokes of {window} x {window} pixels"
     check_memory(cfg.batch_size * window**2 * BYTES_PER_TRAINED_PIXEL, what, "choose a smaller batch_size=")
 
 
 def check_simulate(cfg: DictConfig, overrides: Sequence[str]) -> None:
-    """Check that the set can be continued with these strokes, and that memory holds those of one file."""
+    """Check that the set can be continued with these strokes, and that memory can hold the strokes of one file."""
     from brushexp_training.stroke_sets.dataset import origin_of  # noqa: PLC0415
     from brushexp_training.stroke_sets.writer import BYTES_PER_PIXEL, SHARD_STROKES, whole_shards  # noqa: PLC0415
 
     origin = origin_of(cfg.engine, keep_built(cfg.engine))
     strokes = min(cfg.n, SHARD_STROKES)
-    what = f"{strokes} strokes of {origin.window} x {origin.window} pixels, those of a file,"
+    what = f"{strokes} strokes of {origin.window} x {origin.window} pixels in one file"
     check_memory(strokes * origin.window**2 * BYTES_PER_PIXEL, what, "choose a smaller engine.window=")
     if cfg.path is not None:
         whole_shards(Path(cfg.path), origin, cfg.seed, cfg.n)
 
 
 def check_ends(cfg: DictConfig) -> None:
-    """Stop with a UserError if nothing ends a training."""
+    """Raise UserError if a training would never end."""
     check_monitors(cfg, TRAINING_CURVES)
     limits = (cfg.epochs, cfg.minutes, cfg.trainer.max_time, cfg.callbacks.get("timer"))
     if all(limit is None for limit in limits) and max(cfg.trainer.max_steps, cfg.trainer.max_epochs or -1) < 0:
@@ -88,14 +88,14 @@ def check_ends(cfg: DictConfig) -> None:
 
 
 def check_evaluate(cfg: DictConfig, overrides: Sequence[str]) -> None:
-    """Check that there are strokes, and that the renderer was trained on such strokes."""
+    """Check that strokes exist, and that the renderer was trained on strokes of this kind."""
     from brushexp_training.stroke_sets.stroke_data import check_origin  # noqa: PLC0415
 
     check_origin(cfg)
 
 
 def check_trainable(renderer: "Renderer", window: int) -> None:
-    """Raise a UserError unless a renderer has weights, and strokes in windows of ``window`` pixels fit it."""
+    """Raise UserError unless a renderer has weights and fits strokes in windows of ``window`` pixels."""
     if not any(parameter.requires_grad for parameter in renderer.parameters()):
         raise UserError("this renderer has no weights to train; try renderer=neural")
     if (own := getattr(renderer, "window", window)) != window:

@@ -12,12 +12,12 @@ from brushexp.contracts.tasks import RESUME, Task, TrainerOptions, key
 from brushexp_training import rules
 from brushexp_training.rules import STROKES
 
-LARGEST_SEED_SIMULATED = 2**64 - 1  # the generator of strokes takes no larger seed
-SMALLEST_SET = 33  # strokes of which some are for training, validation and test
+LARGEST_SEED_SIMULATED = 2**64 - 1  # upper bound of the stroke generator
+SMALLEST_SET = 33  # minimum number of strokes that gives training, validation and test strokes
 NETWORK_FIT: dict[str, Any] = {"callbacks": [], "logger": ["csv"]}
 DATA = "training strokes: folders of task=simulate, or files in them; null = simulate new ones"
 EMA = "decay of the exponential moving average of the weights; 0 = no averaging"
-LIMIT = "number of training strokes to use, the first ones; null = all"
+LIMIT = "number of training strokes to use, starting with the first; null = all"
 
 
 @dataclass
@@ -73,7 +73,7 @@ class TrainTask(Task):
 
     data: list[str] | None = key(None, DATA, STROKES)
     simulate: int | None = key(
-        10000, "without data: strokes to simulate and store; null = new ones", at_least(SMALLEST_SET)
+        10000, "without data: strokes to simulate and store; null = new strokes on demand", at_least(SMALLEST_SET)
     )
     sets: str = key("data", "folder for simulated sets")
     batch_size: int = key(64, "strokes per gradient step", at_least(1))
@@ -98,13 +98,13 @@ class TrainTask(Task):
     def inputs(cfg: DictConfig) -> dict[str, str]:
         from brushexp_training.stroke_sets.dataset import StrokeSet  # noqa: PLC0415
 
-        sets = {path: StrokeSet(Path(path)) for path in cfg.data or []}  # one that has grown is shuffled anew
+        sets = {path: StrokeSet(Path(path)) for path in cfg.data or []}  # a set that has grown is reshuffled
         return {f"data={path}": f"{len(one)} strokes of seed {one.seed}" for path, one in sets.items()}
 
 
 @dataclass
 class NetworkTask(Task):
-    """Keys of the tasks that train another network than a renderer."""
+    """Keys of tasks that train networks other than renderers."""
 
     is_research = True
     groups: ClassVar[dict[str, Any]] = NETWORK_FIT
@@ -132,5 +132,5 @@ class EvaluateTask(Task):
     data: list[str] | None = key(None, DATA, STROKES)
     split: str = key("test", "part of the data to evaluate on", one_of("test", "validation"))
     n: int | None = key(None, "number of strokes to evaluate on; null = all, or 1000 simulated ones", at_least(1))
-    other_data: bool = key(False, "whether to allow strokes of another brush than in training")
-    inception: str | None = key(None, "inception-2015-12-05.pt (TorchScript), to compute the published FID", FILE)
+    other_data: bool = key(False, "whether to allow strokes of a brush not used in training")
+    inception: str | None = key(None, "file inception-2015-12-05.pt (TorchScript) for the published FID", FILE)

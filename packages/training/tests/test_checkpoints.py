@@ -1,4 +1,4 @@
-"""The files in which renderers that draw windows keep their weights."""
+"""Renderers that draw windows store and load their weights in files."""
 
 import json
 import logging
@@ -32,7 +32,7 @@ OPTIONS |= {"coordconv": "stroke", "activation": "relu", "normalisation": "none"
 
 @pytest.fixture
 def stored(tmp_path) -> Path:
-    """A checkpoint of a tiny renderer."""
+    """Save a checkpoint of a tiny renderer."""
     path = tmp_path / "mine.safetensors"
     RENDERERS.save(path, "inverse_vgg", tiny(**OPTIONS), {"options": OPTIONS, "figures": {"l2": 1.0}})
     return path
@@ -43,7 +43,7 @@ def stored(tmp_path) -> Path:
 def test_a_checkpoint_brings_the_same_pictures_and_hash_back(tmp_path, half, normalisation):
     options = {**OPTIONS, "normalisation": normalisation}
     renderer = tiny(**options).train()
-    renderer.draw(parameters())  # gives a batch norm something to keep
+    renderer.draw(parameters())  # fills the statistics of a batch norm
     path = tmp_path / "mine.safetensors"
     digest = RENDERERS.save(path, "inverse_vgg", renderer.eval(), {"options": options}, half=half)
     again = tiny(**options, checkpoint=str(path))
@@ -71,20 +71,20 @@ def test_a_checkpoint_works_for_any_renderer_with_the_options_it_has(stored, tmp
     refuses("is for renderer=dual, not for inverse_vgg", tiny, checkpoint=str(path))
     for other, typed in (({"dense": [16, 16]}, r"dense=\[16\]"), ({"tint": False}, "tint=true")):
         refuses(f"set renderer.{typed}", tiny, **{**OPTIONS, **other, "checkpoint": str(stored)})
-    assert weights_hash(build_named("renderer", "analytic", {})) == "", "it has no weights"
+    assert weights_hash(build_named("renderer", "analytic", {})) == "", "a formula has no weights"
     assert RENDERERS.restore(torch.nn.Linear(1, 1), "mine", None, {}) == ""
 
 
 def test_a_plain_name_is_one_that_comes_with_the_program_which_ships_a_small_good_one(stored, monkeypatch):
     path = RENDERERS.path_of("inverse_vgg")
     assert path.stat().st_size < 2_000_000
-    assert "/" not in path.with_suffix(".json").read_text(), "it tells nothing of its maker"
+    assert "/" not in path.with_suffix(".json").read_text(), "the recipe does not reveal its author's paths"
     shapes = parameters(40)
     with torch.no_grad():
         near, drawn = (
             window_pictures(build_named("renderer", name, {}), shapes, 64) for name in ("neural", "inverse_vgg")
         )
-    assert -10 * (drawn - near)[:, 3].square().mean().log10() > 28, "as is the network that is at 43 dB of true strokes"
+    assert -10 * (drawn - near)[:, 3].square().mean().log10() > 28, "the network itself is at 43 dB of true strokes"
     elsewhere = replace(RENDERERS, folders=lambda: [stored.parent])
     for module in (base, inverse_vgg):
         monkeypatch.setattr(module, "RENDERERS", elsewhere)
@@ -125,14 +125,14 @@ def test_nothing_is_painted_with_random_weights(config, words, typed):
 
 
 def change_recipe(path: Path, **changes: object) -> None:
-    """Change the recipe; None takes something out."""
+    """Change the recipe; None removes a key."""
     recipe = json.loads(path.with_suffix(".json").read_text()) | changes
     recipe = {key: value for key, value in recipe.items() if value is not None}
     path.with_suffix(".json").write_text(json.dumps(recipe))
 
 
 def change_bias(path: Path, bias: torch.Tensor | None) -> None:
-    """Change the bias of the last layer; None takes it out. What load_file gives lies in the file, so copies go out."""
+    """Change the bias of the last layer, or remove it if None; save copies, because load_file maps the file itself."""
     weights = {name: value.clone() for name, value in load_file(path).items()} | {"last.bias": bias}
     save_file({name: value for name, value in weights.items() if value is not None}, path)
 

@@ -1,4 +1,4 @@
-"""The critic scores pictures; its loss is RaSGAN, and pulls as hard as its weight says."""
+"""The critic scores pictures; its loss is RaSGAN, with gradients as long as its weight demands."""
 
 import pytest
 import torch

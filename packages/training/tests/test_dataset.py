@@ -1,4 +1,4 @@
-"""A set of strokes comes back from disk as it was; loaders hand out every stroke once; what is damaged is refused."""
+"""A set of strokes is read unchanged from disk, loaders yield every stroke once, and damaged files are refused."""
 
 import json
 import re
@@ -21,17 +21,17 @@ from brushexp.plugins.engine.base import Engine, Simulated
 from brushexp.registry import plugins
 from brushexp.strokes.prior import parameters_of, sample_prior
 
-MANY = 1000  # more than three groups of blocks, and the last block is short
+MANY = 1000  # more than three groups of blocks, with a short last block
 
 
-SHARD_STROKES = 256  # in these tests, so that there are several
+SHARD_STROKES = 256  # small, so that these tests have several shards
 
 
 N = 5 * SHARD_STROKES + 70
 
 
 class Spot(Engine):
-    """A gradient whose phase is the stroke's number and whose colour is the stroke's."""
+    """An engine that draws a gradient with the stroke's number as its phase and in the stroke's colour."""
 
     def __init__(self, window: int = 6) -> None:
         self.window = window
@@ -60,7 +60,7 @@ def large(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory) -> bytes:
-    """A set of one shard."""
+    """Write a set of one shard."""
     return (write(tmp_path_factory.mktemp("set") / "small", n=200) / "000000000.h5").read_bytes()
 
 
@@ -126,7 +126,7 @@ def test_every_training_stroke_comes_once_in_an_epoch_and_in_another_order_in_th
         assert len(epoch) == len(loader)
         assert torch.equal(order.sort().values, torch.from_numpy(split_of(MANY, Split.TRAINING)))
     assert not torch.equal(*orders)
-    assert (orders[0][1:] - orders[0][:-1] == 1).float().mean() < 0.05, "neighbours are apart"
+    assert (orders[0][1:] - orders[0][:-1] == 1).float().mean() < 0.05, "neighbours are separated"
     again, other = (StoredData([large], batch_size=batch_size, seed=seed).train_dataloader() for seed in (0, 1))
     assert torch.equal(numbers_of(again), orders[0])
     assert not torch.equal(numbers_of(other), orders[0])
@@ -195,7 +195,7 @@ def test_an_engine_simulates_no_stroke_twice_in_batches_of_any_size_and_its_orig
     assert all([len(batch.number) for batch in batches] == [8, 8, 8, 1] for batches in held_out)
     assert numbers_of(held_out[0]).min() > 2**39
     assert not set(numbers_of(held_out[0]).tolist()) & set(numbers_of(held_out[1]).tolist())
-    assert next(iter(eight.val_dataloader())).images is held_out[0][0].images, "they are simulated once"
+    assert next(iter(eight.val_dataloader())).images is held_out[0][0].images, "they are simulated only once"
     few, many = (torch.cat([batch.images for batch in data(size).train_dataloader()]) for size in (4, 8))
     torch.testing.assert_close(few, many[:16])
     for plugin in plugins("engine"):
@@ -227,11 +227,11 @@ def test_no_wrong_byte_goes_unnoticed_and_shards_that_are_not_a_whole_set_are_re
         (tmp_path / name).mkdir()
         for path in chosen:
             (tmp_path / name / path.name).write_bytes(path.read_bytes())
-        assert "simulate again what it lacks" in refused(tmp_path / name)
+        assert "simulate the missing strokes again" in refused(tmp_path / name)
     assert "give the folder of the whole set" in refused(files[1])
     other = sorted(write(tmp_path / "other", seed=5).glob("0*.h5"))
     other[1].write_bytes(files[1].read_bytes())
-    assert "is of another set than" in refused(tmp_path / "other")
+    assert "belongs to a different set than" in refused(tmp_path / "other")
     whole = read_all(stored)
 
     def unchanged() -> None:

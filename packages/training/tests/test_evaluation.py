@@ -1,4 +1,4 @@
-"""Renderers measured: distances of sample sets, speed, strokes outside the range, and the task that does it all."""
+"""Renderers are measured by distances of sample sets, speed and strokes outside the range, also by the task."""
 
 import json
 import math
@@ -48,12 +48,12 @@ TINY = ("renderer=neural", "renderer.width=4", "renderer.dense=16", "renderer.co
 
 
 def distance(count: int = 5) -> FeatureDistance:
-    """Of the first features of a picture: its left upper pixels."""
+    """Make a distance whose features are the upper left pixels of a picture."""
     return FeatureDistance("mine", lambda pictures: pictures.flatten(1)[:, :count], count)
 
 
 def sample_set(n: int, shift: float = 0.0) -> torch.Tensor:
-    """Opaque pictures of random numbers."""
+    """Make opaque pictures of random numbers."""
     images = 0.3 + shift + 0.3 * torch.rand(n, 4, 3, 4)
     images[:, 3] = 1
     return images
@@ -79,7 +79,7 @@ def test_fid_and_kid_are_their_formulas():
     for n in (0, 1):
         few = distance()
         few.add(sample_set(n), sample_set(n))
-        assert all(math.isnan(value) for value in few.figures().values()), "a set of one has no distance"
+        assert all(math.isnan(value) for value in few.figures().values()), "a set of one picture has no distance"
 
 
 def test_distances_are_told_for_every_number_of_strokes_and_fall_with_it():
@@ -118,7 +118,7 @@ def test_bristle_energy_is_the_share_of_fine_detail_that_is_drawn_and_strokes_wi
     torch.testing.assert_close(sum(parts), bristle_sums(half, truth, parameters))
     parameters = parameters_of(sample_prior(40))
     truth = build_named("engine", "disc", {})(parameters, seed=0).images
-    truth = (255 * truth).round() / 255  # as sets keep it
+    truth = (255 * truth).round() / 255  # rounded as in stored sets
     figures = bristle_figures(bristle_sums(truth + 0.01 * torch.rand_like(truth), truth, parameters))
     assert math.isnan(figures["light_thin"])
     assert math.isnan(figures["light_thick"])
@@ -129,7 +129,7 @@ def test_bristle_energy_is_the_share_of_fine_detail_that_is_drawn_and_strokes_wi
 
 
 class Bytes(torch.nn.Module):
-    """Stands for the published network."""
+    """Stand in for the published network."""
 
     def __init__(self, count: int) -> None:
         super().__init__()
@@ -157,8 +157,8 @@ def test_inception_comes_from_a_file(tmp_path):
     scripted(tmp_path / "small.pt", 7)
     for name, message in (
         ("no.pt", "there is no such file; give inception-2015-12-05.pt"),
-        ("text.pt", "is not that network as TorchScript"),
-        ("small.pt", r"makes features \(1, 7\); a network that makes \(1, 2048\)"),
+        ("text.pt", "is not Inception v3 as TorchScript"),
+        ("small.pt", r"returns features \(1, 7\); give a network that returns \(1, 2048\)"),
     ):
         refuses(message, inception_distance, tmp_path / name, CPU)
 
@@ -219,10 +219,10 @@ def test_the_size_of_a_trained_renderer_is_told_and_that_it_is_not_trained(run, 
     metrics = run(*chosen, "engine.window=64")
     assert metrics["file_mb"] == pytest.approx(path.stat().st_size / 1e6)
     assert metrics["parameters"] == sum(weight.numel() for weight in renderer.parameters())
-    refuses(r"made with engine.window=32, .* other_data=true takes it all the same", run, *chosen)
+    refuses(r"made with engine.window=32, .* other_data=true accepts it anyway", run, *chosen)
     assert run(*chosen, "other_data=true")["n"] == 20
     run(*TINY, "renderer.checkpoint=null")
-    assert "neural has random weights; give those of task=train" in caplog.text
+    assert "neural has random weights; give the weights of task=train" in caplog.text
 
 
 @pytest.mark.parametrize(("words", "brushes", "supersample", "seed"), [
@@ -249,7 +249,7 @@ def test_strokes_of_the_brushes_of_another_seed_are_refused_unless_wanted(config
         engine = build(cfg.engine)
         simulate_set(tmp_path / str(seed), engine, origin_of(cfg.engine, engine), seed, 33)
     refused = ["task=evaluate", f"data={tmp_path / '0'}"]
-    refuses(r"0 holds strokes of brushes of seed 0, .* on those of seed 7; .* other_data=", check, config(*refused))
+    refuses(r"0 has brushes of seed 0, .* on brushes of seed 7; .* other_data=", check, config(*refused))
     check(config(*refused, "other_data=true"))
     check(cfg := config("task=evaluate", f"data={tmp_path / '7'}"))
     assert stroke_data(cfg).first_seed == 7
@@ -283,4 +283,4 @@ def test_a_set_with_fewer_strokes_than_asked_for_is_told(config, tmp_path, caplo
     assert [measured_count(data, Split.TEST, n) for n in (None, size)] == [size, size]
     assert not caplog.records
     assert measured_count(data, Split.TEST, size + 1) == size
-    assert f"n={size + 1}: the strokes have only {size} for split=test, and figures are of these" in caplog.text
+    assert f"n={size + 1}: the set has only {size} strokes for split=test, which are measured" in caplog.text

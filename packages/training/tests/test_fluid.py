@@ -1,4 +1,4 @@
-"""The brush simulators: each step against a slow, obvious one, and what the whole must do."""
+"""Each step of a brush simulator agrees with a slow, obvious one, and whole strokes look as they should."""
 
 import numpy as np
 import pytest
@@ -15,12 +15,12 @@ V = _bristles.VERTICES
 
 
 def stroke(start, control, end, *, width=0.1):
-    """One stroke (1, 10), points in half-windows."""
+    """Make one stroke (1, 10) from points in half-windows."""
     return torch.tensor([[*start, *control, *end, (2 * width - 0.23) / 0.17, -0.6, 0.0, 0.6]])
 
 
 def one_frame_of_one_bristle(p, velocity, root, scale, stiffness, gravity, damping, iterations):
-    """What `move` does, one vertex after the other, in float64; p and velocity are (V, 3)."""
+    """Do the same as `move`, vertex by vertex in float64; p and velocity are (V, 3)."""
     q = p + damping * velocity - np.array([0, 0, gravity])
     weight = [0.0] + [1.0] * (len(p) - 1)
     for _ in range(iterations):
@@ -72,11 +72,11 @@ def test_a_resting_brush_lies_on_the_canvas_and_is_as_long_as_it_should():
     brush = Fluid()
     brush(stroke((-0.5, 0), (0, 0), (0.5, 0)), seed=0)
     (pose,) = brush._poses
-    segments = np.linalg.norm(np.diff(pose, axis=1), axis=0)  # brush radii
+    segments = np.linalg.norm(np.diff(pose, axis=1), axis=0)  # in brush radii
     assert np.abs(segments - 0.5).mean() < 0.02
     assert pose[2].min() > -0.05
     assert np.abs(pose[2, 5:]).mean() < 0.1
-    assert pose[0, -1].mean() < -1, "it trails behind the handle"
+    assert pose[0, -1].mean() < -1, "the brush trails behind the handle"
 
 
 def test_splats_keep_the_amount_of_paint_on_any_grid():
@@ -120,11 +120,11 @@ def test_the_closed_form_of_a_frame_agrees_with_splat_after_splat():
     _deposition._lay(grid, state, side, np.array([1, 2, 1, 2]))
     assert state[2, 5] == pytest.approx(cover, abs=0.005)
     assert state[3, 5] == pytest.approx(splats.sum(), rel=1e-5)
-    assert not grid.any(), "ready for the next frame"
+    assert not grid.any(), "the grid is cleared for the next frame"
 
 
 def flow(side):
-    """A smooth flow (2, side, side), still at the margin."""
+    """Make a smooth flow (2, side, side) that is 0 at the margin."""
     y, x = np.mgrid[:side, :side] / side * 2 * np.pi
     field = np.stack([np.sin(x) * np.cos(2 * y), np.cos(x + 1) * np.sin(y)]).astype(np.float32)
     field[:, [0, -1]] = field[:, :, [0, -1]] = 0
@@ -150,7 +150,7 @@ def test_projection_agrees_with_whole_arrays(rounds):
 
 
 def bilinear(field, x, y):
-    """A flat or stacked field (..., side, side) between its cells."""
+    """Interpolate a flat or stacked field (..., side, side) between its cells."""
     x, y = np.clip(x, 1, field.shape[-1] - 2.001), np.clip(y, 1, field.shape[-1] - 2.001)
     ix, iy = int(x), int(y)
     fx, fy = x - ix, y - iy
@@ -179,8 +179,8 @@ def test_flat_paint_shows_the_recorded_colour_and_bristles_streaks_of_the_brush_
     torch.testing.assert_close(images[:, :3], color[:, :, None, None].expand(-1, -1, 64, 64), atol=1e-5, rtol=0)
     images = Fluid()(parameters, seed=0).images
     off = ((images[:, :3] - color[:, :, None, None]).abs().mean(1) * images[:, 3]).sum() / images[:, 3].sum()
-    assert off < 0.015, "light on the ridges changes it little"
-    # Across the stroke the paint goes up and down more often than a smooth profile, which does it once.
+    assert off < 0.015, "light on the ridges hardly changes the colour"
+    # Across the stroke, the paint rises and falls more often than a smooth profile, which does so once.
     alpha = Fluid(window=256, supersample=1)(stroke((-0.7, 0), (0, 0), (0.7, 0), width=0.19), seed=0).images[0, 3]
     across = alpha[:, 118:138].mean(1)
     rises = ((across[1:-1] > across[:-2] + 1e-3) & (across[1:-1] > across[2:] + 1e-3)).sum()

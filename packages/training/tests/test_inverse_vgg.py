@@ -1,4 +1,4 @@
-"""Renderers that draw windows: their contract, and their options."""
+"""Renderers that draw windows keep their contract and respect their options."""
 
 from dataclasses import replace
 from itertools import product
@@ -36,7 +36,7 @@ def parameters(n: int = 5) -> torch.Tensor:
 
 @pytest.fixture(params=NAMES)
 def renderer(request) -> PatchRenderer:
-    """Every patch renderer, as it is trained."""
+    """Build each patch renderer in training mode."""
     return build_named("renderer", request.param, {"checkpoint": None}).eval()
 
 
@@ -49,7 +49,7 @@ def test_it_draws_windows_in_range_with_a_finite_gradient_in_every_number(render
     assert bool(inputs.grad.isfinite().all())
     assert bool((inputs.grad.abs().sum(0) > 0).all())
     with torch.no_grad():
-        assert torch.equal(renderer.draw(inputs), images), "it paints the same twice, and alone"
+        assert torch.equal(renderer.draw(inputs), images), "a stroke is drawn the same twice, and alone"
         torch.testing.assert_close(renderer.draw(inputs[2:3]), images[2:3], rtol=1e-4, atol=1e-5)
 
 
@@ -190,7 +190,7 @@ def test_sixteen_bits_draw_and_pull_as_thirty_two_do(name):
     assert torch.nn.functional.cosine_similarity(*pulls, dim=0) > 0.99
     same = [tiny(precision=precision) for precision in PRECISIONS]
     same[1].load_state_dict(same[0].state_dict())
-    assert torch.equal(*(renderer.train()(strokes).images for renderer in same)), "training has its own precision"
+    assert torch.equal(*(renderer.train()(strokes).images for renderer in same)), "training uses its own precision"
 
 
 def test_the_public_layers_are_those_of_the_network():
@@ -198,7 +198,7 @@ def test_the_public_layers_are_those_of_the_network():
     layer = CoordConv(8, 4, planes=2)
     planes = window_planes(16)
     both = torch.cat([x, planes.expand(2, -1, -1, -1)], dim=1)
-    inner = functional.pad(layer.coordinates.weight, (1, 1, 1, 1))  # a convolution of 3 x 3 with one weight
+    inner = functional.pad(layer.coordinates.weight, (1, 1, 1, 1))  # a 3 x 3 convolution with one non-zero weight
     weight = torch.cat([layer.convolution.weight, inner], dim=1)
     expected = functional.conv2d(both, weight, layer.convolution.bias, padding=1)
     torch.testing.assert_close(layer(x, planes), expected)

@@ -1,4 +1,4 @@
-"""The network that unrolls strokes: what its textures depend on, and that every way of looking them up agrees."""
+"""Textures of the neural renderer depend on the right numbers, and all kernels look them up alike."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ from brushexp.strokes.prior import clamp_to_prior, parameters_of, sample_prior, 
 
 
 def lively(**options) -> Neural:
-    """A tiny network, whose textures differ from texel to texel."""
+    """Build a tiny network whose textures vary from texel to texel."""
     torch.manual_seed(0)
     renderer = Neural(**{"width": 4, "dense": 16, "code": 3, "brushes": 3, "checkpoint": None, **options})
     with torch.no_grad():
@@ -40,7 +40,7 @@ def test_pictures_of_the_compiled_parts_are_those_of_eager_code(training):
     torch.testing.assert_close(fast[:, :3] * fast[:, 3:], slow[:, :3] * slow[:, 3:], atol=2e-3, rtol=0)
     canvas = Tiled()(layers, torch.arange(6), (side, side), torch.ones(3)).image
     over = torch.ones(3, side, side)
-    for picture in slow.flip(0):  # the first lies on top
+    for picture in slow.flip(0):  # the first stroke lies on top
         over = over * (1 - picture[3:]) + picture[:3] * picture[3:]
     torch.testing.assert_close(canvas, over, atol=1e-2, rtol=0)
 
@@ -56,13 +56,13 @@ def test_training_moves_every_weight_and_the_number_of_a_stroke_decides_its_brus
     assert torch.equal(pictures[0], pictures[3])
     assert (pictures[0] - pictures[1]).abs().max() > 0.01
     torch.testing.assert_close(window_pictures(renderer, shapes[:2], 64, torch.tensor([5, 4])), pictures[[2, 1]])
-    assert renderer(strokes_of(shapes[:0])).sheets.texels.isfinite().all(), "no strokes are strokes, too"
+    assert renderer(strokes_of(shapes[:0])).sheets.texels.isfinite().all(), "an empty set of strokes works"
     strokes = strokes_of(parameters(3))
     small, large = (lively()(replace(strokes, scale=torch.full((3,), scale))) for scale in (64.0, 256.0))
     assert torch.equal(small.sheets.texels, large.sheets.texels)
     assert torch.equal(small.look, large.look)
     reduced = lively()(replace(strokes, scale=torch.full((3,), 20.0)))
-    assert reduced.look.tolist() == [1, 3, 5], "windows of fewer pixels see means of texels"
+    assert reduced.look.tolist() == [1, 3, 5], "smaller windows use means of texels"
 
 
 def test_what_the_network_is_told_is_of_the_order_of_one_and_unprojected_strokes_are_drawn_as_they_are():
@@ -71,7 +71,7 @@ def test_what_the_network_is_told_is_of_the_order_of_one_and_unprojected_strokes
         assert shape_numbers(odd).shape == (1, NUMBERS)
         assert bool(shape_numbers(odd).isfinite().all())
     far = parameters(2)
-    far[:, 6] = 6.0  # five times as thick as any in training
+    far[:, 6] = 6.0  # five times as thick as any training stroke
     near = parameters_of(clamp_to_prior(strokes_of(far)))
     free, projected = (lively(project=project)(strokes_of(far)).sheets.texels for project in (False, True))
     assert not torch.equal(free, projected)

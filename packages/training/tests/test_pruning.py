@@ -1,4 +1,4 @@
-"""Removing channels: what does nothing goes first, what is left loads as any other renderer, and it can be trained."""
+"""Pruning removes idle channels first, and the remaining network loads like any other renderer and can be trained."""
 
 import json
 import sys
@@ -35,7 +35,7 @@ def batch(n: int = 6) -> StrokeBatch:
 
 @torch.no_grad()
 def silence_every_other_channel(renderer: InverseVGG) -> None:
-    """Let every second channel of every layer but the last be 0, whatever comes in."""
+    """Set every second channel of every layer but the last to 0 for all inputs."""
     for layer in renderer.dense:
         layer.weight[::2], layer.bias[::2] = 0, 0
     first = renderer.first
@@ -56,7 +56,7 @@ def silence_every_other_channel(renderer: InverseVGG) -> None:
     {"normalisation": "batch"},
 ])  # fmt: skip
 def test_channels_that_do_nothing_are_the_ones_to_go(options):
-    renderer = smallest(activation="elu", **options)  # after relu, others might be silent too
+    renderer = smallest(activation="elu", **options)  # relu might silence other channels
     silence_every_other_channel(renderer)
     before = renderer.state_dict()["last.weight"].clone()
     pruned = prune(renderer, 0.5, [batch()])
@@ -119,7 +119,7 @@ def test_networks_whose_channels_cannot_be_told_apart_are_refused(key, value, me
 
 @pytest.fixture
 def run(tmp_path, run_task):
-    """Run the task in this process, on strokes of the plainest engine."""
+    """Run the task in this process on strokes of the simplest engine."""
     strokes, trained = tmp_path / "strokes", tmp_path / "trained.safetensors"
     simulate_set(strokes, build_named("engine", "disc", {}), Origin("disc", {"window": 64}, 64), 0, 350)
     origin = {"engine": "disc", "engine_config": {"window": 64}, "window": 64}
@@ -146,7 +146,7 @@ def test_an_interrupted_run_recommends_nothing_that_there_is_not(run, tmp_path, 
     monkeypatch.setattr(TimedCheckpoint, "on_train_batch_start", stop)
     with pytest.raises(KeyboardInterrupt) as caught:
         run("ratios=[0.5]", "batch_size=16")
-    assert caught.value.args == (), "the whole run says what there is, not its part"
+    assert caught.value.args == (), "only the whole run reports results, not its parts"
     assert not list(tmp_path.rglob("checkpoint.ckpt"))
     assert smallest(checkpoint=str(tmp_path / "inverse_vgg_50.safetensors")).widths != smallest().widths
 

@@ -1,4 +1,4 @@
-"""Making a set of strokes: the same whatever happens on the way, never half a file at its place."""
+"""A set of strokes is the same whatever interrupts its simulation, and never contains an incomplete file."""
 
 import os
 import resource
@@ -18,7 +18,7 @@ from test_dataset import SHARD_STROKES, N, Spot, write
 
 from brushexp.plugins.engine.base import Simulated
 
-ORIGIN = Origin("spot", {"radius": 0.25}, 6)  # as `write` has it
+ORIGIN = Origin("spot", {"radius": 0.25}, 6)  # the origin that `write` uses
 
 
 @pytest.fixture
@@ -27,16 +27,16 @@ def small_shards(monkeypatch) -> None:
 
 
 def contents(path: Path) -> dict[str, bytes]:
-    """All shards of a set."""
+    """Read all shards of a set."""
     return {file.name: file.read_bytes() for file in path.glob("*.h5")}
 
 
 class Killed(BaseException):
-    """Ends a process at any line."""
+    """An exception that ends a process at any line."""
 
 
 class Breaking(Spot):
-    """An engine that is killed after so many strokes."""
+    """An engine that is killed after a number of strokes."""
 
     def __init__(self, last: int) -> None:
         super().__init__()
@@ -50,7 +50,7 @@ class Breaking(Spot):
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory) -> dict[str, bytes]:
-    """A set that was made in one go."""
+    """Write a set without interruption."""
     return contents(write(tmp_path_factory.mktemp("whole") / "strokes", n=N))
 
 
@@ -65,7 +65,7 @@ def test_a_set_made_in_pieces_is_the_same(tmp_path, small_shards, whole, stops):
     for before in (3, SHARD_STROKES, 2 * SHARD_STROKES + 1, N - 1):
         path = write(tmp_path / f"{before}", n=before)
         assert len(StrokeSet(path)) == before
-        assert contents(write(path, n=N)) == whole, "a set that grows is the same as one made large"
+        assert contents(write(path, n=N)) == whole, "a grown set equals a set simulated at once"
 
 
 @pytest.mark.parametrize("after", [False, True])
@@ -110,7 +110,7 @@ def test_what_killed_runs_leave_behind_does_no_harm_and_only_one_run_makes_a_set
     files[1].write_bytes(files[1].read_bytes()[:3000])
     files[2].unlink()
     assert contents(write(path, n=N)) == whole
-    assert "it is made again" in caplog.text
+    assert "it is simulated again" in caplog.text
 
     def again(*_: object, **__: object) -> Simulated:
         return simulate_set(tmp_path, Spot(), ORIGIN, 0, N)
@@ -167,7 +167,7 @@ def test_numbers_that_are_not_finite_are_refused_with_the_stroke_and_others_are_
 def test_the_sheet_shows_strokes_over_white():
     images = torch.zeros(13, 4, 6, 6)
     images[:, 0] = 1
-    images[12, 3] = 1  # red; the others are clear
+    images[12, 3] = 1  # red; the others are transparent
     sheet = stroke_sheet(images, 10)
     pitch = 6 * 21 + GAP_PIXELS
     assert sheet.shape == (3, 2 * pitch + GAP_PIXELS, 10 * pitch + GAP_PIXELS)

@@ -1,4 +1,4 @@
-"""The task trains a renderer, writes it with its figures, and says how to paint with it."""
+"""The task trains a renderer, writes it with its figures, and logs a command that paints with it."""
 
 import json
 import logging
@@ -39,7 +39,7 @@ def test_a_renderer_looks_at_strokes_as_large_as_the_engine_paints_them(config):
 
 @pytest.fixture(scope="module")
 def stored(tmp_path_factory) -> Path:
-    """A set of 96 strokes, of which 64 are for training."""
+    """Write a set of 96 strokes, 64 of them for training."""
     return write(tmp_path_factory.mktemp("strokes") / "strokes", n=96, window=64)
 
 
@@ -94,7 +94,7 @@ def test_a_network_that_draws_all_strokes_alike_is_not_said_to_paint(trained, mo
     caplog.set_level(logging.INFO)
     monkeypatch.setattr(train, "share_drawn", lambda drawn, true: 0.001)
     trained("epochs=0", "fid=0", *TINY)
-    assert "it has learned nothing yet" in caplog.text
+    assert "the network has learned nothing" in caplog.text
     assert "paint with it" not in caplog.text
 
 
@@ -105,7 +105,7 @@ def test_training_goes_on_from_a_checkpoint_and_weights_are_on_disk_before_they_
     again = trained("epochs=0", "renderer=dual", f"renderer.checkpoint={tmp_path / 'dual.safetensors'}", "fid=0")
     assert again["renderer_hash"] == first["renderer_hash"]
     assert (again["steps"], again["seconds"]) == (0, 0)
-    assert again["psnr_alpha"] == pytest.approx(first["psnr_alpha"], rel=1e-3), "weights are kept in 16 bits"
+    assert again["psnr_alpha"] == pytest.approx(first["psnr_alpha"], rel=1e-3), "weights are stored in 16 bits"
 
     def evaluate(*_):
         raise RuntimeError("no memory")
@@ -132,7 +132,7 @@ def test_a_set_is_simulated_once_and_kept(config, tmp_path):
 @pytest.mark.parametrize(("limit", "steps"), [
     *[("epochs=2", 8), ("trainer.max_epochs=2", 8), ("trainer.max_steps=3", 3)],
     *[("trainer.max_time=00:00:00:00", 0), ("callbacks=timer callbacks.timer.duration=00:00:00:00", 0)],
-    ("minutes=0.003", None),  # as many as fit
+    ("minutes=0.003", None),  # as many steps as fit
 ])  # fmt: skip
 def test_any_limit_of_the_trainer_ends_a_training(limit, steps, config, tmp_path):
     words = ["task=train", "minutes=null", "ema=0"]
@@ -142,7 +142,7 @@ def test_any_limit_of_the_trainer_ends_a_training(limit, steps, config, tmp_path
     fit_network(module, Strokes(), cfg, tmp_path, torch.device("cpu"), [])
     assert steps in (module.global_step, None)
     assert steps == 0 or (module.progress == 1 and module.seconds > 0)
-    assert module.figures, "what it has is validated"
+    assert module.figures, "the weights so far are validated"
 
 
 @pytest.mark.parametrize(("more", "batches"), [("", 4), ("trainer.limit_train_batches=0.5", 2)])
@@ -169,6 +169,6 @@ def test_what_is_learnt_is_left_if_a_step_and_then_the_validation_fail(config, t
     failure = fit_network(module, Damaged(), cfg, tmp_path, torch.device("cpu"), [])
     assert str(failure) == "shard 0 is damaged"
     assert module.global_step == 2
-    assert "what was learnt is written without its figures: shard 1 is damaged" in caplog.text
+    assert "the weights are written without figures: shard 1 is damaged" in caplog.text
     with pytest.raises(UserError, match="shard 1 is damaged"):
         fit_network(module_of(), Damaged(), config("task=train", "epochs=0"), tmp_path, torch.device("cpu"), [])

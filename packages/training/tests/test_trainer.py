@@ -1,4 +1,4 @@
-"""Training renderers: Lightning's Trainer does with it what its manual says; it learns, averages, resumes exactly."""
+"""Renderers train with Lightning's Trainer as documented: they learn, average their weights, and resume exactly."""
 
 import copy
 import math
@@ -38,7 +38,7 @@ CRITIC = RendererSettings(critic=True, critic_width=4)
 
 
 class Small(PatchRenderer):
-    """Draws 16 x 16 pixels with two layers and a batch norm, so that there is a buffer to average."""
+    """A renderer of 16 x 16 pixels with two layers and a batch norm, whose buffers must be averaged."""
 
     window = SIDE
 
@@ -52,14 +52,14 @@ class Small(PatchRenderer):
 
 
 def strokes(n: int, side: int = SIDE, first: int = 0) -> StrokeBatch:
-    """Analytic strokes as training data."""
+    """Make analytic strokes as training data."""
     parameters = parameters_of(sample_prior(n, 0, first))
     with torch.no_grad():
         return StrokeBatch(parameters, window_pictures(Analytic(soft=1.0), parameters, side), torch.arange(n) + first)
 
 
 class Strokes(L.LightningDataModule):
-    """A few analytic strokes, in an order that the epoch decides."""
+    """A few analytic strokes, in an order that depends on the epoch."""
 
     def __init__(self, n: int = 32, batch: int = 8) -> None:
         super().__init__()
@@ -90,7 +90,7 @@ def fit(module, data=None, *callbacks, resume=None, **options):
 
 
 class Rates(L.Callback):
-    """Note the learning rate of each step."""
+    """Record the learning rate of each step."""
 
     def __init__(self):
         self.rates = []
@@ -100,7 +100,7 @@ class Rates(L.Callback):
 
 
 class StopAt(L.Callback):
-    """Interrupt a fit after so many steps."""
+    """Interrupt a fit after a number of steps."""
 
     def __init__(self, step):
         self.step = step
@@ -155,7 +155,7 @@ def test_the_rate_rises_and_falls_to_its_end(monkeypatch):
     assert curve == sorted(curve[: peak + 1]) + sorted(curve[peak + 1 :], reverse=True)
     unlimited = Rates()
     fit(module_of(RendererSettings(lr=1.0)), None, unlimited, StopAt(23), max_epochs=-1)
-    assert unlimited.rates[-1] == 1, "without a limit it stays up"
+    assert unlimited.rates[-1] == 1, "without a limit the rate stays at its peak"
 
 
 @pytest.mark.parametrize("wrong", ["loss", "gradient", "critic"])
@@ -173,7 +173,7 @@ def test_a_step_that_gives_no_numbers_is_not_taken_and_ends_the_training(wrong):
         loss = step(batch, batch_idx)
         if wrong == "gradient":
             weight = next(module.parameters())
-            return loss + (weight - weight.detach()).abs().sum().sqrt()  # 0 times infinity
+            return loss + (weight - weight.detach()).abs().sum().sqrt()  # its gradient is 0 times infinity
         if wrong != "critic":
             module.terms["loss/l2"] = torch.tensor(torch.nan)
         return loss
@@ -211,7 +211,7 @@ def test_what_a_failed_fit_leaves_is_the_average_that_is_validated(validating):
     assert module.figures == figures
 
 
-# Four steps an epoch: Ctrl-C in the middle of the first one, right after one, and at the end of one; one step an epoch.
+# Ctrl-C within the first epoch, right after an epoch and at its end, with four steps per epoch, or with one step.
 @pytest.mark.parametrize(
     ("step", "n", "settings"),
     [*((step, 32, RendererSettings()) for step in (1, 8, 11)), (5, 32, CRITIC), (1, 8, CRITIC), (11, 8, CRITIC)],
@@ -253,7 +253,7 @@ def test_a_network_that_draws_nothing_is_begun_anew_and_one_that_draws_or_has_dr
         restart = renderer_module.FreshStart(lambda: alive)  # noqa: B023
         fit(module, None, restart, max_epochs=2)
         assert (restart.restarts, restart.lives) == (int(dead), True)
-        assert ("begun anew with other weights, 1 of 3 times" in caplog.text) == dead
+        assert ("restarted with fresh weights, 1 of 3 times" in caplog.text) == dead
     module = SimpleNamespace(renderer=Small().eval(), window=SIDE, global_step=9)
     never = renderer_module.FreshStart(Small, most=0)
     never.on_train_batch_end(None, module, None, strokes(8), 0)
@@ -269,7 +269,7 @@ def test_a_network_that_draws_nothing_is_begun_anew_and_one_that_draws_or_has_dr
 def test_what_cannot_be_trained_is_refused_before_it_starts(config):
     for renderer, window, cure in ((Analytic(), SIDE, "try renderer=neural"), (Small(), 64, "set renderer.window=64")):
         refuses(cure, RendererModule, renderer, window, RendererSettings())
-    with pytest.raises(UserError, match=r"critic=true halves .* which 48 do not lead to; .*engine.window=64"):
+    with pytest.raises(UserError, match=r"critic=true halves .* which is impossible for 48; .*engine.window=64"):
         check(config("task=train", "critic=true", "engine.window=48", "renderer.window=48"))
     for brushes, message in ((8, None), (16, None), (1, None), (12, "set renderer.brushes=8")):
         cfg = config("task=train", "engine.brushes=8", f"renderer.brushes={brushes}")

@@ -13,7 +13,7 @@ from brushexp_canvases.levels import archive, levels_of
 class DeepZoom(Exporter):
     """``dzi.zip``: ``painting.dzi`` with its tiles, for web pages, and ``view.html``, which shows them from disk.
 
-    ``resolution=`` makes the image larger than the painting: strokes are scaled, not pixels, and painted in bands.
+    ``resolution=`` makes the image larger than the painting: strokes, not pixels, are scaled, and are drawn in bands.
     """
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:

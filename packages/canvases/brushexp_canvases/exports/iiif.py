@@ -1,4 +1,4 @@
-"""Write the painting as static IIIF files, which museums' viewers read without an image server."""
+"""Write the painting as static IIIF files, which museum viewers can read without an image server."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +15,7 @@ class Iiif(Exporter):
     """``iiif.zip``: ``manifest.json`` (Presentation API 3) and tiles (Image API 3, level 0), at any ``resolution``.
 
     Args:
-        base: address at which the files will be served; IIIF documents refer to each other by it.
+        base: address at which the files will be served; IIIF documents use it to refer to each other.
     """
 
     base: str = BASE

@@ -1,6 +1,6 @@
-"""Page that shows a pyramid from a folder, with pan and zoom, layers under a curtain, and strokes as shapes up close.
+"""Write a page that shows a pyramid from disk, with pan, zoom, a curtain over other layers, and crisp strokes up close.
 
-Strokes are stored by square cells, each a script beside the page, which loads it when its part is viewed up close.
+Strokes are stored in square cells. Each cell is a script beside the page, loaded when its part is viewed up close.
 """
 
 import json
@@ -21,7 +21,7 @@ from brushexp_canvases.pyramid import TILE, Level, whole_folder, write_dzi
 
 TEMPLATES = Path(__file__).parent / "templates"
 PAGE_NAME = "view.html"
-CELL = TILE  # side in pixels; tiles magnified beyond the picture's divide it
+CELL = TILE  # side of a cell in pixels; a multiple of the side of magnified tiles
 CELLS = 4  # side, in cells, of the parts whose strokes are searched at once
 FOLDER = "strokes_files"
 JobOf = Callable[[Region], ExportJob]
@@ -30,9 +30,9 @@ JobOf = Callable[[Region], ExportJob]
 def write_page(
     folder: Path, size: tuple[int, int], names: list[str], title: str, lead: str, strokes: dict[str, Any] | None = None
 ) -> Path:
-    """Write ``view.html``, which shows the Deep Zoom images ``names`` of ``size`` (H, W) beside it, from disk.
+    """Write ``view.html``, which shows the Deep Zoom images ``names`` of ``size`` (H, W) in the same folder, from disk.
 
-    The first is the painting; ``target`` may be among the others. ``strokes`` is what `write_strokes` returns.
+    The first image is the painting; ``target`` may be among the others. ``strokes`` is the result of `write_strokes`.
     """
     layers = [*names[1:], *(["difference"] if "target" in names else [])]
     data = {"height": size[0], "width": size[1], "tile": TILE, "names": names, "strokes": strokes}
@@ -51,11 +51,11 @@ def write_viewer(folder: Path, levels: dict[str, list[Level]], title: str, count
 
 
 def write_strokes(folder: Path, size: tuple[int, int], job_of: JobOf) -> dict[str, Any]:
-    """Write the strokes of a painting of ``size`` (H, W), and return the data that the page needs about them.
+    """Write the strokes of a painting of ``size`` (H, W), and return the data that the page needs to load them.
 
     ``job_of`` returns all strokes that reach a part, in pixels from its corner. Each ``column_row.js`` calls
     `brushexp.cell` with the output of `pack_strokes` for the strokes that reach a cell, in pixels from the cell's
-    corner; a stroke is in every cell that it reaches. ``textures.js`` has all textures.
+    corner; a stroke is in every cell that it reaches. ``textures.js`` contains all textures.
     """
     exact, textures = True, None
     with whole_folder(folder / FOLDER) as into:

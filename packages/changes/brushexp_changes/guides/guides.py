@@ -19,7 +19,7 @@ from brushexp_changes.steps import check_steps
 class Guides(Change):
     """Align the first strokes with nearby hand-drawn lines: ``guides=lines.png``.
 
-    The strokes keep their middle, length, width and colour, and the steps start from there.
+    The strokes keep their centre, length, width and colour. Optimisation starts from the aligned strokes.
 
     Args:
         lines: picture of the lines to follow, in any colour on white or transparent ground, shaped like the painting.

@@ -10,11 +10,11 @@ from brushexp.contracts import UserError
 from brushexp.contracts.pictures import FarStructure, along_edges, load_picture, sampled_at
 from brushexp.contracts.strokes import Strokes, curve_of, direction_of, length_of, point_at
 
-REACH = 0.05  # distance from a line at which both have equal weight, in longer sides of the picture
-LEAST_SAY = 0.1  # weight of the lines below which a stroke is left alone
-INK = 0.2  # difference from white above which a pixel is a line's; JPEG leaves traces around lines
-SMOOTH = ((0.003, 1.0), (REACH, 0.01))  # smoothing radii for line directions, in longer sides, and their weights
-SUBSTEPS = 4  # steps from the middle of a stroke to each end
+REACH = 0.05  # distance from a line at which line and stroke weigh the same, as a fraction of the longer side
+LEAST_SAY = 0.1  # weight of the lines below which a stroke is not changed
+INK = 0.2  # difference from white above which a pixel belongs to a line; JPEG leaves artefacts around lines
+SMOOTH = ((0.003, 1.0), (REACH, 0.01))  # smoothing radii as fractions of the longer side, and weights
+SUBSTEPS = 4  # steps from the centre of a stroke to each end
 Array = np.ndarray
 
 
@@ -26,7 +26,7 @@ class Lines:
     doubled: Array
 
     def directions(self, points: Array, own: Array) -> Array:
-        """Blend doubled directions ``own`` (n, 2) with the lines' at points (n, 2); return plain unit vectors."""
+        """Blend doubled directions ``own`` (n, 2) with those of lines at points (n, 2); return plain unit vectors."""
         say = sampled_at(self.say, *points.T)[:, None]
         x, y = (say * sampled_at(self.doubled, *points.T).T + (1 - say) * own).T
         angle = 0.5 * np.arctan2(y, x)
@@ -39,9 +39,9 @@ def load_lines(path: str, size: tuple[int, int]) -> Lines:
     picture = functional.interpolate(picture[None], size, mode="bilinear", align_corners=False)[0]
     ink = (1 - picture).amax(0).numpy().astype(np.float64)
     if not (ink > INK).any():
-        raise UserError(f"guides={path} is white or transparent all over; draw lines in it, in any colour")
+        raise UserError(f"guides={path} is white or transparent all over; draw lines on it in any colour")
     if (ink > INK).all():
-        raise UserError(f"guides={path} has no white or transparent ground; draw lines on white, or on nothing")
+        raise UserError(f"guides={path} has no white or transparent ground; draw lines on white or on transparent")
     return lines_of(ink)
 
 
@@ -58,7 +58,7 @@ def lines_of(ink: Array) -> Lines:
 
 @torch.no_grad()
 def follow(strokes: Strokes, lines: Lines) -> Strokes:
-    """Align N strokes with nearby lines, keeping middle, length, width and colour; other strokes stay bit-identical."""
+    """Align N strokes with nearby lines, keeping centre, length, width and colour; other strokes stay bit-identical."""
     half = torch.full((len(strokes),), 0.5)
     middles = point_at(curve_of(strokes), half.to(strokes.position)).double().cpu().numpy()
     rows = torch.from_numpy(np.flatnonzero(sampled_at(lines.say, *middles.T) > LEAST_SAY)).to(strokes.position.device)

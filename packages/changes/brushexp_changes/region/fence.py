@@ -12,8 +12,8 @@ from brushexp.contracts.kernels import TILE
 from brushexp.contracts.strokes import FIELDS, Catalogue, Strokes, curve_of, half_width_of, point_at
 
 SAMPLES = 33  # points per curve at which the distance to the outside is looked up
-SLACK = 0.75  # pixels: a point is at most 0.71 from the middle of its pixel; the rest is for rounding
-SLACK_OF_KEPT = 0.73  # pixels, for strokes that were inside before storage rounded them
+SLACK = 0.75  # pixels; a point is at most 0.71 from the centre of its pixel, and the rest allows for rounding
+SLACK_OF_KEPT = 0.73  # pixels; admits strokes that lay inside until storage rounded them
 SHAPE = ("position", "scale", "start", "control", "end", "width", "softness", "widening")
 
 
@@ -41,7 +41,7 @@ class Fence(nn.Module):
     def forward(self, strokes: Strokes, before: Strokes | None = None, rows: Tensor | None = None) -> Strokes:
         """Restrict strokes (numbers ``rows``, or all) to the changes that the region permits.
 
-        A stroke that leaves the region returns to its place ``before`` the step or, without that, in the painting.
+        A stroke that leaves the region returns to its place ``before`` the step or, if that is None, in the painting.
         """
         first, inner = self.first(), self.inner
         typical = half_width_of(first).median()
@@ -58,7 +58,7 @@ class Fence(nn.Module):
 
     @torch.no_grad()
     def holds(self, strokes: Strokes, slack: float = SLACK) -> Tensor:
-        """Tell which strokes (N,) lie wholly inside the region, soft edges included; off the canvas is inside, too."""
+        """Mark strokes (N,) wholly inside the region, soft edges included; off the canvas counts as inside."""
         strokes = strokes.moved(zoom=self.zoom)
         t = torch.linspace(0, 1, SAMPLES).to(strokes.position)
         points = point_at(curve_of(strokes)[:, None], t)  # (N, SAMPLES, 2)
@@ -79,8 +79,8 @@ def choose(which: Tensor, strokes: Strokes, others: Strokes, names: Iterable[str
 def room_in(mask: Tensor, job: ExportJob) -> Tensor:
     """Compute how far paint may reach from each pixel of a ``mask`` (H, W), bool, in pixels (H, W).
 
-    This is the distance to the nearest pixel that can influence one outside: through the light, whose slopes span one
-    pixel to each side; through the paper; or through its tile, where the blend stops once all pixels are opaque.
+    This is the distance to the nearest pixel that can influence a pixel outside: through the light, whose slopes span
+    one pixel to each side; through the paper; or through its tile, whose blend stops once all pixels are opaque.
     """
     from scipy.ndimage import distance_transform_edt, maximum_filter  # noqa: PLC0415  (--help does not need it)
 

@@ -27,19 +27,19 @@ class Region(Change):
     """Repaint one region of a painting; the rest stays bit-identical: ``region=mask.png catalogue=outputs/x``.
 
     Only strokes that lie wholly inside the region move and change colour. Renderer, blend, colour, paper, light, order
-    and ground are taken from the painting, and the size at which strokes are optimised, unless
-    ``working_resolution`` is typed.
+    and ground are taken from the painting. So is the size at which strokes are optimised, unless ``working_resolution``
+    is set.
 
     Args:
-        mask: picture shaped like the painting, bright where it is to be repainted.
+        mask: picture with the painting's aspect ratio, bright where the painting should be repainted.
     """
 
-    rank = 100  # last, so that no other change acts outside the region
+    rank = 100  # this change runs last, so that no other change acts outside the region
 
     mask: Annotated[str, PICTURE] | None = None
     _job: ExportJob | None = field(default=None, init=False, repr=False)  # the painting
-    _whole: Fence | None = field(default=None, init=False, repr=False)  # for strokes at the size of the painting
-    _fence: Fence | None = field(default=None, init=False, repr=False)  # for strokes at the size of the target
+    _whole: Fence | None = field(default=None, init=False, repr=False)  # limits strokes at the size of the painting
+    _fence: Fence | None = field(default=None, init=False, repr=False)  # limits strokes at the size of the target
 
     def settings(self, cfg: DictConfig) -> DictConfig:
         self._job = self._load(cfg)
@@ -48,14 +48,14 @@ class Region(Change):
 
     def _load(self, cfg: DictConfig) -> ExportJob:
         if self.mask is None:
-            raise UserError("change=region has no mask; type region=mask.png, bright where the painting is repainted")
+            raise UserError("change=region has no mask; type region=mask.png, bright in the area to repaint")
         if cfg.catalogue is None:
-            cure = "add catalogue=outputs/<run>, the one to repaint"
-            raise UserError(f"region={self.mask} is a part of a painting; {cure}")
+            cure = "add catalogue=outputs/<run>, the painting to repaint"
+            raise UserError(f"region={self.mask} selects a part of a painting; {cure}")
         job = export_job(load_catalogue(Path(cfg.catalogue), "catalogue"))
         if job.saved.alpha is not None:
-            cure = "paint it with background=mean, and repaint that"
-            wrong = f"catalogue={cfg.catalogue} is transparent where its picture was, and region is not"
+            cure = "paint it with background=mean, and repaint the result"
+            wrong = f"catalogue={cfg.catalogue} is transparent where its picture was, but a region is opaque"
             raise UserError(f"{wrong}; {cure}")
         return job
 
@@ -71,12 +71,12 @@ class Region(Change):
             raise UserError(f"wet={wet.amount:g} drags paint out of region={self.mask}; drop wet")
         if not self._fence_of(self._job).inner.any():
             cure = "make it larger, by a stroke's width and some 8 pixels on each side"
-            raise UserError(f"region={self.mask} holds no stroke of {cfg.catalogue} wholly; {cure}")
+            raise UserError(f"no stroke of {cfg.catalogue} lies wholly inside region={self.mask}; {cure}")
 
     def _fence_of(self, job: ExportJob) -> Fence:
         mask = load_mask(str(self.mask), job.size, "region") >= MASK_THRESHOLD
         if not mask.any():
-            raise UserError(f"region={self.mask} has no bright pixel; make white in it what is to be repainted")
+            raise UserError(f"region={self.mask} has no bright pixel; paint the area to repaint white")
         return Fence(job.strokes[job.bottom_up], room_in(mask, job), job.renderer.edge)
 
     def ground(self, color: Tensor) -> Tensor:

@@ -1,1 +1,1 @@
-"""Paint with the tubes and brushes on a table: ``tubes=``, plans to paint from, and a perceptual colour difference."""
+"""Paint with given tubes and brushes (``tubes=``), write plans for painting by hand, and measure colour differences."""

@@ -1,4 +1,4 @@
-"""Estimate the paint and the time that a plan takes. The constants are estimates, not measurements."""
+"""Estimate the paint and the time that a plan needs. The constants are estimates, not measurements."""
 
 import numpy as np
 
@@ -6,10 +6,10 @@ from brushexp_changes.tubes.plan import Plan
 
 WET_FILM_MM = 0.2  # thickness of heavy body paint as a brush leaves it
 LEFT_OVER = 1.5  # ratio of paint mixed to paint on the canvas; the rest stays on palette and brushes
-SECONDS_PER_STROKE = 4.0  # to find its place and lay it
+SECONDS_PER_STROKE = 4.0  # time to find the place of a stroke and paint it
 SECONDS_PER_DIP = 5.0
-SECONDS_PER_MIXTURE = 300.0  # to mix it
-SECONDS_PER_STAGE = 90.0  # to rinse the brush and look where to go on
+SECONDS_PER_MIXTURE = 300.0  # time to mix one mixture
+SECONDS_PER_STAGE = 90.0  # time to rinse the brush and find the next stage
 MM2_PER_M_MM = 1000.0  # square millimetres of a stroke 1 m long and 1 mm wide
 MM3_PER_ML = 1000.0
 

@@ -1,4 +1,4 @@
-"""List mixtures of a few tubes in simple parts, and choose those that a picture needs."""
+"""List mixtures of a few tubes in simple proportions, and choose the ones that a picture needs."""
 
 from dataclasses import dataclass
 from itertools import combinations, product
@@ -12,8 +12,8 @@ from brushexp.contracts.pictures import decode_srgb, encode_srgb, to_lab
 from brushexp_changes.tubes.paints import Tubes
 
 Array = np.ndarray
-PARTS = (1, 2, 3, 4, 6, 8, 12, 16)  # of a tube in a mixture of two
-PARTS_OF_THREE = (1, 2, 3, 4, 8)  # in a mixture of three
+PARTS = (1, 2, 3, 4, 6, 8, 12, 16)  # possible parts of a tube in a mixture of two tubes
+PARTS_OF_THREE = (1, 2, 3, 4, 8)  # possible parts of a tube in a mixture of three tubes
 NEAREST = 6  # candidate mixtures per colour
 BINS = 20  # bins per channel for counting the colours of a picture
 GREY = 5.0  # CIELAB chroma up to which a mixture counts as grey
@@ -46,7 +46,7 @@ class Mixtures:
 
 
 def all_mixtures(tubes: Tubes) -> Mixtures:
-    """List every mixture of one to three tubes in simple parts, without repeats."""
+    """List every mixture of one to three tubes in simple proportions, without duplicates."""
     rows = [*np.eye(len(tubes), dtype=int)]
     for count, amounts in ((2, PARTS), (3, PARTS_OF_THREE)):
         simple = [each for each in product(amounts, repeat=count) if gcd(*each) == 1]
@@ -107,8 +107,8 @@ def choose_mixtures(candidates: Mixtures, picture: Tensor, count: int) -> Mixtur
 def within_tones(picture: Tensor, mixtures: Mixtures) -> Tensor:
     """Map the luminance of a picture (3, H, W) to the range between the mixtures' darkest and lightest grey.
 
-    This is the black point compensation of printing (ISO 18619, 2015), applied to the white point as well; it is linear
-    in light and therefore preserves hues.
+    This is the black point compensation used in printing (ISO 18619, 2015), applied to the white point as well; it is
+    linear in light and therefore preserves hues.
     """
     colors = mixtures.color.double().numpy()
     chroma = np.hypot(*to_lab(colors)[:, 1:].T)

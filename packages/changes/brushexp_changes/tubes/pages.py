@@ -25,18 +25,18 @@ if TYPE_CHECKING:
     from matplotlib.patches import Patch
 
 Array = np.ndarray
-Tile = tuple[float, float, float, float]  # left, top, width and height in mm of the painting
+Tile = tuple[float, float, float, float]  # left, top, width and height in mm on the painting
 MM = 1 / 25.4  # inches
 POINTS = 72 / 25.4  # points in a mm
 PAGE = 210.0, 297.0  # mm, A4
 MARGIN, HEAD, LEGEND = 10.0, 14.0, 34.0  # mm
 GRID = 50.0  # mm on the painting between two grid lines
 ROWS, COLUMNS_OF_LEGEND = 28, 12  # table rows per page, and swatches per row of the legend
-ACROSS, DOWN = 3, 4  # pictures of stages per page
+ACROSS, DOWN = 3, 4  # number of pictures of stages in a row and in a column of a page
 PICTURES = ACROSS * DOWN
 STAGE_SIDE = 320  # pixels on the longer side of a stage's picture
-GAP, CAPTION = 4.0, 6.0  # mm between pictures, and for the caption above each
-STOPS = MARGIN, 30.0, 62.0, 110.0, 140.0, 170.0  # mm: left edges of the columns in the table of stages
+GAP, CAPTION = 4.0, 6.0  # mm between pictures, and height in mm of the caption above each
+STOPS = MARGIN, 30.0, 62.0, 110.0, 140.0, 170.0  # left edges in mm of the columns in the table of stages
 MOST_PAGES = 400
 CHORDS = 17  # points per stroke
 INK, GREY, FAINT, GROUND = "#202020", "#707070", "#b0b0b0", "#f4f2ec"
@@ -141,7 +141,7 @@ def _overview(plan: Plan, title: str, remarks: Sequence[str]) -> Figure:
         "1. Mix the paints by their recipes and number them; parts are volumes.",
         f"2. {ground}",
         f"3. Draw a grid of {GRID / 10:g} cm on it, or trace the sheets of strokes.",
-        "4. Paint stage after stage: large brushes first, with each from dark to light. A stroke begins at its dot.",
+        "4. Paint stage after stage: large brushes first, and each from dark to light. A stroke begins at its dot.",
         "5. Dip the brush when it runs dry; rinse and wipe it between two stages.",
     ]
     wrapped = [part for line in lines for part in (wrap(line, 105, subsequent_indent="    ") or [""])]
@@ -151,7 +151,7 @@ def _overview(plan: Plan, title: str, remarks: Sequence[str]) -> Figure:
 
 
 def _ground(plan: Plan) -> str:
-    """Say which mixture tints the ground."""
+    """Write a sentence that says which mixture tints the ground."""
     mixtures = plan.table.mixtures
     if not len(mixtures):
         return "Leave the ground as it is."
@@ -160,7 +160,7 @@ def _ground(plan: Plan) -> str:
 
 
 def _in_parts(count: int) -> Iterator[range]:
-    """Divide rows among pages; without rows there is one empty page."""
+    """Divide rows among pages; if there are no rows, return one empty page."""
     return (range(first, min(first + ROWS, count)) for first in range(0, max(1, count), ROWS))
 
 
@@ -239,7 +239,7 @@ def _by_numbers(plan: Plan, smallest_mm: float) -> Figure:
 
 
 def _grid(axes: Axes, plan: Plan, frame: Sequence[float], corner: tuple[float, float], scale: float) -> None:
-    """Draw the painting's grid and border in a frame (left, right, bottom, top), from ``corner`` of the painting on."""
+    """Draw the painting's grid and border in a frame (left, right, bottom, top), starting at ``corner``."""
     height, width = (side / plan.pixels_per_mm for side in plan.job.size)
     left, right, bottom, top = frame
     axes_of = (width, corner[0], left, right), (height, corner[1], top, bottom)
@@ -259,7 +259,7 @@ def _grid(axes: Axes, plan: Plan, frame: Sequence[float], corner: tuple[float, f
 
 
 def _sheet(plan: Plan, number: int, tile: Tile, scale: float) -> Figure:
-    """Draw the part of a brush's strokes that lies on a tile, at ``scale`` times their size."""
+    """Draw the part of a brush's strokes that lies on a tile, enlarged by ``scale``."""
     from matplotlib.collections import LineCollection  # noqa: PLC0415
     from matplotlib.patches import Rectangle  # noqa: PLC0415
 

@@ -18,7 +18,7 @@ from brushexp.contracts.pictures import BT709, encode_srgb
 
 Array = np.ndarray
 OUTER, INNER = 0.03, 0.65  # light reflected on entering and on leaving paint (Saunderson, 1942)
-MOST_TUBES = 24  # tubes on a table
+MOST_TUBES = 24  # maximum number of tubes on a table
 # Relative power of daylight, CIE D65, at 400, 420, ... 700 nm.
 NANOMETRES = np.arange(400, 701, 20)
 DAYLIGHT = np.array(
@@ -30,7 +30,7 @@ LOBES = {  # lobes of the colour matching functions: height, centre and the widt
     "y": ((0.821, 568.8, 46.9, 40.5), (0.286, 530.9, 16.3, 31.1)),
     "z": ((1.217, 437.0, 11.8, 36.0), (0.681, 459.0, 26.0, 13.8)),
 }
-KINDS = {  # kinds of paint data a file may hold: letters of the columns -> the columns
+KINDS = {  # kinds of paint data in a file: letters of the columns -> the columns
     "color": {"color"},
     "R": {f"R{wave}" for wave in NANOMETRES},
     "KS": {f"{letter}{wave}" for letter in "KS" for wave in NANOMETRES},
@@ -67,7 +67,7 @@ def load_tubes(name: str, option: str = "tubes") -> Tubes:
     path = Path(__file__).with_name(f"{file}.csv") if name in SETS else Path(file)
     if not path.is_file():
         raise UserError(
-            f"{option}={name} is no file and no set; choose one of {', '.join(sorted(SETS))}, or a CSV file"
+            f"{option}={name} is neither a file nor a set; choose one of {', '.join(sorted(SETS))}, or a CSV file"
         )
     cure = "save it as CSV in UTF-8"
     text = read_text(path, cure)
@@ -98,11 +98,11 @@ def _values_of(row: dict[str, str], kind: str, where: str) -> Array:
         try:
             return np.array(ImageColor.getrgb((row["color"] or "").strip())[:3]) / 255
         except ValueError as error:
-            raise UserError(f"{where}: {row['color'] or 'nothing'} is no colour; write it as #c8a040") from error
+            raise UserError(f"{where}: {row['color'] or 'nothing'} is not a colour; write it as #c8a040") from error
     columns = [[f"{letter}{wave}" for wave in NANOMETRES] for letter in kind]
     spectra = np.array([[_number(row[column], f"{where}: {column}") for column in band] for band in columns])
     if kind == "R" and not ((spectra > 0) & (spectra <= 1)).all():
-        raise UserError(f"{where}: a reflectance is not above 0 and at most 1; correct R400 to R700")
+        raise UserError(f"{where}: a reflectance must be above 0 and at most 1; correct R400 to R700")
     if kind == "KS" and not ((spectra >= 0).all() and (spectra[1] > 0).all()):
         raise UserError(f"{where}: K is 0 or more, and S above 0; correct K400 to S700")
     return spectra[0] if kind == "R" else spectra

@@ -1,4 +1,4 @@
-"""Plan strokes in stages of one brush and one mixture, with dips; play plans back and draw them to paint by numbers."""
+"""Plan strokes in stages of one brush and one mixture, with dips; play plans back and draw them as paint-by-numbers."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -15,9 +15,9 @@ from brushexp_changes.tubes.table import Table
 
 FULL = 0.6  # share of a load at which a brush begins to run dry
 DRIEST = 0.4  # coverage at the end of a load
-FILMS = 4  # films that make up a drying stroke, each shorter than the one below
+FILMS = 4  # number of films that make up a stroke of a brush that runs dry, each shorter than the one below
 NUMBERED = 300  # pixels on the longer side of the paint-by-numbers drawing
-TOUCHING = np.ones((3, 3), dtype=int)  # connectivity: pixels of a part touch at their sides or corners
+TOUCHING = np.ones((3, 3), dtype=int)  # connectivity of parts: pixels that touch at sides or corners belong together
 ROWS = 16  # strips in which the strokes of a stage are painted, back and forth
 
 Array = np.ndarray
@@ -81,7 +81,7 @@ class Plan:
 
     @cached_property
     def coverage(self) -> Array:
-        """Coverage (N, 2) at the beginning and the end of each stroke, from 1 down to ``DRIEST``."""
+        """Coverage (N, 2) at the beginning and the end of each stroke, between 1 and ``DRIEST``."""
         length, load = self._lengths
         spent = np.stack([self.used, self.used + length], axis=1) / load[:, None]
         return 1 - (1 - DRIEST) * ((spent - FULL) / (1 - FULL)).clip(0, 1)
@@ -108,7 +108,7 @@ class Plan:
         return sum(stage.metres for stage in self.stages)
 
     def without_hidden(self, least_visible: float) -> "Plan":
-        """Leave out strokes whose visible share at the end is below ``least_visible``."""
+        """Leave out strokes whose visible share in the finished painting is below ``least_visible``."""
         if len(self.order) < 2 or not least_visible:
             return self
         measures = measure_strokes(self.strokes, torch.arange(len(self.order), dtype=torch.int32), self.job.size)
@@ -121,9 +121,9 @@ class Plan:
         return begun.played()
 
     def played(self) -> ExportJob:
-        """Return the painting that following the plan produces, with brushes that run dry.
+        """Return the painting that results from following the plan, with brushes that run dry.
 
-        A drying stroke is a stack of films: the same stroke, cut shorter and shorter and laid over itself.
+        The stroke of a brush that runs dry is a stack of films: ever shorter copies of the stroke.
         """
         strokes = self.strokes
         start, end = torch.from_numpy(self.coverage).to(strokes.opacity).unbind(1)
@@ -152,10 +152,10 @@ def plan_of(job: ExportJob, table: Table, pixels_per_mm: float) -> Plan:
 
 
 def numbered_regions(plan: Plan, smallest_mm: float = 0.0) -> Array:
-    """Label each pixel (h, w) of the finished plan with its mixture, from 0, without slivers and spots.
+    """Label each pixel (h, w) of the finished plan with its mixture, counted from 0, without slivers and spots.
 
-    Places too narrow for a disc of ``smallest_mm`` or of the smallest brush, whichever is larger, and parts smaller
-    than a square of that side could not be painted by hand; they are merged with their neighbours.
+    Areas too narrow for a disc of diameter ``smallest_mm`` or for the smallest brush, whichever is larger, and parts
+    smaller than a square of that side cannot be painted by hand; they are merged with their neighbours.
     """
     small = plan.played().at_most(NUMBERED)
     colors = torch.from_numpy(small.picture()).double() / 255
@@ -170,10 +170,10 @@ def numbered_regions(plan: Plan, smallest_mm: float = 0.0) -> Array:
 
 
 def without_slivers(regions: Array, side: float) -> Array:
-    """Merge places narrower than ``side``, and parts smaller than its square, with their neighbours.
+    """Merge areas narrower than ``side``, and parts smaller than its square, with their neighbours.
 
-    Narrow places are those that a morphological opening by a disc removes (Serra, 1982). Removed pixels get the number
-    of the nearest remaining pixel, so remaining parts only grow.
+    An area is narrow if a morphological opening with a disc removes it (Serra, 1982). Removed pixels get the number of
+    the nearest remaining pixel, so remaining parts only grow.
     """
     from scipy.ndimage import distance_transform_edt, label  # noqa: PLC0415  (slow to import)
 
@@ -191,7 +191,7 @@ def without_slivers(regions: Array, side: float) -> Array:
 
 
 def labels_of(mask: Array) -> Iterator[tuple[int, int, float]]:
-    """Find a place (row, column) for a number in each part of a mask (h, w), and its distance from the edge."""
+    """Find a place (row, column) for a number in each part of a mask (h, w), and its distance from the part's edge."""
     from scipy.ndimage import distance_transform_edt, label, maximum_position  # noqa: PLC0415  (slow to import)
 
     parts, count = label(mask)

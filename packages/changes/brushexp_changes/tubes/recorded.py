@@ -1,4 +1,4 @@
-"""Plan a painting with the table that it was made with, or with one applied afterwards."""
+"""Plan a painting with the table used to make it, or with a table applied afterwards."""
 
 from collections.abc import Mapping
 from dataclasses import fields
@@ -14,7 +14,7 @@ from brushexp_changes.tubes.paints import load_tubes
 from brushexp_changes.tubes.plan import Plan, plan_of
 from brushexp_changes.tubes.tubes import OfTubes
 
-OPTIONS = [one.name for one in fields(OfTubes) if one.init]  # the exporters have them, too
+OPTIONS = [one.name for one in fields(OfTubes) if one.init]  # options that the exporters share
 MM_PER_CM = 10
 COLOR_TOLERANCE = 1e-4  # Euclidean distance in RGB below which a colour is the mixture's
 
@@ -22,8 +22,8 @@ COLOR_TOLERANCE = 1e-4  # Euclidean distance in RGB below which a colour is the 
 def recorded_plan(job: ExportJob, options: Mapping[str, Any]) -> tuple[Plan, bool]:
     """Plan a painting with its recorded table; return the plan, and whether that table applies unchanged.
 
-    ``options`` override those of ``change=tubes`` with which the painting was made; None keeps the recorded value. A
-    painting made without ``tubes``, or with other tubes, mixtures or brushes, gets the nearest ones afterwards.
+    ``options`` override the recorded options of ``change=tubes``; None keeps a recorded value. A painting made without
+    ``tubes``, or with other tubes, mixtures or brushes, gets the nearest ones afterwards.
     """
     recorded = (recorded_settings(job.saved).get("change") or {}).get("tubes") or {}
     given = {name: options[name] for name in OPTIONS if options.get(name) is not None}
@@ -42,13 +42,13 @@ def _build(options: dict[str, Any]) -> OfTubes:
     try:
         tubes: OfTubes = build_named("change", "tubes", options)
     except UserError as error:
-        cure = "give to.plan.tubes=eight, and what else is wrong"
-        raise UserError(f"the plan cannot use what is said of its table: {error}; {cure}") from error
+        cure = "give to.plan.tubes=eight, and correct the other options"
+        raise UserError(f"the plan cannot use the table of tubes and brushes: {error}; {cure}") from error
     return tubes
 
 
 def mixtures_in(job: ExportJob, candidates: Mixtures) -> Mixtures | None:
-    """Find the mixtures of a painting's strokes, from dark to light; None if any colour matches no mixture."""
+    """Find the mixtures of a painting's strokes, from dark to light; return None if any colour matches no mixture."""
     colors = torch.unique(job.strokes.color.detach().cpu(), dim=0)
     if not len(colors):
         return None

@@ -27,9 +27,9 @@ COLUMNS = ["stage", "brush_mm", "mixture", "dip", "x1_mm", "y1_mm", "x2_mm", "y2
 
 @dataclass(frozen=True)
 class Difficulty:
-    """Difficulty of a plan for the person who paints it."""
+    """How difficult a plan is to paint."""
 
-    options: dict[str, object]  # of `PlanSheets`, unless they are typed
+    options: dict[str, object]  # default options of `PlanSheets` at this difficulty
     smallest_mm: float  # side of the smallest part of the paint-by-numbers drawing
     least_visible: float  # visible share of a stroke below which it is left out
 
@@ -44,18 +44,18 @@ DIFFICULTIES = {
 
 def _check_difficulty(name: str, option: str) -> None:
     if name not in DIFFICULTIES:
-        raise UserError(f"{option}={name} is not there; choose one of {', '.join(DIFFICULTIES)}")
+        raise UserError(f"{option}={name} does not exist; choose one of {', '.join(DIFFICULTIES)}")
 
 
 @register("to", "plan")
 @dataclass(kw_only=True)
 class PlanSheets(Exporter):
-    """``plan.pdf``: what to mix, and in which order and where to paint; ``plan.csv`` lists the strokes in mm.
+    """``plan.pdf`` says what to mix and where to paint, in which order; ``plan.csv`` lists the strokes in mm.
 
     The PDF contains recipes with parts, swatches and ml; stages of one brush and one mixture, with a picture after
     each; a paint-by-numbers drawing; and sheets with a grid that show the strokes of each brush. Its first page shows
-    the plan played back with brushes that run dry. Options that are null take the values with which the painting was
-    made by ``tubes=``; a painting made without it gets mixtures and brushes afterwards.
+    the plan played back with brushes that run dry. Options that are null take the values of ``tubes=`` recorded in the
+    painting; a painting made without ``tubes=`` gets mixtures and brushes afterwards.
 
     Args:
         tubes: set of tubes, or a CSV file.
@@ -64,9 +64,9 @@ class PlanSheets(Exporter):
         width_cm: width of the painting in cm.
         load: length that a brush paints with one load, in brush widths.
         scale: scale of the sheets of strokes relative to the painting; 1 is for tracing.
-        difficulty: difficulty, easy, medium or hard: sets the size of the smallest part and, unless ``mixtures`` and
-            ``brushes`` are given, the mixtures and brushes; null = as the painting was made.
-        target: picture to compare the plan with in the log, such as the target.png of the run; null = none.
+        difficulty: difficulty, easy, medium or hard; it sets the size of the smallest part and, unless ``mixtures`` and
+            ``brushes`` are given, the mixtures and brushes; null = as recorded in the painting.
+        target: picture to compare the plan with in the log, for example the run's target.png; null = none.
     """
 
     tubes: str | None = None
@@ -105,19 +105,19 @@ class PlanSheets(Exporter):
 
 
 def title_of(job: ExportJob) -> str:
-    """Name a plan after the picture that is painted, never after a run's folder."""
+    """Name a plan after the painted picture, never after a run's folder."""
     image = str(recorded_settings(job.saved).get("image") or "")
     return f"To paint: {Path(image).stem}" if image else "To paint"
 
 
 def remarks_on(plan: Plan, own: bool) -> list[str]:
-    """Summarise in a few lines the work that a plan takes."""
+    """Summarise the work that a plan requires in a few lines."""
     used = len({stage.mixture for stage in plan.stages})
     paint = sum(millilitres_of_tubes(plan).values())
     return [
         f"{len(plan.order):,} strokes in {len(plan.stages)} stages, {used} mixtures, {plan.dips:,} dips",
         f"about {hours_of(plan):.1f} hours, and {paint:.0f} ml of paint" if plan.stages else "nothing to paint",
-        "painted with these mixtures and brushes" if own else "mixtures and brushes put on afterwards",
+        "painted with these mixtures and brushes" if own else "mixtures and brushes applied afterwards",
     ]
 
 
@@ -132,7 +132,7 @@ def difference_from(plan: Plan, picture: str) -> float:
 
 
 def table_of(plan: Plan) -> str:
-    """Format a plan as CSV: one line per stroke in painting order; mm from the upper left corner."""
+    """Format a plan as CSV, with one line per stroke in painting order, in mm from the upper left corner."""
     curves = (curve_of(plan.strokes) / plan.pixels_per_mm).flatten(1).tolist()
     rows = []
     for stage in plan.stages:

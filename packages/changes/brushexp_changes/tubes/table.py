@@ -9,7 +9,7 @@ from brushexp.contracts.families import Order
 from brushexp.contracts.strokes import Strokes, curve_of, half_width_of, length_of
 from brushexp_changes.tubes.mixtures import Mixtures, differences
 
-SHORTEST = 1e-3  # pixels: lower bound of widths and lengths used as divisors
+SHORTEST = 1e-3  # lower bound in pixels of widths and lengths used as divisors
 ROUNDING = 1e-3  # relative tolerance of a rank's share
 
 
@@ -36,7 +36,7 @@ class Table:
         return number
 
     def brush_of(self, strokes: Strokes) -> Tensor:
-        """Find the brush (N,) whose width is nearest to each stroke's, as a ratio."""
+        """Find the brush (N,) whose width is closest, as a ratio, to the width of each stroke."""
         width = 2 * half_width_of(strokes).clamp_min(SHORTEST)
         return (width.log()[:, None] - self.brushes.to(width).log()).abs().argmin(1)
 
@@ -49,7 +49,7 @@ class Table:
         return self.with_brushes(replace(strokes, width=self.brushes[brush].to(strokes.width)[rank] / strokes.scale))
 
     def with_brushes(self, strokes: Strokes) -> Strokes:
-        """Make strokes opaque, uniformly as wide as their brushes, and at most one load long, about their middles."""
+        """Make strokes opaque, uniformly as wide as their brushes, and at most one load long around their centres."""
         width = self.brushes.to(strokes.scale)[self.brush_of(strokes)]
         share = (self.load * width / length_of(curve_of(strokes)).clamp_min(SHORTEST)).clamp_max(1)[:, None]
         middle = (strokes.start + 2 * strokes.control + strokes.end) / 4

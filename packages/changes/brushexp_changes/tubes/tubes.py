@@ -1,4 +1,4 @@
-"""Paint with mixtures of given tubes, and brushes of given widths."""
+"""Paint with mixtures of given tubes and with brushes of given widths."""
 
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
@@ -19,24 +19,24 @@ from brushexp_changes.tubes.mixtures import Mixtures, all_mixtures, choose_mixtu
 from brushexp_changes.tubes.paints import load_tubes
 from brushexp_changes.tubes.table import StageOrder, Table
 
-FREE_COLOR_SHARE = 0.4  # share of the steps in which colours are free
+FREE_COLOR_SHARE = 0.4  # share of the steps during which colours are free
 LAST_CHOICE = 0.9  # share of the steps after which each stroke keeps its mixture
 STEPS_BETWEEN_CHOICES = 10  # steps between two choices of mixtures
-CHOICES_AT_ONCE = 3  # iterations per choice, since the mixtures of other strokes change meanwhile
-LEAST_SEEN = 0.5  # pixels: a stroke with less visible area keeps its mixture
+CHOICES_AT_ONCE = 3  # iterations per choice, because the mixtures of other strokes change meanwhile
+LEAST_SEEN = 0.5  # visible area in pixels below which a stroke keeps its mixture
 MM_PER_CM = 10
-AUTO = "auto"  # working_resolution that follows the number of strokes
+AUTO = "auto"  # value of working_resolution that depends on the number of strokes
 
 
 @register("change", "tubes")
 @dataclass(kw_only=True, eq=False)
 class OfTubes(Change):
-    """Paint with a table's paints and brushes, for painting by hand: ``tubes=zorn brushes=[25,12,6] width_cm=40``.
+    """Paint with given tubes and brushes, for painting by hand: ``tubes=zorn brushes=[25,12,6] width_cm=40``.
 
     From the start, strokes are opaque, as wide as one of the brushes, and no longer than a load of paint lasts. After
-    two fifths of the steps, each stroke has a mixture, which is chosen anew every few steps, while place, length and
-    bend keep moving. Strokes of large brushes lie below those of small ones, and within a brush, dark mixtures lie
-    below light ones.
+    two fifths of the steps, each stroke has the colour of a mixture, which is chosen anew every few steps while place,
+    length and bend continue to be optimised. Strokes of large brushes lie below those of small ones, and within a
+    brush, dark mixtures lie below light ones.
 
     Args:
         tubes: set of tubes to paint with: eight, acrylics, primaries, zorn, or a CSV file.
@@ -51,10 +51,10 @@ class OfTubes(Change):
     brushes: Annotated[tuple[float, ...], between(0.5, 200)] = (25.0, 12.0, 6.0)
     width_cm: Annotated[float, above(0, 2000)] = 30.0
     load: Annotated[float, between(1, 1000)] = 12.0
-    _table: Table | None = field(default=None, init=False, repr=False)  # once the target is known
+    _table: Table | None = field(default=None, init=False, repr=False)  # set once the target is known
 
     def settings(self, cfg: DictConfig) -> DictConfig:
-        """Enlarge the picture until the thinnest brush is one pixel wide, if the photograph is large enough."""
+        """Enlarge the picture until the thinnest brush is one pixel wide, provided the photograph is large enough."""
         if cfg.working_resolution != AUTO or cfg.resolution is not None or not self.brushes:
             return cfg
         sizes = sizes_of(cfg)
@@ -72,7 +72,7 @@ class OfTubes(Change):
         if (wet := cfg.change.get("wet")) is not None and wet.amount:
             raise UserError(f"wet={wet.amount:g} drags colours that no mixture has; drop wet, or drop tubes")
         if not isinstance(keep_built(cfg.color), Rgb):
-            wrong = f"color={plugin_of(cfg.color).name} is for glazes, and paint of tubes= is opaque"
+            wrong = f"color={plugin_of(cfg.color).name} is for glazes, but paint of tubes= is opaque"
             raise UserError(f"{wrong}; drop color")
         thinnest = min(self.brushes)
         if (thin := thinnest * size[1] / (MM_PER_CM * self.width_cm)) < 1:

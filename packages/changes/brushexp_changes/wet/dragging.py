@@ -1,4 +1,4 @@
-"""Drag paint: a stroke picks up the paint under its start and carries it along until it is spent."""
+"""Drag wet paint: a stroke picks up the paint under its start and carries it along until it runs out."""
 
 from dataclasses import replace
 
@@ -11,11 +11,11 @@ from brushexp.contracts.layers import Layers, cuts, padded_lists
 from brushexp.contracts.members import over
 from brushexp.contracts.strokes import Strokes, curve_of, cut_short, drift_of
 
-REACHES = (0.9, 0.65, 0.4, 0.2)  # share of the curve over which each film of paint is carried, the lowest first
-MAX_SHARE = 0.8  # share of picked-up paint at the start of a stroke, at an amount of 1
+REACHES = (0.9, 0.65, 0.4, 0.2)  # share of the curve over which each film of paint is carried, bottom to top
+MAX_SHARE = 0.8  # share of picked-up paint at the start of a stroke if ``amount`` is 1
 FILM_WIDTH = 0.9  # width of a film, in widths of the stroke
-MIN_DIFFERENCE = 0.02  # colour difference, in any channel, above which a stroke carries films
-MIN_COVERAGE = 0.1  # minimum coverage under a start; a bare canvas is dry
+MIN_DIFFERENCE = 0.02  # colour difference, in any channel, above which a stroke carries paint along
+MIN_COVERAGE = 0.1  # minimum coverage under the start of a stroke that picks up paint; a bare canvas is dry
 STARTS = 1024  # starts sampled at once, to limit memory
 
 
@@ -25,8 +25,8 @@ def drag_paint(strokes: Strokes, front_to_back: Tensor, state: PaintingState, am
 
     ``amount``, 0 to 1, is the share of the underlying colour that a stroke drags along.
 
-    The dragged paint lies on the stroke as thin films: copies of the stroke from its start on, each shorter than the
-    one below, in the colour that lay under the start. Films are appended to the N strokes, which keep their numbers.
+    The dragged paint lies on the stroke as thin films: copies of the stroke that begin at its start, each shorter than
+    the one below, in the colour found under the start. Films are appended to the N strokes, which keep their numbers.
     """
     if not amount or not len(strokes):
         return strokes, front_to_back
@@ -41,13 +41,13 @@ def drag_paint(strokes: Strokes, front_to_back: Tensor, state: PaintingState, am
         numbers = {"color": picked[dragging], "drift": torch.zeros_like(film.drift), "opacity": opacity}
         parts.append(state.renderer.clamp(replace(film, width=width, **numbers)))
         height.append(height[0][dragging] + k)
-    brush = torch.cat([part.brush for part in parts])  # a film has the bristles of its stroke
+    brush = torch.cat([part.brush for part in parts])  # a film has the same bristles as its stroke
     return replace(Strokes.join(*parts), brush=brush), torch.cat(height).argsort(descending=True)
 
 
 @torch.no_grad()
 def under_starts(strokes: Strokes, front_to_back: Tensor, state: PaintingState) -> tuple[Tensor, Tensor]:
-    """Sample colour (N, 3) and coverage (N,) of the paint that lies under the start of each stroke."""
+    """Sample the colour (N, 3) and coverage (N,) of the paint that lies under the start of each stroke."""
     place, colors, covered = front_to_back.argsort(), strokes.color.clone(), torch.zeros_like(strokes.opacity)
     space = state.blend.space
     for top, rows, number in cuts(strokes, state.size, state.renderer):
@@ -71,7 +71,7 @@ def under_starts(strokes: Strokes, front_to_back: Tensor, state: PaintingState) 
 
 
 def _below(layers: Layers, index: Tensor, rank: Tensor, number: Tensor, point: Tensor) -> tuple[Tensor, Tensor]:
-    """Sample colour (n, C) and coverage (n,) at points (n, 2) below strokes ``number`` (n,), by their lists (n, K)."""
+    """Sample the colour (n, C) and coverage (n,) below strokes ``number`` (n,) at points (n, 2), using lists (n, K)."""
     alpha, color = layers.sample(index.clamp_min(0), point[:, None])  # (n, K, 1), (n, K, 1, C)
     below = (index >= 0) & (rank[index.clamp_min(0)] > rank[number][:, None])
     paint, light = over(alpha * below[..., None], color)

@@ -1,4 +1,4 @@
-"""Wet-on-wet: drag paint along finished strokes and, optionally, optimise strokes for that."""
+"""Wet-on-wet: drag paint along finished strokes and, optionally, optimise the strokes for the wet painting."""
 
 from dataclasses import dataclass, field
 from typing import Annotated, Any
@@ -17,27 +17,27 @@ from brushexp_changes.wet.dragging import drag_paint
 @register("change", "wet")
 @dataclass(kw_only=True)
 class Wet(Change):
-    """Wet-on-wet: a stroke picks up the paint under its start and drags it along until it is spent: ``wet=0.5``.
+    """Wet-on-wet: a stroke picks up the paint under its start and drags it along until it runs out: ``wet=0.5``.
 
     With ``every``, strokes are optimised for the wet painting. Every few steps, paint is dragged as a trial, and the
-    dry strokes then aim at target + dry - wet. This is the gradient of the wet painting if dragging is treated as
+    dry strokes then approach target + dry - wet. This gives the gradient of the wet painting if dragging is treated as
     independent of the strokes (straight-through; Bengio, Léonard and Courville, 2013). Curves show the resulting
     estimate of the wet painting's error.
 
     Args:
         amount: share of the underlying colour that a stroke drags along, 0 to 1.
         every: steps between two updates of the wet painting; null = optimise dry paint only.
-        after: share of the steps before the first update, while strokes still find their places.
+        after: share of the steps before the first update, while strokes still settle.
     """
 
-    rank = 10  # after the changes that set final colours
+    rank = 10  # this change runs after the changes that set final colours
     for_all_painters = True
 
     amount: Annotated[float, between(0, 1)] = 0.5
     every: Annotated[int, at_least(1)] | None = None
     after: Annotated[float, between(0, 1)] = 0.2
     _lack: Tensor | None = field(default=None, init=False, repr=False)  # (3, H, W) dry - wet at the last update
-    _aimed: tuple[Tensor, Tensor] | None = field(default=None, init=False, repr=False)  # target, and target plus lack
+    _aimed: tuple[Tensor, Tensor] | None = field(default=None, init=False, repr=False)  # target, and target + dry - wet
 
     def check(self, cfg: DictConfig, size: tuple[int, int]) -> None:
         if self.every is not None:

@@ -1,4 +1,4 @@
-"""Plan painting with dipped brushes: strokes in the order of depth, each in one movement.
+"""Plan paintings with dipped brushes: strokes in order of depth, each in one movement.
 
 Lengths are millimetres, x to the right and y down from the paper's upper left corner; lines are complex numbers.
 """
@@ -15,13 +15,13 @@ from brushexp.contracts.pictures import hex_of
 from brushexp_exports.plotters.pen_plan import Layer, on_paper, ordered
 from brushexp_exports.plotters.pens import MM, Array, PenExporter, PenPlan, load_vpype
 
-STIR, RINSE, WIPE = 3.0, 5.0, 20.0  # mm to both sides in a well and in water, and along the cloth
-TIMES = 3  # that a brush goes back and forth in water, and on the cloth
-MOST_RUNS = 2000  # of strokes of one colour and width
+STIR, RINSE, WIPE = 3.0, 5.0, 20.0  # mm to each side in a well, in water and along the cloth
+TIMES = 3  # number of times a brush moves back and forth in water and on the cloth
+MOST_RUNS = 2000  # maximum number of runs of strokes with the same colour and width
 
 
 def brush_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
-    """Plan the strokes and dips of brushes; refuse (UserError) a painting with too many colours or too large a size."""
+    """Plan the strokes and dips of brushes; raise UserError if the painting is too large or has too many colours."""
     strokes, curves, widths, frame, paper = on_paper(job, machine)
     _check_places(machine, frame, paper[1])
     parts, widths = shapely.clip_by_rect(curves, *frame), widths.round(2)
@@ -53,7 +53,7 @@ def brush_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
 
 
 def _check_places(machine: PenExporter, frame: tuple[float, ...], height: float) -> None:
-    """Refuse (UserError) a well, water or cloth inside the painting; ``frame`` has y down from the top."""
+    """Raise UserError if a well, the water or the cloth lies in the painting; ``frame`` has y down from the top."""
     left, right, low, high = frame[0], frame[2], height - frame[3], height - frame[1]
     places: list[tuple[str, float, complex | None]] = [("wells", STIR, place) for place in machine.tray]
     places += [("water", RINSE, machine.place("water")), ("cloth", WIPE, machine.place("cloth"))]
@@ -77,7 +77,7 @@ def _check_size(machine: PenExporter, kinds: list[tuple[float, str]], colors: in
 def _with_dips(
     lines: list[Array], brush: float, well: complex, machine: PenExporter, paper: tuple[float, float], changed: bool
 ) -> Iterator[tuple[Array, bool]]:
-    """Add rinsing, wiping and dipping before the lines of a brush, and dips between them; mark the dips."""
+    """Yield the lines of a brush, after rinsing and wiping and with dips in between; mark the dips."""
 
     def at(place: complex, reach: float, times: int) -> Array:
         there = place.real + 1j * (paper[1] - place.imag)

@@ -1,4 +1,4 @@
-"""Write stroke plans as G-code, the language of most home-built machines."""
+"""Write stroke plans as G-code, the language of most self-built machines."""
 
 import io
 from copy import deepcopy
@@ -18,18 +18,17 @@ Speed = Annotated[float, between(1, 1_000_000)]
 class Gcode(PenExporter):
     """Writes ``painting.gcode``, a stroke plan for plotters and painting robots, and a picture of the plan.
 
-    Coordinates are millimetres from the lower left corner of the paper, y up; the plugin vpype-gcode writes them. For
-    the servo of many plotters: ``'to.gcode.up=M5' 'to.gcode.down=M3 S90'``.
+    Coordinates are millimetres from the lower left corner of the paper, y up; the plugin vpype-gcode writes them. Many
+    plotters lift the pen with a servo: ``'to.gcode.up=M5' 'to.gcode.down=M3 S90'``.
 
     Args:
         feed: speed while drawing, in mm per minute.
-        travel: speed between strokes for the time estimate, in mm per minute; the machine itself decides the speed of
-            G0.
+        travel: speed between strokes, in mm per minute, for the time estimate; the machine sets the speed of G0.
         up: command that lifts the pen.
         down: command that lowers the pen.
         change: command that waits for another tool; {tool} is its number and {color} its colour. A plan for one pen has
-            no change, because the pen is in its holder. Machines that change tools themselves accept 'M6 T{tool}'; GRBL
-            does not.
+            no change, because the pen is already in its holder. Machines with an automatic tool changer accept
+            'M6 T{tool}'; GRBL does not.
     """
 
     feed: Speed = 1500.0
@@ -83,7 +82,7 @@ class Gcode(PenExporter):
         return {"painting.gcode": text.getvalue()}
 
     def _with_changes(self, plan: PenPlan) -> Any:
-        """Copy the document of a plan and add tool changes to layers whose tool is not held already."""
+        """Copy the document of a plan, and add tool changes to layers whose tool is not already in the holder."""
         document = deepcopy(plan.document)
         held = 1 if len(plan.tools) == 1 else None
         for (_, tool, _), number in zip(plan.runs(), sorted(document.ids()), strict=True):

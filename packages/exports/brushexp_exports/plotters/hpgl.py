@@ -9,8 +9,8 @@ from brushexp.contracts import UserError, between, register
 from brushexp.contracts.families import ExportJob
 from brushexp_exports.plotters.pens import MM, PenExporter, PenPlan, load_vpype
 
-UNKNOWN_PLOTTER = "brushexp"  # under which vpype knows one whose origin is the lower left corner of the paper
-DRAW_SPEED, MOVE_SPEED = 20, 38  # cm/s while drawing and between: usual for plotters that were built when HPGL was
+UNKNOWN_PLOTTER = "brushexp"  # our name in vpype for a plotter with its origin at the lower left corner of the paper
+DRAW_SPEED, MOVE_SPEED = 20, 38  # cm/s while drawing and between lines; typical of plotters of the HPGL era
 
 
 @register("to", "hpgl")
@@ -18,9 +18,9 @@ DRAW_SPEED, MOVE_SPEED = 20, 38  # cm/s while drawing and between: usual for plo
 class Hpgl(PenExporter):
     """Writes ``painting.hpgl``, a stroke plan for pen plotters, a report (``.txt``) and a picture (``.svg``).
 
-    vpype, which knows the papers and origins of many plotters, writes the plan. Old plotters accept no comments in
+    vpype, which supports the papers and origins of many plotters, writes the plan. Old plotters accept no comments in
     HPGL, so the text of `PenPlan.report` is a separate file. Tools are the pens of the carousel: ``SP1``, ``SP2``, ...
-    The plotter's steps of 1/40 mm come on top of ``tolerance_mm``.
+    The plotter's rounding to 1/40 mm is added to ``tolerance_mm``.
 
     Args:
         plotter: name of the plotter in vpype (hp7475a, hp7550, dxy, ...) or in your ~/.vpype.toml; null = any plotter
@@ -83,12 +83,12 @@ class Hpgl(PenExporter):
         return {"painting.hpgl": text.getvalue(), "painting.hpgl.txt": notes}
 
     def _device(self, name: str) -> tuple[Any, Any]:
-        """Look up the plotter and its paper among the devices of vpype."""
+        """Look up the plotter and its paper in vpype's list of devices."""
         vpype = load_vpype()
         try:
             plotter = vpype.config_manager.get_plotter_config(name)
-        except ValueError as error:  # vpype 1.15 has a typo in one of its own files
-            raise UserError(f"vpype cannot read its data about plotter {name} ({error}); choose another") from error
+        except ValueError as error:  # vpype 1.15 has a typo in one of its device files
+            raise UserError(f"vpype cannot read its data on plotter {name} ({error}); choose another") from error
         if plotter is None:
             names = ", ".join(each for each in vpype.config_manager.get_plotter_list() if each != UNKNOWN_PLOTTER)
             raise UserError(f"to.hpgl.plotter={name} is not known to vpype; choose one of {names}")

@@ -1,6 +1,6 @@
-"""Plan drawing with pens: filled strokes, by layer and pen, in an order with little travel.
+"""Plan drawings with pens: filled strokes, by layer and pen, in an order with little travel.
 
-shapely makes outlines and fillings, vpype orders lines; a grid of stroke numbers shows the hidden parts of a stroke.
+shapely makes outlines and fillings, vpype orders lines, and a grid of stroke numbers tells hidden parts of strokes.
 Lengths are millimetres, x to the right and y down from the paper's upper left corner; lines are complex numbers.
 """
 
@@ -19,27 +19,27 @@ from brushexp_exports.plotters.pens import MM, PenExporter, PenPlan, load_vpype,
 
 Array = np.ndarray
 
-LEAST_OPACITY = 0.05  # fainter strokes are not drawn
-OPAQUE = 0.5  # opacity from which a stroke hides what lies below it
-JOINED_PENS = 2.0  # widths of the pen, of which one is ink: where the next line begins as near, the pen stays down
-CELLS = 500, 2000  # least and most cells of the grid of hidden parts along the picture's longer side
-CHORDS = 256  # chords of a curve before simplification
-AT_ONCE = 4096  # curves that are flattened in one batch
-MOST_SWAPPED = 20_000  # lines whose order is improved by swaps, which take the square of their number
+LEAST_OPACITY = 0.05  # opacity below which strokes are not drawn
+OPAQUE = 0.5  # opacity above which a stroke hides the strokes below it
+JOINED_PENS = 2.0  # maximum distance, in pen widths, of a next line that is reached without lifting the pen
+CELLS = 500, 2000  # minimum and maximum number of grid cells along the picture's longer side
+CHORDS = 256  # number of chords of a curve before simplification
+AT_ONCE = 4096  # number of curves flattened in one batch
+MOST_SWAPPED = 20_000  # maximum number of lines whose order is improved by swaps, whose cost grows quadratically
 
 
 class OnPaper(NamedTuple):
-    """Places of N strokes on paper, bottom to top."""
+    """N strokes and their positions on paper, bottom to top."""
 
     strokes: Strokes  # in pixels
-    middles: Array  # (N,) their curves, lines of shapely
+    middles: Array  # (N,) curves as shapely lines
     widths: Array  # (N,)
     frame: tuple[float, ...]  # left, top, right and bottom of the painting
     paper: tuple[float, float]  # width and height
 
 
 def on_paper(job: ExportJob, machine: PenExporter) -> OnPaper:
-    """Place a painting on the paper of a machine; refuse (UserError) one too large for paper or plan."""
+    """Place a painting on the paper of a machine; raise UserError if it is too large for paper or plan."""
     machine.check(len(job.strokes), job.size)
     paper, corner, scale = machine.frame(job.size)
     frame = (*corner, *(corner + scale * np.array(job.size[::-1])))
@@ -49,7 +49,7 @@ def on_paper(job: ExportJob, machine: PenExporter) -> OnPaper:
 
 
 def pen_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
-    """Plan the lines that draw a painting with pens; refuse (UserError) one too large for paper or plan."""
+    """Plan the lines that draw a painting with pens; raise UserError if it is too large for paper or plan."""
     strokes, middles, widths, frame, paper = on_paper(job, machine)
     opacity = strokes.opacity.numpy()
     outlines = shapely.clip_by_rect(shapely.buffer(middles, widths / 2, quad_segs=16), *frame)
@@ -85,16 +85,16 @@ def pen_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
 class Layer(NamedTuple):
     """Lines of one tool in one layer of a vpype document."""
 
-    number: int  # from 1; AxiDraw takes layers by that with which their name begins
-    tool: int  # from 0
+    number: int  # counted from 1; AxiDraw selects layers by the number at the start of their name
+    tool: int  # counted from 0
     color: str
     width: float
-    also: str  # in the name, behind number and colour
+    also: str  # rest of the layer's name, after number and colour
     lines: list[Array]
 
 
 def ordered(layers: Iterable[Layer], paper: tuple[float, float], machine: PenExporter, *, joins: bool) -> Any:
-    """Make a document of layers with simplified lines, ordered for little travel and, if asked, joined."""
+    """Make a document of layers with simplified lines, ordered for little travel and, with ``joins``, joined."""
     vpype = load_vpype()
     document = vpype.Document(page_size=tuple(MM * side for side in paper))
     for number, tool, color, width, also, lines in layers:
@@ -116,12 +116,12 @@ def ordered(layers: Iterable[Layer], paper: tuple[float, float], machine: PenExp
 
 
 def flatten(curves: Array, tolerance: float) -> Array:
-    """Turn quadratic Bezier curves (N, 3, 2) into N polylines of shapely, within ``tolerance`` of fine ones."""
+    """Convert quadratic Bezier curves (N, 3, 2) to N shapely polylines, within ``tolerance`` of fine polylines."""
     t, polylines = np.linspace(0, 1, CHORDS + 1), [np.empty(0, dtype=object)]
     weights = np.stack([(1 - t) ** 2, 2 * t * (1 - t), t**2], axis=1)
     for first in range(0, len(curves), AT_ONCE):
         points = np.einsum("kp,npd->nkd", weights, curves[first : first + AT_ONCE])
-        points[:, -1, 0] += 1e-6  # mm: shapely takes a closed line for a ring, without ends
+        points[:, -1, 0] += 1e-6  # mm; shapely would treat a closed line as a ring without ends
         polylines.append(shapely.simplify(shapely.linestrings(points), tolerance, preserve_topology=False))
     return np.concatenate(polylines)
 
@@ -131,16 +131,16 @@ def _fill_stroke(
 ) -> list[Array]:
     """Fill a round-ended stroke with lines (M,) of points a ``step`` apart, cut at the edges of the picture.
 
-    The lines are offsets of its curve, from the outline to the middle, at most a pen width apart, joined where they
-    stay on the picture. A stroke no wider than the pen is its middle line.
+    The lines are offsets of its curve, from the outline to the centre, at most one pen width apart, and joined where
+    they stay on the picture. A stroke no wider than the pen is drawn as its centre line.
     """
     pen = machine.pen_mm
     farthest = shapely.distance(middle, shapely.points(shapely.get_coordinates(shapely.box(*frame)))).max()
-    radius = min(0.5 * max(width - pen, 0.0), farthest)  # rings farther out are not on the picture
+    radius = min(0.5 * max(width - pen, 0.0), farthest)  # rings farther out miss the picture
     needed = int(np.ceil(2 * radius / pen - 1e-6)) + 1
     count = min(needed, machine.passes or needed)
     offsets = radius - 2 * radius / max(count - 1, 1) * np.arange(count // 2)
-    # Normalised rings begin at their smallest x, and so next to each other.
+    # Normalised rings begin at their smallest x, and therefore next to each other.
     rings = shapely.normalize(shapely.boundary(shapely.buffer(middle, offsets, quad_segs=16)))
     parts = [*shapely.get_parts(rings)] + [middle] * (count % 2)
     parts = shapely.get_parts(shapely.segmentize(shapely.clip_by_rect(np.array(parts, dtype=object), *frame), step))
@@ -148,7 +148,7 @@ def _fill_stroke(
 
 
 def _join_lines(lines: list[Array], reach: float) -> list[Array]:
-    """Join each line (M,) to the next one if it begins or ends within ``reach``, then any two ends that close."""
+    """Join each line (M,) to the next if that begins or ends within ``reach``; then join any two ends that close."""
     joined: list[Array] = []
     for line in lines:
         gaps = np.abs(joined[-1][-1] - line[[0, -1]]) if joined else [np.inf]
@@ -165,7 +165,7 @@ def _join_lines(lines: list[Array], reach: float) -> list[Array]:
 
 
 class _Grid:
-    """Grid of cells about half a ``pen`` wide over a ``frame`` (left, top, right, bottom), to find hidden parts."""
+    """A grid for finding hidden parts: cells about half a ``pen`` wide over a ``frame`` (left, top, right, bottom)."""
 
     def __init__(self, frame: tuple[float, ...], pen: float) -> None:
         self.corner, extent = np.array(frame[:2]), np.array(frame[2:]) - np.array(frame[:2])
@@ -173,7 +173,7 @@ class _Grid:
         self.columns, self.rows = (max(1, round(side / self.cell)) for side in extent)
 
     def topmost(self, outlines: Array, chosen: Array) -> Array:
-        """Paint the numbers, from 1, of the ``chosen`` strokes on cells (rows, columns); 0 means none."""
+        """Find the number, from 1, of the top stroke among the ``chosen`` in each cell (rows, columns); 0 if none."""
         picture = Image.new("I", (self.columns, self.rows))
         draw = ImageDraw.Draw(picture)
         for k in np.flatnonzero(chosen):
@@ -184,7 +184,7 @@ class _Grid:
         return np.array(picture)
 
     def may_be_visible(self, top: Array, outlines: Array) -> Array:
-        """Test which strokes (N,) may be visible: those with an uncovered cell in their bounding box."""
+        """Mark the strokes (N,) that may be visible because a cell in their bounding box is not covered."""
         corners = np.nan_to_num(shapely.bounds(outlines)).reshape(-1, 2, 2) @ (1, 1j)
         (tops, lefts), (bottoms, rights) = (self._cells(corner) for corner in corners.T)
         boxes = zip(tops, bottoms + 1, lefts, rights + 1, strict=True)
@@ -192,7 +192,7 @@ class _Grid:
         return np.fromiter(bare, dtype=bool)
 
     def is_visible(self, top: Array, points: Array, k: int) -> Array:
-        """Test which points (M,) of stroke ``k`` are not hidden by others."""
+        """Mark the points (M,) of stroke ``k`` that no other stroke hides."""
         return np.asarray(top[self._cells(points)] <= k + 1)
 
     def _cells(self, points: Array) -> tuple[Array, Array]:
@@ -201,7 +201,7 @@ class _Grid:
         return row, column
 
     def cut(self, top: Array, line: Array, k: int, shortest: float) -> list[Array]:
-        """Cut a line (M,) of stroke ``k`` into its visible parts of at least the ``shortest`` length."""
+        """Cut a line (M,) of stroke ``k`` into its visible parts, and keep those at least ``shortest`` long."""
         visible = self.is_visible(top, line, k)
         if visible.all():
             return [line]
@@ -210,7 +210,7 @@ class _Grid:
         return [part for part in parts if np.abs(np.diff(part)).sum() >= shortest]
 
     def colors(self, picture: Array, top: Array, own: Array) -> tuple[Array, Array]:
-        """Average the picture where each stroke is uppermost, or use its ``own`` colour (N, 3), and count its cells."""
+        """Average the picture where each stroke is on top, or return its ``own`` colour (N, 3), and count its cells."""
         cells = np.asarray(Image.fromarray(picture).resize((self.columns, self.rows), Image.Resampling.NEAREST)) / 255
         area = np.bincount(top.ravel(), minlength=len(own) + 1)[1:, None]
         sums = [np.bincount(top.ravel(), channel.ravel(), len(own) + 1)[1:] for channel in np.moveaxis(cells, 2, 0)]
@@ -218,7 +218,7 @@ class _Grid:
 
 
 def _choose_inks(colors: Array, area: Array, machine: PenExporter) -> tuple[Array, Array]:
-    """Choose the colours (K, 3) of the tools, light to dark, and the tool (N,), from 0, of each stroke."""
+    """Choose the colours (K, 3) of the tools, light to dark, and the tool (N,), counted from 0, of each stroke."""
     if len(colors) == 0:
         return np.empty((0, 3)), np.empty(0, dtype=int)
     lab = to_lab(colors)

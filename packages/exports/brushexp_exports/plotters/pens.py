@@ -1,4 +1,4 @@
-"""Base of exporters for plotters and painting robots: options, paper, stroke plan, and accompanying files."""
+"""Base class of exporters for plotters and painting robots: options, paper, stroke plan, and accompanying files."""
 
 import io
 import logging
@@ -18,28 +18,28 @@ from brushexp.contracts import UserError, between, one_of
 from brushexp.contracts.families import Exporter
 
 Array = np.ndarray
-MM = 96 / 25.4  # pixels of CSS, the unit of vpype, in a millimetre
-MOST_STROKES = 100_000  # strokes of a plan: each takes milliseconds to fill, and a machine seconds to draw
+MM = 96 / 25.4  # CSS pixels, the unit of vpype, per millimetre
+MOST_STROKES = 100_000  # maximum number in a plan; each takes milliseconds to fill, and seconds to draw
 MOST_WELLS = 500
 PLACE = r"-?[0-9]{1,5}(?:\.[0-9]{1,3})?x-?[0-9]{1,5}(?:\.[0-9]{1,3})?"  # x and y in mm
-LIFT_SECONDS = 1.0  # estimated seconds to lift a pen, set it down, and turn the machine round
+LIFT_SECONDS = 1.0  # estimated seconds to lift a pen, set it down, and change direction
 
 
 @dataclass(frozen=True)
 class PenPlan:
     """The lines that a machine draws with its pens."""
 
-    document: Any  # vpype's; layer and tool, both from 1, have its layer (layer - 1) * len(tools) + tool
+    document: Any  # vpype document; its layer (layer - 1) * len(tools) + tool holds a layer's lines of one tool
     paper: tuple[float, float]  # width and height, mm
     pen_mm: float
-    tools: list[str]  # colours in hexadecimal, from light to dark, so that no light pen takes up dark ink; or brushes
-    strokes: list[int]  # how many strokes each tool draws, or parts of
-    left_out: int  # more strokes, which cannot be seen and are not drawn
-    source: str  # where the painting came from
-    notes: list[str] = field(default_factory=list)  # more to say in the report
+    tools: list[str]  # pen colours in hexadecimal, light to dark, so that no light pen picks up dark ink; or brushes
+    strokes: list[int]  # number of strokes that each tool draws in whole or in part
+    left_out: int  # number of invisible strokes, which are not drawn
+    source: str  # origin of the painting
+    notes: list[str] = field(default_factory=list)  # further lines of the report
 
     def runs(self) -> list[tuple[int, int, Any]]:
-        """Layer and tool, both from 1, and their vpype lines, in drawing order."""
+        """Layer and tool, both counted from 1, and their vpype lines, in drawing order."""
         count = max(1, len(self.tools))
         numbers = sorted(self.document.ids())
         return [((k - 1) // count + 1, (k - 1) % count + 1, self.document.layers[k]) for k in numbers]
@@ -54,25 +54,25 @@ class PenPlan:
 
     @property
     def travel(self) -> float:
-        """Distance in mm that pens move without drawing, between lines of the same or of different pens."""
+        """Distance in mm that pens move without drawing, between lines of the same pen or of different pens."""
         ends = np.array([line[[0, -1]] for _, _, lines in self.runs() for line in lines]).reshape(-1, 2)
         return float(np.abs(ends[1:, 0] - ends[:-1, 1]).sum()) / MM
 
     def report(self, draws: float, moves: float) -> list[str]:
-        """Describe paper, pens and duration for a machine that ``draws`` and ``moves`` at these mm per minute."""
+        """Describe paper, pens and duration for a machine that ``draws`` and ``moves`` at speeds in mm per minute."""
         layers = len({layer for layer, _, _ in self.runs()})
         minutes = self.drawn / draws + self.travel / moves + LIFT_SECONDS / 60 * self.lifts
         rows = [
             f"stroke plan of {self.source}",
             f"paper {self.paper[0]:g} x {self.paper[1]:g} mm, pen {self.pen_mm:g} mm",
-            f"{sum(self.strokes)} strokes and {self.left_out} more that are invisible, {len(self.tools)} tools, "
+            f"{sum(self.strokes)} strokes, {self.left_out} invisible strokes left out, {len(self.tools)} tools, "
             f"{layers} layer{'' if layers == 1 else 's'}, {self.lifts} pen lifts",
             f"drawn {self.drawn / 1000:.2f} m, travel {self.travel / 1000:.2f} m",
-            f"about {minutes:.0f} minutes at {draws:.10g} mm/min and {moves:.10g} mm/min in travel",
+            f"about {minutes:.0f} minutes at {draws:.10g} mm/min and {moves:.10g} mm/min during travel",
         ]
         tools = enumerate(zip(self.tools, self.strokes, strict=True), start=1)
         rows += [f"tool {k}: {color}, {n} strokes" for k, (color, n) in tools] + self.notes
-        # Some machines obey single characters (! ? ~) even within a comment.
+        # Some machines execute single characters (! ? ~) even within a comment.
         return [re.sub(r"[^A-Za-z0-9 .,:/#_+-]", "_", row) for row in rows]
 
     def svg(self) -> str:
@@ -84,27 +84,27 @@ class PenPlan:
 
 @dataclass(kw_only=True)
 class PenExporter(Exporter):
-    """Base of exporters for machines that draw with pens or brushes; its fields are their options.
+    """Base class of exporters for machines that draw with pens or brushes; its fields are their options.
 
     Args:
         paper: size of the paper: a3, a4, letter, ... or a size such as 300x200mm.
-        landscape: whether the paper lies across; null = whichever makes the picture larger.
-        margin_mm: smallest margin in mm; the picture fills the rest, centred. It is larger where a plotter reaches less
-            far.
+        landscape: whether to use the paper in landscape format; null = the format that makes the picture larger.
+        margin_mm: minimum margin in mm; the picture is centred and fills the rest. The margin is larger where the
+            plotter cannot reach.
         width_mm: width of the picture in mm; null = as large as fits.
-        colors: maximum number of pens, in the colours that fit the picture best.
-        pens: colours of your own pens, in place of ``colors``: [black,red,"#20a080"].
-        layers: number of layers, bottom to top; in each, strokes are drawn pen by pen, light to dark. More layers keep
-            the depth of strokes for opaque paint.
+        colors: maximum number of pens, whose colours are chosen to fit the picture.
+        pens: colours of your own pens, instead of ``colors``: [black,red,"#20a080"].
+        layers: number of layers, bottom to top; within a layer, strokes are drawn pen by pen, light to dark. More
+            layers preserve the depth of strokes better if paint is opaque.
         pen_mm: width of the pen or brush in mm.
-        passes: maximum number of parallel lines in a stroke; null = as many as fill it, 1 = only its middle line.
-        hidden: treatment of hidden parts: cut omits what strokes of the same layer hide, so that the order of pens does
-            not matter; skip omits only completely hidden strokes, as suits a brush; draw keeps everything.
-        tolerance_mm: largest distance of a drawn line from the curve in mm.
+        passes: maximum number of parallel lines in a stroke; null = as many as fill it, 1 = only its centre line.
+        hidden: treatment of hidden parts: cut omits parts hidden by strokes of the same layer, so that the order of
+            pens does not matter; skip omits only completely hidden strokes, which suits brushes; draw keeps everything.
+        tolerance_mm: maximum distance of a drawn line from the curve in mm.
         wells: places of paints for a dipped brush: 20x15:230x45:8x3 is a tray of 8 x 3 wells, from the centre of the
-            first to that of the last, in mm from the lower left corner of the paper. Each stroke is then painted in one
-            movement, in order of depth, and tools are brushes: for paintings with ``tubes=``. null = pens.
-        water: place where a brush is rinsed before another colour, such as 20x80; null = no rinsing.
+            first to the centre of the last, in mm from the lower left corner of the paper. Tools are then brushes, and
+            each stroke is one movement, in order of depth; this is for paintings with ``tubes=``. null = pens.
+        water: place where a brush is rinsed before each change of colour, for example 20x80; null = no rinsing.
         cloth: place where the brush is wiped afterwards; null = no wiping.
         load: length that a brush paints with one load, in brush widths.
     """
@@ -126,7 +126,7 @@ class PenExporter(Exporter):
     load: Annotated[float, between(1, 1000)] = 12.0
 
     def __post_init__(self) -> None:
-        # Refused before anything is drawn.
+        # Invalid options raise their errors here, before anything is drawn.
         self.own_pens, self.tray, self.place("water"), self.place("cloth")
         if self.page[0] <= 2 * self.margin:
             raise UserError(
@@ -136,7 +136,7 @@ class PenExporter(Exporter):
 
     @abstractmethod
     def programs(self, plan: PenPlan) -> dict[str, str]:
-        """Write the names and texts of the files for the machine, program first."""
+        """Return the names and texts of the files for the machine, program first."""
 
     @property
     @abstractmethod
@@ -203,7 +203,7 @@ class PenExporter(Exporter):
         return None if text is None else _place(text)
 
     def frame(self, size: tuple[int, int]) -> tuple[tuple[float, float], Array, float]:
-        """Compute paper size, upper left corner (2,) of a centred picture (H, W), both in mm, and mm per pixel."""
+        """Compute the paper's size and the corner (2,) of a centred picture (H, W), in mm, and the mm per pixel."""
 
         def room(paper: tuple[float, float]) -> float:
             return round(min((side - 2 * self.margin) / n for side, n in zip(paper, size[::-1], strict=True)), 9)
@@ -240,7 +240,7 @@ def load_vpype() -> ModuleType:
 
 @contextmanager
 def quiet_vpype() -> Iterator[None]:
-    """Mute vpype's messages to the root logger, and restore its level and handlers, which vpype changes."""
+    """Mute vpype's messages to the root logger, and restore the logger's level and handlers, which vpype changes."""
     level, handlers = logging.root.level, [*logging.root.handlers]
     logging.disable(logging.INFO)
     try:

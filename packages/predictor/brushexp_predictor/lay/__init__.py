@@ -1,1 +1,1 @@
-"""From a picture to strokes: network, decoding of its output, levels from large cells to small, and best colours."""
+"""Predict the strokes of a picture: the network, its decoded output, levels from large to small cells, and colours."""

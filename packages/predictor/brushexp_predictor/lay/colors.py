@@ -1,4 +1,4 @@
-"""Find the best colours for strokes of fixed shape, by least squares: a painting is linear in its colours."""
+"""Find the best colours for strokes of fixed shape by least squares, because a painting is linear in its colours."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -8,13 +8,13 @@ from torch import Tensor
 
 from brushexp.contracts.strokes import Strokes
 
-ROUNDS = 3  # come close: one more gains 0.01 to 0.04 dB
-LEAST_SEEN, TINY = 1e-3, 1e-12  # pixels of a stroke, and squares, that are divided by
-Paint = Callable[[Strokes], Tensor]  # strokes on the canvas that is meant -> picture (3, H, W)
+ROUNDS = 3  # nearly enough; another round gains 0.01 to 0.04 dB
+LEAST_SEEN, TINY = 1e-3, 1e-12  # lower bounds of divisors: visible pixels of a stroke, and sums of squares
+Paint = Callable[[Strokes], Tensor]  # function that draws strokes as a picture (3, H, W)
 
 
 def best_colors(strokes: Strokes, target: Tensor, draw: Paint, rounds: int) -> Strokes:
-    """Move stroke colours towards the least squared error by conjugate gradients (Hestenes and Stiefel, 1952).
+    """Lower the squared error of stroke colours by conjugate gradients (Hestenes and Stiefel, 1952).
 
     Each round draws the strokes forward and backward and costs about as much as a gradient step. Rounds are
     preconditioned by each stroke's visible area. Colours are clamped to [0, 1] at the end.
@@ -34,7 +34,7 @@ def best_colors(strokes: Strokes, target: Tensor, draw: Paint, rounds: int) -> S
     painted = picture.detach()
 
     def pulled(residual: Tensor) -> Tensor:
-        """Sum over the pixels (3, H, W) what each colour contributes to them; the same whatever the colours are."""
+        """Sum the pixels (3, H, W), weighted by each colour's contribution, which does not depend on the colours."""
         return torch.autograd.grad(picture, color, residual, retain_graph=True)[0]
 
     inverse = 1 / pulled(torch.ones_like(painted)).clamp_min(LEAST_SEEN)

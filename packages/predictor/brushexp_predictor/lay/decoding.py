@@ -10,36 +10,36 @@ from brushexp.contracts.families import Compositor
 from brushexp.contracts.members import Analytic, Rgb, Textured, Tiled
 from brushexp.contracts.strokes import Strokes, strokes_along
 
-LARGEST_SHIFT = 1.5  # cells from the middle of a cell to that of its stroke
-BEND = 2.0  # half lengths from the chord to the control point, at most
-TONE = 0.5  # greatest difference from the mean colour of the cell
+LARGEST_SHIFT = 1.5  # maximum distance of a stroke's middle from its cell's centre, in cells
+BEND = 2.0  # maximum distance of the control point from the chord, in half lengths
+TONE = 0.5  # maximum difference from the cell's mean colour
 BLEND = Compositor(Tiled(), Rgb())
 PLAIN, BRUSHED = Analytic(), Textured().requires_grad_(False)
-FIRST_OPACITY = 3.0  # log-odds, where the network says 0
+FIRST_OPACITY = 3.0  # log-odds for an output of 0
 
 
 @dataclass(frozen=True)
 class Form:
     """Lengths, widths and windows of a network's strokes, in sides of a cell."""
 
-    half_length: float  # where the network says 0
+    half_length: float  # half length for an output of 0
     width: float
-    spread: float  # logarithm of the greatest factor of both
-    window: float  # steps of the optimiser are shares of it: small where strokes lie nearly where they should
-    brushed: bool  # opaque, and with the marks of bristles
+    spread: float  # logarithm of the largest factor of half length and width
+    window: float  # scales the optimiser's steps, which are small for strokes that are nearly in place
+    brushed: bool  # whether strokes are opaque with bristle marks
 
 
 FORMS = {"plain": Form(0.7, 1.2, 1.6, 2.2, False), "brushed": Form(1.5, 1.0, 0.7, 9.0, True)}
 
 
 def strokes_of(form: Form, numbers: Tensor, mean: Tensor, middle: Tensor, cell: float) -> Strokes:
-    """Make the strokes of N cells.
+    """Decode the strokes of N cells.
 
     Args:
         form: form of the network's strokes.
         numbers: the network's output (N, 11).
         mean: mean colours (N, 3) of the target in the cells.
-        middle: middles (N, 2) of the cells (x, y) in pixels.
+        middle: centres (N, 2) of the cells (x, y) in pixels.
         cell: side of a cell in pixels.
     """
     place, turn, shape = numbers[:, 0:2], numbers[:, 2:4], torch.tanh(numbers[:, 4:7])
@@ -67,7 +67,7 @@ def areas_of(strokes: Strokes) -> Tensor:
 
 
 def draw(form: Form, strokes: Strokes, size: tuple[int, int], background: Tensor) -> Tensor:
-    """Draw strokes, the lowest first, as a picture (3, H, W), with the renderer that trains networks of a form."""
+    """Draw strokes, bottom to top, as a picture (3, H, W), with the renderer used to train networks of a form."""
     renderer = BRUSHED if form.brushed else PLAIN
     front_to_back = torch.arange(len(strokes) - 1, -1, -1, device=strokes.position.device)
     return BLEND(renderer(strokes), front_to_back, size, background).image

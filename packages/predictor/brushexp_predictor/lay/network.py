@@ -1,4 +1,4 @@
-"""The network: it sees a picture and the canvas so far, and predicts a stroke for each cell."""
+"""The network that predicts a stroke for each cell from a picture and the canvas so far."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -11,11 +11,11 @@ from brushexp.contracts import UserError
 from brushexp.contracts.files import CheckpointFormat
 from brushexp_predictor.lay.decoding import FORMS
 
-CELL = 8  # pixels of a cell's side, as the network sees it
-NUMBERS = 11  # of a stroke: shift (x, y), cosine and sine of twice its angle, half length, bend, width, RGB, opacity
-INPUTS = 10  # target and canvas, less a half, three times their difference, and 1 within the picture
-RECEPTIVE_FIELD = 14  # cells: farther away nothing matters to a cell
-DEVIATION, SPREAD = -2.5, 3.0  # logarithms of the numbers' deviations: what they are at first, and how far from it
+CELL = 8  # side of a cell in pixels of the network's input
+NUMBERS = 11  # shift (x, y), cosine and sine of twice the angle, half length, bend, width, RGB, opacity
+INPUTS = 10  # target - 1/2, canvas - 1/2, three times their difference, and 1 within the picture
+RECEPTIVE_FIELD = 14  # maximum distance in cells at which a pixel affects a cell
+DEVIATION, SPREAD = -2.5, 3.0  # initial logarithm of the numbers' deviations, and its maximum change
 
 SHIPPED_NAME = "plain"
 PREDICTORS = CheckpointFormat(
@@ -28,8 +28,8 @@ class Told(NamedTuple):
     """The network's output for the cells of B pictures."""
 
     numbers: Tensor  # (B, H, W, 11)
-    deviations: Tensor  # (B, H, W, 11) logarithms
-    worth: Tensor  # (B, H, W) log-odds of the share of a cell's error that its stroke removes
+    deviations: Tensor  # (B, H, W, 11), logarithms
+    worth: Tensor  # (B, H, W), log-odds of the share of a cell's error that its stroke removes
 
 
 class Block(nn.Module):
@@ -49,12 +49,12 @@ class Block(nn.Module):
 
 
 class StrokePredictor(nn.Module):
-    """Predict the stroke to lay in each cell of `CELL` pixels from a target and a canvas.
+    """Predict the stroke for each cell of `CELL` pixels from a target and a canvas.
 
     Args:
         form: form of the strokes, a key of `FORMS`.
         width: number of features per cell.
-        blocks: number of ConvNeXt blocks; each sees two cells farther.
+        blocks: number of ConvNeXt blocks; each extends the receptive field by two cells.
     """
 
     def __init__(self, form: str = "plain", width: int = 64, blocks: int = 6) -> None:
@@ -69,7 +69,7 @@ class StrokePredictor(nn.Module):
             self.tell.bias.zero_()
 
     def forward(self, target: Tensor, canvas: Tensor) -> Told:
-        """Look at pictures (B, 3, `CELL` H, `CELL` W)."""
+        """Predict the strokes of pictures (B, 3, `CELL` H, `CELL` W)."""
         seen = torch.cat([target, canvas, torch.ones_like(target[:, :1])], 1)
         looked = conv2d(seen, self._look_weight(), self.look.bias, self.look.stride, self.look.padding)
         features = gelu(self.gather(gelu(looked).contiguous(memory_format=torch.channels_last)))
@@ -78,18 +78,18 @@ class StrokePredictor(nn.Module):
         return Told(told[..., :NUMBERS], deviations, told[..., -1])
 
     def _look_weight(self) -> Tensor:
-        """Fold the weights of `INPUTS` into those of target, canvas and 1: half of the work, for the same sums."""
+        """Fold the weights of `INPUTS` into weights of target, canvas and 1: half of the work for the same sums."""
         target, canvas, difference, inside = self.look.weight.split((3, 3, 3, 1), 1)
         middle = 0.5 * (target + canvas).sum(1, keepdim=True)
         return torch.cat([target + 3 * difference, canvas - 3 * difference, inside - middle], 1)
 
 
 def load_predictor(checkpoint: str = SHIPPED_NAME) -> StrokePredictor:
-    """Load a trained network from a .safetensors file or by the name of a shipped one."""
+    """Load a trained network from a .safetensors file or by the name of shipped weights."""
     path = PREDICTORS.path_of(checkpoint)
     form = PREDICTORS.read_recipe(path)["options"].get("form", SHIPPED_NAME)
     if form not in FORMS:
-        raise UserError(f"{path.with_suffix('.json')} has no form of strokes that this brushexp knows; train it again")
+        raise UserError(f"{path.with_suffix('.json')} has an unknown form of strokes; train the network again")
     network = StrokePredictor(form)
     PREDICTORS.restore(network, SHIPPED_NAME, checkpoint, {})
     return network.requires_grad_(False)

@@ -1,4 +1,4 @@
-"""Paint pictures of any size with a network that sees them in parts, using an exact number of strokes."""
+"""Paint pictures of any size with a network that processes them in parts, using an exact number of strokes."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -13,16 +13,16 @@ from brushexp_predictor.lay.decoding import Form, draw
 from brushexp_predictor.lay.network import CELL, RECEPTIVE_FIELD, StrokePredictor, Told
 from brushexp_predictor.lay.pyramid import Look, lay, levels_of
 
-TILE_CELLS = 256  # cells: sides of the parts of a picture that the network looks at
-TEMPERATURE = 1.0  # strokes of samples vary as much as the network says
+TILE_CELLS = 256  # side in cells of the parts of a picture that the network processes
+TEMPERATURE = 1.0  # strokes of samples vary as much as the network predicts
 
 
 class Sample(NamedTuple):
     """One of several paintings of a picture."""
 
-    strokes: Strokes  # the lowest first, in pixels
+    strokes: Strokes  # bottom to top, in pixels
     painting: Tensor  # (3, H, W)
-    psnr: float  # dB, of the painting
+    psnr: float  # PSNR of the painting in dB
 
 
 @torch.no_grad()
@@ -34,7 +34,7 @@ def predict(
     temperature: float = 0.0,
     focus: Tensor | None = None,
 ) -> Iterator[Strokes]:
-    """Paint a target (3, H, W) with ``n`` strokes on its mean colour; return each level's strokes so far, lowest first.
+    """Paint a target (3, H, W) with ``n`` strokes on its mean colour; return the strokes so far after each level.
 
     Args:
         network: frozen network.
@@ -51,7 +51,7 @@ def predict(
 
 
 def in_best_colors(network: StrokePredictor, strokes: Strokes, target: Tensor, rounds: int) -> Strokes:
-    """Give strokes their best colours for a target (3, H, W), as drawn by the network's renderer."""
+    """Give strokes their best colours for a target (3, H, W) with the network's renderer."""
     size, background = (target.shape[1], target.shape[2]), target.mean((1, 2))
     return best_colors(strokes, target, lambda drawn: draw(network.form, drawn, size, background), rounds)
 
@@ -59,7 +59,7 @@ def in_best_colors(network: StrokePredictor, strokes: Strokes, target: Tensor, r
 def paint_samples(
     network: StrokePredictor, target: Tensor, n: int, count: int, seed: int = 0, temperature: float = TEMPERATURE
 ) -> Iterator[Sample]:
-    """Paint a target (3, H, W) ``count`` times with ``n`` strokes, each time with different random numbers."""
+    """Paint a target (3, H, W) ``count`` times with ``n`` strokes and different random numbers."""
     for number in range(count):
         generator = torch.Generator().manual_seed(1_000_003 * seed + number)
         *_, strokes = predict(network, target, n, generator, temperature)
@@ -68,7 +68,7 @@ def paint_samples(
 
 @torch.no_grad()
 def sample_of(form: Form, strokes: Strokes, target: Tensor) -> Sample:
-    """Draw strokes on the mean colour of a target (3, H, W), and compare."""
+    """Draw strokes on the mean colour of a target (3, H, W), and measure the PSNR."""
     painting = draw(form, strokes, (target.shape[1], target.shape[2]), target.mean((1, 2)))
     return Sample(strokes, painting, psnr_of(float((painting - target).square().mean())))
 
@@ -94,7 +94,7 @@ def partly(network: StrokePredictor) -> Look:
 
 
 def _spans(first: int) -> tuple[slice, slice]:
-    """Return the pixels that are looked at for a part from cell ``first`` on, and its own cells among these."""
+    """Return the pixels needed for the part that begins at cell ``first``, and the part's own cells among them."""
     begin = max(0, first - RECEPTIVE_FIELD)
     end = first + TILE_CELLS + RECEPTIVE_FIELD
     return slice(CELL * begin, CELL * end), slice(first - begin, first - begin + TILE_CELLS)

@@ -1,4 +1,4 @@
-"""Lay strokes in levels from large cells to small ones, each where the canvas so far is worst."""
+"""Lay strokes in levels from large to small cells, where the error of the canvas so far is largest."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -14,10 +14,10 @@ from brushexp.contracts.strokes import Strokes
 from brushexp_predictor.lay.decoding import Form, areas_of, draw, strokes_of
 from brushexp_predictor.lay.network import CELL, Told
 
-CELL_SIZES = (6.0, 3.0, 1.5, 0.75, 0.55)  # sides of the cells of the levels, in mean distances between strokes
-SHARES = (1.0, 1.0, 0.2, 0.4, 1.0)  # of all strokes, at most so many in a level
+CELL_SIZES = (6.0, 3.0, 1.5, 0.75, 0.55)  # side of the cells of each level, in stroke spacings
+SHARES = (1.0, 1.0, 0.2, 0.4, 1.0)  # maximum share of all strokes in each level
 
-Look = Callable[[Tensor, Tensor], Told]  # what `StrokePredictor.forward` does
+Look = Callable[[Tensor, Tensor], Told]  # a function like `StrokePredictor.forward`
 
 
 class Level(NamedTuple):
@@ -25,18 +25,18 @@ class Level(NamedTuple):
 
     rows: int
     columns: int
-    keep: int  # strokes that are laid
+    keep: int  # number of strokes to lay
 
 
 class Cells(NamedTuple):
     """Data about cells: a lattice (B, rows, columns, ...), or K cells of one picture (K, ...)."""
 
-    numbers: Tensor  # (..., 11) as the network says them, or a sample of them
-    deviations: Tensor  # (..., 11) logarithms
-    worth: Tensor  # (...) log-odds of the share of the error that a stroke removes, as the network expects
-    errors: Tensor  # (...) mean squared error before
-    means: Tensor  # (..., 3) colour of the target
-    gains: Tensor  # (...) what a stroke is expected to remove, weighed by the focus
+    numbers: Tensor  # (..., 11), predicted or sampled
+    deviations: Tensor  # (..., 11), logarithms
+    worth: Tensor  # (...), log-odds of the predicted share of the error that a stroke removes
+    errors: Tensor  # (...), mean squared error before the stroke
+    means: Tensor  # (..., 3), mean colour of the target
+    gains: Tensor  # (...), predicted decrease of the error, weighted by the focus
 
 
 @dataclass(frozen=True)
@@ -44,16 +44,16 @@ class Laid:
     """The canvas of one picture after a level."""
 
     form: Form
-    strokes: Strokes  # the lowest first, in pixels of the target
+    strokes: Strokes  # bottom to top, in pixels of the target
     background: Tensor  # (3,)
-    size: tuple[int, int]  # of the canvas: no larger than what the next level sees
-    zoom: float  # pixels of the canvas in one of the target
+    size: tuple[int, int]  # size of the canvas, which is no larger than the input of the next level
+    zoom: float  # pixels of the canvas per pixel of the target
     places: Tensor  # (K,) numbers of the cells that got a stroke in this level, row by row
-    cells: Cells  # these
+    cells: Cells  # data about these cells
 
     @cached_property
     def canvas(self) -> Tensor:
-        """Draw the strokes, (3, h, w)."""
+        """Draw the strokes as a picture (3, h, w)."""
         strokes = self.strokes.moved(zoom=self.zoom) if self.zoom < 1 else self.strokes
         return draw(self.form, strokes, self.size, self.background)
 
@@ -66,7 +66,7 @@ def levels_of(size: tuple[int, int], n: int) -> list[Level]:
         keep = min(rest, rows * columns, max(1, round(share * n)))
         levels += [Level(rows, columns, keep)] if keep else []
         rest -= keep
-    while rest:  # cells of a strip that is narrower than they are may be fewer than strokes
+    while rest:  # a strip narrower than its cells may have fewer cells than strokes
         levels.append(levels[-1]._replace(keep=min(rest, levels[-1].rows * levels[-1].columns)))
         rest -= levels[-1].keep
     return levels
@@ -83,8 +83,8 @@ def lay(
 ) -> Iterator[list[Laid]]:
     """Lay the strokes of targets (3, H, W) in the same levels; yield every canvas after each level.
 
-    ``focus`` (H, W) weighs the pixels when choosing the cells that get a stroke. Gradients of a level's canvas flow
-    into the strokes of that and earlier levels, but not through the canvases that the network sees.
+    ``focus`` (H, W) weights the pixels when cells are chosen for strokes. Gradients of a level's canvas flow into the
+    strokes of that level and earlier levels, but not through the canvases that the network receives.
     """
     done = [nothing_on(target, form, levels[0]) for target in targets]
     for level, following in zip(levels, [*levels[1:], None], strict=True):
@@ -115,7 +115,7 @@ def nothing_on(target: Tensor, form: Form, first: Level) -> Laid:
 
 
 def with_level(laid: Laid, target: Tensor, level: Level, following: Level | None, cells: Cells) -> Laid:
-    """Lay a level's strokes where the expected gain is largest, large ones below small ones."""
+    """Lay a level's strokes where the expected gain is largest, with large strokes below small ones."""
     places = cells.gains.topk(level.keep).indices.sort().values
     own = Cells(*(values[places] for values in cells))
     height, width = target.shape[1] / level.rows, target.shape[2] / level.columns
@@ -127,7 +127,7 @@ def with_level(laid: Laid, target: Tensor, level: Level, following: Level | None
 
 
 def view_of(target: Tensor, level: Level | None) -> tuple[tuple[int, int], float]:
-    """Return the size and zoom of the canvas that a level sees; after the last level, those of the target."""
+    """Return the size and zoom of a level's input canvas; after the last level, those of the target."""
     height, width = target.shape[1:]
     zoom = 1.0 if level is None else min(1.0, CELL * math.sqrt(level.rows * level.columns / (height * width)))
     return (max(1, round(height * zoom)), max(1, round(width * zoom))), zoom

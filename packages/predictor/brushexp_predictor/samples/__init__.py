@@ -1,1 +1,1 @@
-"""Measure a picture's brushwork with intervals from several paintings of it, and calibrate the intervals."""
+"""Measure a picture's brushwork with intervals derived from several paintings, and calibrate the intervals."""

@@ -1,4 +1,4 @@
-"""``task=calibrate``: measure the coverage of the samples' intervals, and scale them to 90 %."""
+"""``task=calibrate``: measure the coverage of the samples' intervals, and scale the intervals to 90 % coverage."""
 
 import logging
 import time
@@ -25,14 +25,14 @@ from brushexp_predictor.samples.coverage import KINDS, Report, coverage_of, exam
 from brushexp_predictor.samples.known import PICTURES, known_painting
 
 PSNR_TOLERANCE = 1.0  # dB
-RESTART_STEPS = 15  # of gradient descent from other seeds, with which samples are compared
-FEWEST_RESTARTS = 2  # restarts, however few seconds there are
+RESTART_STEPS = 15  # gradient steps of each restart from another seed, for comparison with samples
+FEWEST_RESTARTS = 2  # minimum number of restarts, even if time is short
 
 log = logging.getLogger(__name__)
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Write the intervals, and tables of what they hold before and after, into the run's folder."""
+    """Write the intervals, and tables of their coverage before and after scaling, into the run's folder."""
     weights = PREDICTORS.path_of(cfg.checkpoint)
     network = load_predictor(cfg.checkpoint)
     of_samples, of_restarts, spreads = [], list[Report](), []
@@ -83,7 +83,7 @@ def _compare(reports: Sequence[Report], by: str) -> list[dict[str, Any]]:
 
 
 def left_out(reports: Sequence[Report]) -> list[Report]:
-    """Scale the intervals of each picture's paintings by a fit to all other pictures; pictures take turns."""
+    """Scale the intervals of each picture's paintings by a fit to the paintings of all other pictures."""
     apart = []
     for picture in range(min(len(PICTURES), len(reports))):
         own = reports[picture :: len(PICTURES)]
@@ -93,9 +93,9 @@ def left_out(reports: Sequence[Report]) -> list[Report]:
 
 
 def restart(target: Tensor, n: int, seconds: float, seed: int = 0, steps: int = RESTART_STEPS) -> Iterator[Sample]:
-    """Paint a target (3, H, W) by ``steps`` from ``init=layers``, with other seeds while CPU ``seconds`` last.
+    """Paint a target (3, H, W) by ``steps`` from ``init=layers``, with new seeds until CPU ``seconds`` have passed.
 
-    Only the placing of strokes and the steps count, not what Lightning needs to begin.
+    Only the placement of strokes and the steps count, not Lightning's start-up.
     """
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
     used, number = 0.0, 0

@@ -1,10 +1,10 @@
-"""Calibrate intervals: shift and stretch those of the samples so that their coverage holds on known paintings.
+"""Calibrate intervals: shift and stretch the samples' intervals until they have the right coverage on known paintings.
 
-Cross-conformal prediction (Vovk, 2015) with the distance from the middle in spreads of the samples: a line for the
-middle is fitted to every other known painting, and distances of the rest from it are measured, and the other way round;
-the factor of the spread is the quantile of all these distances. So no painting is measured against a line that it has
-helped to fit, and all count. Strokes of a painting are no independent samples, so each painting counts as one, whatever
-its strokes (Lee, Barber and Willett, 2023).
+This is cross-conformal prediction (Vovk, 2015), with the distance from the middle, in spreads of the samples, as the
+score. A line for the middle is fitted to one half of the known paintings, and the distances of the other half from it
+are measured, and vice versa; the factor of the spread is the quantile of all distances. No painting is therefore
+measured against a line that was fitted to it, and all paintings count. The strokes of a painting are not independent
+samples, so each painting counts as one, whatever its number of strokes (Lee, Barber and Willett, 2023).
 """
 
 import json
@@ -23,30 +23,30 @@ from brushexp_predictor.samples.kinds import HALF_TURN, Kind, axial_mean
 
 Array = NDArray[Any]
 
-COVERAGE = 0.9  # of the truths that an interval is to hold
+COVERAGE = 0.9  # share of the truths that an interval should contain
 FORMAT, VERSION = "brushexp intervals", 1
-FLOORS = (0.0, 0.25, 1.0, 4.0, 16.0)  # of the spread, in its means: what samples that agree may be wrong by
-STEEPEST = 2.0  # slope of the middle: a steeper line would lead far beyond what known paintings have
-RIGHT = 90.0  # degrees: no direction is farther from another
+FLOORS = (0.0, 0.25, 1.0, 4.0, 16.0)  # added to the spread, in mean spreads: samples that agree may be wrong
+STEEPEST = 2.0  # maximum slope of the middle; a steeper line would lead far beyond the range of known paintings
+RIGHT = 90.0  # degrees; the maximum distance between two directions
 
 
 class Doubt(NamedTuple):
     """Summary of S samples of (...) quantities; NaN where no sample has a value."""
 
     middle: Array  # median, or mean direction in degrees in [0, 180)
-    spread: Array  # mean distance of the samples from it
-    low: Array  # by how much the end of the interval is below it: 0 or less
-    high: Array  # and above it
+    spread: Array  # mean distance of the samples from the middle
+    low: Array  # lower end of the interval minus the middle, 0 or less
+    high: Array  # upper end of the interval minus the middle, 0 or more
 
 
 def away_from(values: Array, middle: Array, axial: bool) -> Array:
-    """Subtract; of directions in degrees the smaller turn, in [-90, 90)."""
+    """Subtract the middle; for directions in degrees, return the smaller turn, in [-90, 90)."""
     away = values - middle
     return (away + HALF_TURN / 2) % HALF_TURN - HALF_TURN / 2 if axial else away
 
 
 def doubt_of(values: Array, axial: bool) -> Doubt:
-    """Sum up samples (S, ...), NaN where one says nothing; the interval leaves 5 % of them out at either end."""
+    """Summarise samples (S, ...), NaN where undefined; the interval leaves out 5 % of them at each end."""
     flat = values.reshape(len(values), -1)
     said = np.isfinite(flat).any(0)
     parts = np.full((4, flat.shape[1]), np.nan)
@@ -60,22 +60,22 @@ def doubt_of(values: Array, axial: bool) -> Doubt:
 
 
 def holds(truth: Array, doubt: Doubt, axial: bool) -> Array:
-    """Test whether intervals (...) contain the truth; undefined intervals do not."""
+    """Check which intervals (...) contain the truth; undefined intervals do not."""
     away = away_from(truth, doubt.middle, axial)
     return (away >= doubt.low) & (away <= doubt.high)
 
 
 @dataclass(frozen=True)
 class Scaling:
-    """Mapping from the middle and spread of samples to an interval."""
+    """A mapping from the middle and spread of samples to an interval."""
 
-    offset: float  # of the middle
+    offset: float  # added to the middle
     slope: float
     floor: float  # added to the spread
-    factor: float  # of both together
+    factor: float  # multiplies spread plus floor
 
     def __call__(self, doubt: Doubt, kind: Kind) -> Doubt:
-        """Make intervals of what samples say, on the scale of `Kind.inner`."""
+        """Compute intervals from the summary of samples, on the scale of `Kind.inner`."""
         middle, half = self.offset + self.slope * doubt.middle, self.factor * (doubt.spread + self.floor)
         if kind.axial:
             return Doubt(middle % HALF_TURN, doubt.spread, -np.minimum(half, RIGHT), np.minimum(half, RIGHT))
@@ -83,17 +83,17 @@ class Scaling:
         return Doubt(middle, doubt.spread, low - middle, high - middle)
 
 
-Scalings = Mapping[tuple[str, str], Scaling]  # by "strokes" or "paintings", and by measure
+Scalings = Mapping[tuple[str, str], Scaling]  # keyed by "strokes" or "paintings", and by measure
 
 
 def fit_scaling(truth: Array, doubt: Doubt, painting: Array, axial: bool) -> Scaling:
     """Fit the scaling of one measure.
 
     Args:
-        truth: (T,) on the scale of `kinds.Kind.inner`.
-        doubt: what samples say of each, (T,).
-        painting: (T,) number of the painting that each is of; the even ones are one half, the odd ones the other.
-        axial: whether they are directions.
+        truth: true values (T,) on the scale of `kinds.Kind.inner`.
+        doubt: summary (T,) of the samples of each value.
+        painting: number (T,) of the painting of each value; even and odd numbers form the two halves.
+        axial: whether the values are directions.
     """
     known = np.isfinite(truth) & np.isfinite(doubt.middle)
     truth, middle, spread, painting = truth[known], doubt.middle[known], doubt.spread[known], painting[known]
@@ -121,14 +121,14 @@ def fit_scaling(truth: Array, doubt: Doubt, painting: Array, axial: bool) -> Sca
 
 
 def weights_of(painting: Array) -> Array:
-    """Give each painting the weight 1, shared among its values (T,)."""
+    """Give each painting a weight of 1, divided among its values (T,)."""
     _, inverse, count = np.unique(painting, return_inverse=True, return_counts=True)
     shares: Array = 1 / count[inverse]
     return shares
 
 
 def line_through(x: Array, y: Array, weight: Array) -> tuple[float, float]:
-    """Fit offset and slope by weighted least squares; the slope is in [0, `STEEPEST`], and 1 if x hardly varies."""
+    """Fit offset and slope by weighted least squares, with a slope in [0, `STEEPEST`], or 1 if x hardly varies."""
     mean_x, mean_y = np.average(x, weights=weight), np.average(y, weights=weight)
     square = np.average((x - mean_x) ** 2, weights=weight)
     slope = np.average((x - mean_x) * (y - mean_y), weights=weight) / square if square > 1e-9 else 1.0
@@ -137,7 +137,7 @@ def line_through(x: Array, y: Array, weight: Array) -> tuple[float, float]:
 
 
 def weighted_quantile(values: Array, weight: Array, level: float) -> float:
-    """Find the smallest value at which the cumulative weight reaches the share ``level``; the largest from 1 on."""
+    """Find the smallest value whose cumulative weight reaches the share ``level``; the largest if ``level`` >= 1."""
     order = values.argsort()
     above = np.cumsum(weight[order]) >= min(level, 1.0) * weight.sum() * (1 - 1e-12)
     return float(values[order[int(above.argmax())]])
@@ -152,7 +152,7 @@ def write_scalings(path: Path, scalings: Scalings, about: Mapping[str, object]) 
 
 
 def read_scalings(path: Path, needs: Mapping[str, object], kinds: Iterable[tuple[str, str]]) -> Scalings:
-    """Read scalings; raise a UserError unless they match ``needs`` and have all ``kinds``."""
+    """Read scalings; raise UserError unless they match ``needs`` and include all ``kinds``."""
     cure = "fit them with task=calibrate"
     with explaining(path, cure):
         data = check_plain(json_of(read_text(path, cure)))
@@ -164,11 +164,11 @@ def read_scalings(path: Path, needs: Mapping[str, object], kinds: Iterable[tuple
         raise UserError(f"{path} {error}") from error
     for name, value in needs.items():
         if data.get(name) != value:
-            raise UserError(f"{path} has intervals for another {name} than {value}; {cure}")
+            raise UserError(f"{path} has intervals for a different {name} than {value}; {cure}")
     try:
         return {(of, name): _scaling(data[of][name]) for of, name in kinds}
     except (KeyError, TypeError, ValueError) as error:
-        raise UserError(f"{path} lacks an interval, or has one that is no number: {error}; {cure}") from error
+        raise UserError(f"{path} lacks an interval, or one is not a number: {error}; {cure}") from error
 
 
 def _scaling(values: Mapping[str, float]) -> Scaling:

@@ -20,35 +20,35 @@ Array = NDArray[Any]
 
 KINDS = {("strokes", name): kind for name, kind in OF_STROKES.items()}
 KINDS |= {("paintings", name): kind for name, kind in OF_PAINTINGS.items()}
-STEP = 2.0  # pixels between the places at which it is looked which strokes are seen
-FEWEST_PIXELS = 8  # such places of a stroke, or it does not count as seen
-SEEN = 0.5  # opacity from which on a stroke hides what is below
-AT_ONCE = 512  # places
+STEP = 2.0  # distance in pixels between the places at which the top stroke is determined
+FEWEST_PIXELS = 8  # minimum number of places at which a visible stroke is on top
+SEEN = 0.5  # opacity above which a stroke hides the strokes below
+AT_ONCE = 512  # number of places per batch
 
 
 class Evidence(NamedTuple):
     """Truths of one measure and the samples' summaries, on the scale of `Kind.inner`."""
 
     truth: Array  # (T,)
-    doubt: Doubt  # of (T,)
-    painting: Array  # (T,) which of the paintings each is of
+    doubt: Doubt  # summary of the samples of T values
+    painting: Array  # (T,) number of each value's painting
 
 
-Report = Mapping[tuple[str, str], Evidence]  # by the keys of `KINDS`
+Report = Mapping[tuple[str, str], Evidence]  # evidence under the keys of `KINDS`
 
 
 @dataclass(frozen=True)
 class Coverage:
     """Quality of the intervals of one measure."""
 
-    share: float  # of the truths that they hold, each painting counting as one
-    error: float  # standard error of it, from painting to painting
-    width: float  # mean from end to end; of sizes the mean factor between the ends
-    known: int  # truths
+    share: float  # share of the truths that the intervals contain, with equal weight for each painting
+    error: float  # standard error of the share over paintings
+    width: float  # mean width; for sizes, the mean factor between the ends
+    known: int  # number of truths
 
 
 def examine(known: Known, number: int, samples: Sequence[Sample]) -> Report:
-    """Compare the strokes of samples with the visible known ones, and the measures of whole paintings."""
+    """Compare the strokes of samples with the visible known strokes, and compare the measures of whole paintings."""
     strokes = [sample.strokes for sample in samples]
     size, pitch = known.size, math.sqrt(known.size[0] * known.size[1] / known.told)
     which, places = seen_places(known.strokes, size)
@@ -67,10 +67,10 @@ def examine(known: Known, number: int, samples: Sequence[Sample]) -> Report:
 
 @torch.no_grad()
 def topmost(strokes: Strokes, places: Tensor) -> Tensor:
-    """Find the uppermost stroke (P,) at places (P, 2: x, y in pixels), -1 where there is none.
+    """Find the top stroke (P,) at places (P, 2: x, y in pixels), or -1 if there is none.
 
-    Strokes are in their order, the lowest first; each is a line of its width with round ends, and fainter ones than
-    `SEEN` are looked through.
+    Strokes are ordered bottom to top. Each is a line of its width with round ends; strokes fainter than `SEEN` are
+    ignored.
     """
     curve, half = curve_of(strokes), half_width_of(strokes)
     low, high = curve.amin(1) - half[:, None], curve.amax(1) + half[:, None]
@@ -85,14 +85,14 @@ def topmost(strokes: Strokes, places: Tensor) -> Tensor:
 
 
 def lattice(size: tuple[int, int], step: float) -> Tensor:
-    """Make places (rows, columns, 2: x, y) some ``step`` pixels apart on a canvas (H, W), as middles of equal cells."""
+    """Make places (rows, columns, 2: x, y), centres of equal cells about ``step`` pixels wide, on a canvas (H, W)."""
     rows, columns = (max(1, round(length / step)) for length in size)
     y, x = (torch.arange(rows) + 0.5) * size[0] / rows, (torch.arange(columns) + 0.5) * size[1] / columns
     return torch.stack(torch.meshgrid(x, y, indexing="xy"), 2)
 
 
 def seen_places(strokes: Strokes, size: tuple[int, int]) -> tuple[Array, Tensor]:
-    """Find the visible strokes (K,), and the visible place (K, 2) of each nearest to the middle of its visible part."""
+    """Find the visible strokes (K,), and for each the place (K, 2) nearest to the centre of its visible part."""
     grid = lattice(size, STEP).flatten(0, 1)
     top, points = topmost(strokes, grid).numpy(), grid.numpy()
     which = np.flatnonzero(np.bincount(top[top >= 0], minlength=len(strokes)) >= FEWEST_PIXELS)
@@ -104,7 +104,7 @@ def seen_places(strokes: Strokes, size: tuple[int, int]) -> tuple[Array, Tensor]
 
 
 def tell_at(samples: Iterable[Strokes], places: Tensor) -> dict[str, Array]:
-    """Measure the uppermost strokes of S samples at places (P, 2): (S, P) by measure, NaN where there is none."""
+    """Measure the top strokes of S samples at places (P, 2): (S, P) for each measure, NaN where there is no stroke."""
     rows: dict[str, list[Array]] = {name: [] for name in OF_STROKES}
     for strokes in samples:
         top, each = topmost(strokes, places).numpy(), measure_each(strokes)
@@ -114,7 +114,7 @@ def tell_at(samples: Iterable[Strokes], places: Tensor) -> dict[str, Array]:
 
 
 def join(reports: Sequence[Report]) -> Report:
-    """Join the results of several paintings."""
+    """Concatenate the results of several paintings."""
 
     def joined(parts: list[Evidence]) -> Evidence:
         doubt = Doubt(*(np.concatenate(values) for values in zip(*(part.doubt for part in parts), strict=True)))
@@ -130,7 +130,7 @@ def fit(report: Report) -> Scalings:
 
 
 def scaled(report: Report, scalings: Scalings) -> Report:
-    """Replace the samples' intervals by scaled ones."""
+    """Replace the samples' intervals with scaled intervals."""
     return {key: report[key]._replace(doubt=scalings[key](report[key].doubt, kind)) for key, kind in KINDS.items()}
 
 

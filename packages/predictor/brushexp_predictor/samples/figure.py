@@ -1,4 +1,4 @@
-"""Map the certainty of strokes, beside the picture and its paintings."""
+"""Draw maps of the certainty of strokes beside the picture and its paintings."""
 
 from pathlib import Path
 from typing import Any
@@ -16,9 +16,9 @@ from brushexp_predictor.samples.sampled import SampledBrushwork
 
 Array = NDArray[Any]
 
-PANEL = 4.1  # inches: width of a picture
-TWICE = 2.0  # factor up to which the scale of sizes goes at least
-DASHES = 32  # along the longer side
+PANEL = 4.1  # width of a picture in inches
+TWICE = 2.0  # minimum upper end of the scale of sizes, as a factor
+DASHES = 32  # number of dashes along the longer side
 TITLES = {
     "direction": "directions: of 100 strokes, {} are within ± degrees",
     "length": "lengths: {} are within a factor of",
@@ -27,14 +27,14 @@ TITLES = {
 
 
 def certainty_of(brushwork: SampledBrushwork, name: str) -> Array:
-    """Compute half of the interval (rows, columns) at each place: degrees, of sizes a factor of 1 or more."""
+    """Compute half the interval (rows, columns) at each place, in degrees, or for sizes as a factor of at least 1."""
     one = brushwork.strokes[name]
     half: Array = 0.5 * (one.high - one.low) if name == "direction" else np.sqrt(one.high / one.low)
     return half
 
 
 def write_figure(path: Path, brushwork: SampledBrushwork, name: str) -> Path:
-    """Write the sheet as PNG: the picture and its best and worst painting above, three maps below."""
+    """Write the sheet as PNG: the picture, its best and its worst painting above three maps."""
     height, width = brushwork.picture.shape[1:]
     figure = new_figure(2 * PANEL * height / width + 1.0)
     pictures, maps = figure.subplots(2, 3)
@@ -57,11 +57,11 @@ def write_figure(path: Path, brushwork: SampledBrushwork, name: str) -> Path:
 def _frame(axes: Any, title: str) -> None:
     axes.set_title(title, fontsize=10)
     axes.set(xticks=[], yticks=[])
-    axes.set_facecolor(FAINT)  # where samples say nothing
+    axes.set_facecolor(FAINT)  # visible where samples are undefined
 
 
 def _map(figure: Figure, axes: Any, half: Array, is_direction: bool, size: tuple[int, int]) -> None:
-    """Draw how wide intervals are, the certain places light."""
+    """Draw the width of intervals, with light colours where strokes are certain."""
     finite = half[np.isfinite(half)]
     widest = RIGHT if is_direction else max(TWICE, float(np.quantile(finite, 0.98)) if len(finite) else TWICE)
     place = (0, size[1], size[0], 0)
@@ -71,7 +71,7 @@ def _map(figure: Figure, axes: Any, half: Array, is_direction: bool, size: tuple
 
 
 def _dashes(axes: Any, brushwork: SampledBrushwork) -> None:
-    """Draw lines along the directions, longer where these are certain."""
+    """Draw lines along the directions, longer where directions are certain."""
     step = max(1, round(max(brushwork.places.shape[:2]) / DASHES))
     places: Tensor = brushwork.places[::step, ::step]
     way = np.radians(brushwork.strokes["direction"].value[::step, ::step])

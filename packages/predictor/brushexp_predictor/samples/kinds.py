@@ -14,24 +14,24 @@ from brushexp.contracts.strokes import measures as ruler
 
 Array = NDArray[Any]
 
-HALF_TURN = 180.0  # degrees after which a direction is the same
-SMALLEST_SIZE = 1e-3  # pitches: shorter and narrower strokes count as this
-SHOWN = 0.1  # share of a stroke that must be seen, or it does not count
+HALF_TURN = 180.0  # period of directions in degrees
+SMALLEST_SIZE = 1e-3  # lower bound of lengths and widths, in pitches
+SHOWN = 0.1  # visible share below which a stroke does not count
 
 
 @dataclass(frozen=True)
 class Kind:
-    """A measure."""
+    """The properties of a measure."""
 
     name: str
     unit: str = ""
-    axial: bool = False  # whether it is a direction, in degrees
-    power: int = 0  # of pixels in it: errors are those of pitches
-    is_factor: bool = False  # whether errors are factors, and so differences of logarithms
-    high: float = math.inf  # the largest that there is; the smallest is 0
+    axial: bool = False  # whether the measure is a direction, in degrees
+    power: int = 0  # power of pixels in its unit; errors are measured in pitches
+    is_factor: bool = False  # whether errors are factors, that is, differences of logarithms
+    high: float = math.inf  # largest possible value; the smallest is 0
 
     def inner(self, values: Array, pitch: float) -> Array:
-        """Bring measures to the scale of their errors; ``pitch`` is the mean distance of strokes in pixels."""
+        """Convert measures to the scale of their errors; ``pitch`` is the stroke spacing in pixels."""
         values = values / pitch**self.power
         return np.log(np.maximum(values, SMALLEST_SIZE)) if self.is_factor else values
 
@@ -40,7 +40,7 @@ class Kind:
         return (np.exp(values) if self.is_factor else values) * pitch**self.power
 
     def limited(self, values: Array) -> Array:
-        """Limit values on the scale of errors to those that there are."""
+        """Clamp values on the scale of errors to the possible range."""
         return values if self.is_factor or self.axial else np.clip(values, 0, self.high)
 
 
@@ -75,10 +75,10 @@ def measure_each(strokes: Strokes) -> dict[str, Array]:
 
 
 def measure_painting(strokes: Strokes, size: tuple[int, int]) -> dict[str, float]:
-    """Measure the brushwork of a painting (H, W) from its strokes, the lowest first, as `OF_PAINTINGS`.
+    """Measure the brushwork `OF_PAINTINGS` of a painting (H, W) from its strokes, ordered bottom to top.
 
-    Strokes count of which `SHOWN` or more is seen. The spread of colours is the root of the mean squared distance from
-    their mean in CIELAB. NaN where none counts.
+    Strokes count if a share of at least `SHOWN` is visible. The spread of colours is their root mean square distance
+    from the mean in CIELAB. Measures are NaN if no stroke counts.
     """
     from skimage.color import rgb2lab  # noqa: PLC0415  (slow to import)
 
@@ -103,19 +103,19 @@ def measure_painting(strokes: Strokes, size: tuple[int, int]) -> dict[str, float
 
 
 def middle(values: Array) -> float:
-    """Find the median of the values that are defined."""
+    """Compute the median of the defined values."""
     return float(np.median(values[np.isfinite(values)])) if np.isfinite(values).any() else float("nan")
 
 
 class AxialMean(NamedTuple):
-    """The mean of directions, as that of their doubles (Mardia and Jupp, 2000)."""
+    """The mean of directions, computed from doubled angles (Mardia and Jupp, 2000)."""
 
     direction: Array  # degrees in [0, 180)
-    agreement: Array  # 1: all are equal, 0: there is no mean
+    agreement: Array  # 1 if all directions are equal, 0 if no mean exists
 
 
 def axial_mean(degrees: Array) -> AxialMean:
-    """Average directions over the first axis; those that are NaN do not count."""
+    """Average directions over the first axis, ignoring NaN."""
     doubled = np.exp(2j * np.radians(degrees))
     count = np.isfinite(degrees).sum(0)
     mean = np.where(np.isfinite(degrees), doubled, 0).sum(0) / np.where(count, count, np.nan)

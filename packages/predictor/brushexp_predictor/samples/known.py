@@ -1,7 +1,7 @@
 """Make paintings with known strokes for calibration, each determined by a seed and its number.
 
-Strokes are laid by ``init=layers`` with options of any painter's hand, then each is turned, lengthened, widened and
-recoloured by chance; in some paintings all run in one direction. They are drawn plain, or with the textures of brushes.
+``init=layers`` lays strokes with random options; then each stroke is randomly rotated, lengthened, widened and
+recoloured. In some paintings all strokes run in one direction. Strokes are drawn plain or with brush textures.
 """
 
 import math
@@ -20,15 +20,15 @@ from brushexp_predictor.samples.kinds import measure_each
 
 Random = np.random.Generator
 
-PICTURES = (  # of which paintings are, in turn; no network that ships has learnt from them
+PICTURES = (  # painted in turn; no shipped network was trained on them
     "astronaut", "coffee", "brick", "ihc", "camera", "hubble_deep_field", "grace_hopper", "chelsea", "gravel", "rocket",
     "motorcycle_left", "logo",
 )  # fmt: skip
-PAINTING_SIDE = 256  # pixels of the longer side of a painting
-STROKE_COUNTS = (100, 1200)  # fewest and most strokes of such a painting
-GUESS = 1.5  # factor by which the number of strokes that samples are told is wrong at most
+PAINTING_SIDE = 256  # longer side of a painting in pixels
+STROKE_COUNTS = (100, 1200)  # minimum and maximum number of strokes
+GUESS = 1.5  # maximum factor by which the number of strokes given to the sampler is wrong
 ONE_WAY = 0.25  # share of paintings whose strokes run in one direction
-TEXTURED = 0.5  # share of paintings with textures of brushes
+TEXTURED = 0.5  # share of paintings with brush textures
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,8 @@ class Known:
     """A painting whose strokes are known."""
 
     picture: Tensor  # (3, H, W) in [0, 1]
-    strokes: Strokes  # the lowest first
-    told: int  # how many strokes samples are told that it has
+    strokes: Strokes  # bottom to top
+    told: int  # number of strokes given to the sampler
 
     @property
     def size(self) -> tuple[int, int]:
@@ -61,7 +61,7 @@ def known_painting(seed: int, number: int, side: int) -> Known:
 
 
 def part_of(name: str, side: int, random: Random) -> Tensor:
-    """Cut a part (3, H, W) out of a picture, turned by right angles, the longer side resized to ``side``."""
+    """Cut a part (3, H, W) out of a picture, rotate it by right angles, and resize its longer side to ``side``."""
     whole = load_picture(name, None)
     cut = [max(1, int(extent * random.uniform(0.5, 1))) for extent in whole.shape[1:]]
     top, left = (int(random.integers(extent - part + 1)) for extent, part in zip(whole.shape[1:], cut, strict=True))
@@ -72,7 +72,7 @@ def part_of(name: str, side: int, random: Random) -> Tensor:
 
 
 def any_hand(random: Random) -> InLayers:
-    """Choose how strokes are laid."""
+    """Choose random options for laying strokes."""
     return InLayers(
         layers=int(random.integers(1, 5)),
         ratio=float(random.uniform(0.4, 0.75)),
@@ -86,7 +86,7 @@ def any_hand(random: Random) -> InLayers:
 
 
 def varied(strokes: Strokes, random: Random) -> Strokes:
-    """Turn, lengthen, widen and recolour each of N strokes by chance."""
+    """Randomly rotate, lengthen, widen and recolour each of N strokes."""
     n = len(strokes)
     turn = np.radians(random.uniform(0, 20)) * random.normal(size=n)
     if random.random() < ONE_WAY:

@@ -1,4 +1,4 @@
-"""Measure a picture's brushwork with intervals, from several paintings of it: ``brushexp.sample_brushwork``."""
+"""Measure a picture's brushwork with intervals derived from several paintings: ``brushexp.sample_brushwork``."""
 
 import logging
 import math
@@ -24,15 +24,15 @@ from brushexp_predictor.samples.kinds import OF_PAINTINGS, measure_painting
 Array = NDArray[Any]
 Show = Callable[[float, str], None]
 
-CELLS = 64  # places along the longer side at which the strokes of samples are compared
-AREA = 100  # pixels of a stroke, if nobody says how many there are
-SAMPLED_SIDE = 512  # pixels of the longer side
+CELLS = 64  # number of places along the longer side at which the strokes of samples are compared
+AREA = 100  # pixels per stroke if the number of strokes is not given
+SAMPLED_SIDE = 512  # longer side in pixels
 
 log = logging.getLogger(__name__)
 
 
 class Interval(NamedTuple):
-    """A measure and its interval, numbers or arrays; ends of directions may lie outside [0, 180), NaN is unknown."""
+    """A measure and its interval, as numbers or arrays; NaN is unknown, and ends of directions may exceed [0, 180)."""
 
     value: Any
     low: Any
@@ -45,10 +45,10 @@ class SampledBrushwork:
 
     picture: Tensor  # (3, H, W)
     samples: list[Sample]
-    measures: Mapping[str, Interval]  # of the whole, by the names of `kinds.OF_PAINTINGS`
+    measures: Mapping[str, Interval]  # measures `kinds.OF_PAINTINGS` of the whole picture
     places: Tensor  # (rows, columns, 2: x, y) pixels
-    strokes: Mapping[str, Interval]  # (rows, columns) of the stroke seen at each place: direction, length, width
-    is_calibrated: bool  # whether intervals are those of known paintings, or only the samples'
+    strokes: Mapping[str, Interval]  # (rows, columns), of the visible stroke at each place: direction, length, width
+    is_calibrated: bool  # whether intervals are calibrated on known paintings or only derived from the samples
 
 
 def sample_brushwork(
@@ -62,32 +62,32 @@ def sample_brushwork(
     temperature: float = TEMPERATURE,
     seed: int = 0,
 ) -> SampledBrushwork:
-    """Paint a picture many times at a glance, and measure its brushwork with intervals, as ``task=sample`` does.
+    """Paint a picture many times with a network, and measure its brushwork with intervals, as ``task=sample`` does.
 
     Args:
-        image: a path, the name of a sample, or a picture: (H, W, 3) or (3, H, W) tensor, uint8 or floats in [0, 1].
+        image: path, name of a sample, or picture: an (H, W, 3) or (3, H, W) tensor, uint8 or floats in [0, 1].
         samples: number of paintings, at least two.
         strokes: approximate number of strokes in the picture; None = one per 100 pixels.
         resolution: longer side in pixels to which the picture is resampled; None = unchanged.
-        checkpoint: weights: a .safetensors file, or the name of shipped ones.
+        checkpoint: weights: a .safetensors file, or the name of shipped weights.
         intervals: file written by task=calibrate; None = the one beside the weights.
         temperature: variation of strokes between samples, in the deviations that the network predicts.
-        seed: seed of that variation.
+        seed: seed of this variation.
 
     Raises:
-        UserError: what is wrong with the picture, the weights, the intervals or another argument.
+        UserError: the picture, the weights, the intervals or another argument is invalid.
     """
-    settings = settings_of("sample", locals())  # which holds the picture
+    settings = settings_of("sample", locals())  # includes the picture
     with undisturbed():
         return sample_with(settings.cfg)
 
 
 def sample_with(cfg: DictConfig) -> SampledBrushwork:
-    """Do the same as `sample_brushwork` from the checked keys of ``task=sample``."""
+    """Sample brushwork like `sample_brushwork`, given the checked keys of ``task=sample``."""
     picture = load_picture(cfg.image, cfg.resolution)
     scalings = scalings_for(cfg.checkpoint, cfg.intervals, cfg.temperature)
     if scalings is None:
-        log.warning("intervals are as narrow as samples say, too narrow: fit them with brushexp calibrate keep=true")
+        log.warning("intervals are not calibrated, hence too narrow: fit them with brushexp calibrate keep=true")
     network = load_predictor(cfg.checkpoint)
     n = cfg.strokes or max(1, round(picture[0].numel() / AREA))
     with showing("painting samples") as show:
@@ -99,7 +99,7 @@ def sample_with(cfg: DictConfig) -> SampledBrushwork:
 
 
 def scalings_for(checkpoint: str, intervals: str | None, temperature: float) -> Scalings | None:
-    """Read the intervals fitted for weights; None if none are beside them and none are named."""
+    """Read the intervals fitted for weights; return None if no file is named and none lies beside the weights."""
     weights = PREDICTORS.path_of(checkpoint)
     path = weights.with_suffix(".intervals.json") if intervals is None else find_path(intervals)
     if intervals is None and not path.is_file():

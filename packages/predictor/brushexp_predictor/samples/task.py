@@ -1,4 +1,4 @@
-"""``task=sample``: several paintings of a picture, and its brushwork with intervals."""
+"""``task=sample``: paint a picture several times, and measure its brushwork with intervals."""
 
 import logging
 import time
@@ -57,23 +57,23 @@ def data_of(brushwork: SampledBrushwork, image: str) -> dict[str, object]:
 
 
 def text_of(brushwork: SampledBrushwork, name: str) -> str:
-    """Write measures and what they mean as Markdown."""
+    """Write the measures and their explanation as Markdown."""
     rows = [{"measure": OF_PAINTINGS[key].name, **texts_of(key, one)} for key, one in brushwork.measures.items()]
     scaled = (
-        f"Intervals are scaled so that {COVERAGE:.0%} of them hold the truth in paintings whose strokes are known."
+        f"Intervals are scaled so that {COVERAGE:.0%} of them contain the truth in paintings with known strokes."
         if brushwork.is_calibrated
-        else "Intervals are only those of the samples, and hold the truth less often than they say."
+        else "Intervals are derived only from the samples, and contain the truth less often than stated."
     )
     about = (
         f"{len(brushwork.samples)} paintings of {len(brushwork.samples[0].strokes):,} strokes on "
         f"{brushwork.picture.shape[2]} x {brushwork.picture.shape[1]} px. {scaled} Lengths and widths hold for about "
-        "that many strokes. Directions run clockwise from level: 45° falls to the right."
+        "that many strokes. Directions run clockwise from horizontal: 45° falls to the right."
     )
     return f"# Brushwork of {name}\n\n{about}\n\n{markdown_table(rows, align='lrrrl')}\n"
 
 
 def texts_of(name: str, one: Interval) -> dict[str, str]:
-    """Write a measure and the ends of its interval, without ends for a direction that is undetermined."""
+    """Write a measure and the ends of its interval; an undetermined direction has no ends."""
     kind = OF_PAINTINGS[name]
     texts = {key: f"{value:.3g}" if np.isfinite(value) else MISSING for key, value in one._asdict().items()}
     if kind.axial and one.high - one.low >= HALF_TURN - 1e-6:

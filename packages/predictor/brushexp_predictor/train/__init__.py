@@ -1,1 +1,1 @@
-"""Train the predictor through the renderer: from training pictures to weights."""
+"""Train the predictor through the renderer."""

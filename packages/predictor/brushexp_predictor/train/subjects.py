@@ -1,4 +1,4 @@
-"""Training pictures: recoloured crops of photographs and pictures of random strokes, determined by number and seed."""
+"""Make training pictures: recoloured crops of photographs, and random strokes, determined by number and seed."""
 
 import logging
 import math
@@ -23,34 +23,34 @@ Random = np.random.Generator
 
 SAMPLES = ("retina", "moon", "coins", "grass", "clock_motion", "cell", "page", "text", "color", "horse")  # scikit-image
 PHOTOGRAPHS = ("china.jpg", "flower.jpg")  # scikit-learn
-GENERATED = 0.5  # share of pictures that are of random strokes
-SMALLEST_CROP, LARGEST_CROP = 0.6, 3.0  # sides of crops, in sides of the picture that is learnt from
-MIXED_CHANNELS, NEGATIVE, TONED = 0.5, 0.15, 0.5  # shares of crops
-STROKES = (60, 2500)  # of a generated picture
-PALETTE = 997  # one in this many pixels of the photographs gives a colour
+GENERATED = 0.5  # share of pictures made of random strokes
+SMALLEST_CROP, LARGEST_CROP = 0.6, 3.0  # range of the side of a crop, in sides of the training picture
+MIXED_CHANNELS, NEGATIVE, TONED = 0.5, 0.15, 0.5  # share of crops recoloured in each way
+STROKES = (60, 2500)  # range of the number of strokes of a generated picture
+PALETTE = 997  # every 997th pixel of the photographs gives a colour
 
 log = logging.getLogger(__name__)
 
 
 def load_subjects(names: Sequence[str] | None) -> dict[str, Tensor]:
-    """Load pictures (3, H, W), and those in folders; None for those that packages ship."""
+    """Load pictures (3, H, W) from files and folders; None loads the pictures shipped with packages."""
     if names is None:
         return {Path(name).stem: load_picture(name, None) for name in (*SAMPLES, *_photographs())}
     if not names:
-        raise UserError("data=[] has no picture to learn from; give some, or data=null for those that packages ship")
+        raise UserError("data=[] has no picture to learn from; give some, or data=null for pictures of packages")
     return {Path(file).name: load_picture(file, None) for file in pictures_of(names)}
 
 
 def _photographs() -> list[str]:
     spec = find_spec("sklearn")
     if spec is None or spec.origin is None:
-        log.warning("scikit-learn has two photographs to learn from, and is not installed: pip install scikit-learn")
+        log.warning("scikit-learn, which has two training photographs, is not installed: pip install scikit-learn")
         return []
     return [str(Path(spec.origin).parent / "datasets" / "images" / name) for name in PHOTOGRAPHS]
 
 
 class Subjects:
-    """An endless row of square pictures; each depends on seed and number alone."""
+    """An endless sequence of square pictures, each determined by seed and number alone."""
 
     def __init__(self, photographs: Sequence[Tensor], seed: int) -> None:
         self.photographs, self.seed = list(photographs), seed
@@ -75,7 +75,7 @@ class Subjects:
         return crop.flip(2) if random.random() < 0.5 else crop
 
     def _of_strokes(self, side: int, random: Random) -> Tensor:
-        """Draw random strokes of all sizes over each other, as the dead leaves of Lee, Mumford and Huang (2001)."""
+        """Draw overlapping random strokes of all sizes, like the dead leaves of Lee, Mumford and Huang (2001)."""
         n = round(math.exp(random.uniform(*np.log(STROKES))))
         half_width = 0.008 * side + (random.pareto(1.3, n) * 0.012 * side).clip(0, side / 3)
         angle = random.uniform(0, math.pi) + random.normal(0, random.choice([0.2, 0.6, 3.0]), n)
@@ -99,7 +99,7 @@ class Subjects:
         return grain(lit(render(strokes, side, background=background, soft=soft), random), random)
 
     def _colors(self, n: int, random: Random) -> tuple[Array, Array]:
-        """Choose colours (n, 3) around a few of a palette, and that of the ground."""
+        """Choose colours (n, 3) near a few palette colours, and the colour of the ground."""
         if random.random() < 0.6:
             few = self.palette[random.integers(len(self.palette), size=random.integers(3, 20))]
         else:
@@ -111,7 +111,7 @@ class Subjects:
 
 
 def recolored(picture: Tensor, random: Random) -> Tensor:
-    """Exchange channels, take the negative, or change the tones of some pictures."""
+    """Randomly swap channels, invert colours, or change tones."""
     if random.random() < MIXED_CHANNELS:
         picture = picture[torch.from_numpy(random.permutation(3))]
     if random.random() < NEGATIVE:
@@ -123,14 +123,14 @@ def recolored(picture: Tensor, random: Random) -> Tensor:
 
 
 def lit(picture: Tensor, random: Random) -> Tensor:
-    """Let light fall off slowly over a picture."""
+    """Apply a slow fall-off of light across a picture."""
     across = torch.linspace(-0.5, 0.5, picture.shape[1])
     down, right = random.normal(0, 0.25, 2)
     return picture * (1 + down * across[:, None] + right * across)
 
 
 def grain(picture: Tensor, random: Random) -> Tensor:
-    """Add the noise of a photograph to half of the pictures."""
+    """Add photographic noise to half of the pictures."""
     if random.random() < 0.5:
         channels = 1 if random.random() < 0.5 else 3
         noise = random.normal(0, random.uniform(0.005, 0.06), (channels, *picture.shape[1:]))

@@ -14,12 +14,12 @@ from brushexp_predictor.train.training import PredictorData, PredictorModule
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Train, write weights and figures into the run's folder, and return those of metrics.json."""
+    """Train, write weights and figures into the run's folder, and return the values of metrics.json."""
     return train_network(PredictorJob, cfg, folder, start)
 
 
 class PredictorJob(NetworkJob):
-    """Train a network on pictures that are made meanwhile."""
+    """Train a network on pictures generated during training."""
 
     module: PredictorModule
     data: PredictorData

@@ -1,4 +1,4 @@
-"""Train the network through the renderer, on the error of its strokes' pictures, without labels."""
+"""Train the network through the renderer on the errors of its paintings, without labels."""
 
 import math
 from collections import deque
@@ -23,30 +23,30 @@ from brushexp_predictor.lay.network import CELL, StrokePredictor
 from brushexp_predictor.lay.pyramid import Laid, Level, errors_of, lay, levels_of, resized
 from brushexp_predictor.train.subjects import Subjects
 
-CELLS = 32  # of the last level along the side of a picture that is learnt from
-SIDES = (72, 288)  # pixels of such a picture; the smallest and the largest of a batch
-KEPT = ((0.1, 0.4), (0.2, 0.6), (0.1, 0.8))  # ranges of strokes of the last levels, in strokes of a painting
-WEIGHTS = (0.25, 0.25, 0.25, 0.5, 1.0)  # of the errors after each level
-FLOOR = 5e-5  # mean squared error that is as good as none
-REFINED = (0, 10)  # steps of the optimiser after which a validation measures
-VARIED = 0.6  # share of a training after which every other step paints a sample
-BONUS = 0.2  # weight of the mean logarithm of the deviations: samples then have some 0.4 dB less than the painting
-WORTH = 0.3  # weight of the error of what the network expects of its strokes
-DECAY = 1e-3  # of the weights
-AHEAD = 2  # batches that are made in advance
-HELD_OUT = 2**40  # first number of the pictures of validation
-VALIDATED = 4  # batches of validation
+CELLS = 32  # number of cells of the last level along the side of a training picture
+SIDES = (72, 288)  # side in pixels of the smallest and the largest picture of a batch
+KEPT = ((0.1, 0.4), (0.2, 0.6), (0.1, 0.8))  # ranges of the share of a painting's strokes in each of the last levels
+WEIGHTS = (0.25, 0.25, 0.25, 0.5, 1.0)  # weight of the error after each level
+FLOOR = 5e-5  # mean squared error that counts as none
+REFINED = (0, 10)  # numbers of optimiser steps after which validation measures
+VARIED = 0.6  # share of the training after which every other step paints a sample
+BONUS = 0.2  # weight of the mean log deviation, at which samples are about 0.4 dB worse than the painting
+WORTH = 0.3  # weight of the error of the predicted worth
+DECAY = 1e-3  # weight decay
+AHEAD = 2  # number of batches made in advance
+HELD_OUT = 2**40  # number of the first validation picture
+VALIDATED = 4  # number of validation batches
 
 
 class Batch(NamedTuple):
-    """Square pictures, each of its own size, and the levels in which they are painted."""
+    """Square pictures of different sizes, and the levels in which they are painted."""
 
     targets: list[Tensor]  # (3, S, S)
     levels: list[Level]
 
 
 class PredictorData(L.LightningDataModule):
-    """Pictures made on the way, each decided by seed and number."""
+    """Pictures generated during training, each determined by seed and number."""
 
     def __init__(self, subjects: Subjects, batch_size: int) -> None:
         super().__init__()
@@ -59,12 +59,12 @@ class PredictorData(L.LightningDataModule):
         return StrokeLoader(lambda _epoch, _first: map(self.held_out, range(VALIDATED)), VALIDATED)
 
     def held_out(self, number: int) -> Batch:
-        """Make a batch of validation, with the levels that paintings have."""
+        """Make a validation batch with the levels used for paintings."""
         first = HELD_OUT + number * self.batch_size
         return Batch(self._pictures(first), levels_of((CELLS, CELLS), (CELLS // 2) ** 2))
 
     def _training(self, epoch: int, first: int) -> Iterator[Batch]:
-        """Make each batch in a thread of its own while the network learns from the one before."""
+        """Make each batch in a separate thread while the network learns from the previous batch."""
         with ThreadPoolExecutor(1) as maker:
             waiting = deque[Future[Batch]]()
             for step in range(epoch * EPOCH_STEPS + first, (epoch + 1) * EPOCH_STEPS):
@@ -89,11 +89,11 @@ class PredictorData(L.LightningDataModule):
 
 
 class PredictorModule(NetworkModule):
-    """Moves the weights of the network until its strokes look like the pictures.
+    """Trains the weights of the network until its strokes look like the pictures.
 
-    From `VARIED` of the training on, every other step paints a sample: numbers vary by the deviations that the network
-    says, which are praised for being large (the bound of Kingma and Welling, 2014, with an error that is relative to
-    that of the painting instead of a fixed one).
+    After a share `VARIED` of the training, every other step paints a sample: numbers vary by the predicted deviations,
+    and large deviations are rewarded (the bound of Kingma and Welling, 2014, with an error relative to the painting's
+    error instead of a fixed one).
     """
 
     title = "learning to paint"
@@ -138,18 +138,18 @@ class PredictorModule(NetworkModule):
 
 
 def mean_of(measure: Callable[[Laid, Tensor], Tensor], done: Sequence[Laid], targets: Sequence[Tensor]) -> Tensor:
-    """Average the measurements of the canvases of a level."""
+    """Average a measure over the canvases of a level."""
     return torch.stack([measure(laid, target) for laid, target in zip(done, targets, strict=True)]).mean()
 
 
 def log_error(laid: Laid, target: Tensor) -> Tensor:
-    """Compute the logarithm of the mean squared error of a canvas, so that all pictures count alike."""
+    """Compute the logarithm of a canvas's mean squared error, which gives all pictures the same weight."""
     small = resized(target, (laid.canvas.shape[1], laid.canvas.shape[2]))
     return torch.log((laid.canvas - small).square().mean() + FLOOR)
 
 
 def worth_error(laid: Laid, target: Tensor, level: Level) -> Tensor:
-    """Compare what share of a cell's error its stroke removed with what the network expected."""
+    """Compare the share of a cell's error that its stroke removed with the predicted share."""
     shape = (CELL * level.rows, CELL * level.columns)
     after = errors_of(resized(target, shape)[None], resized(laid.canvas.detach(), shape)[None]).flatten()[laid.places]
     weight = laid.cells.errors + FLOOR
@@ -158,9 +158,9 @@ def worth_error(laid: Laid, target: Tensor, level: Level) -> Tensor:
 
 
 def refined(strokes: Strokes, target: Tensor, draw: Callable[[Strokes], Tensor], steps: int) -> Strokes:
-    """Optimise strokes for a target (3, H, W) by ``steps`` steps of the default optimiser; the order stays."""
+    """Optimise strokes for a target (3, H, W) by ``steps`` of the default optimiser, with a fixed order."""
     plan = build_named("optimizer", "torch", {"options": {"betas": [0.9, 0.95], "eps": 1e-15}})
-    with torch.inference_mode(False), torch.enable_grad():  # a validation of Lightning forbids gradients
+    with torch.inference_mode(False), torch.enable_grad():  # Lightning's validation disables gradients
         catalogue, target = Catalogue(strokes.map(Tensor.clone), plan.units), target.clone()
         optimizer = plan.over(catalogue.parameters())
         for step in range(steps):
@@ -174,7 +174,7 @@ def refined(strokes: Strokes, target: Tensor, draw: Callable[[Strokes], Tensor],
 
 
 def psnr_after(laid: Laid, target: Tensor, steps: int) -> float:
-    """Compute the PSNR in dB of laid strokes on the whole canvas, after ``steps`` of the optimiser."""
+    """Compute the PSNR in dB of strokes on the whole canvas after ``steps`` of the optimiser."""
 
     def drawn(strokes: Strokes) -> Tensor:
         return draw(laid.form, strokes, laid.size, laid.background)

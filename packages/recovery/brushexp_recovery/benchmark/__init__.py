@@ -1,1 +1,1 @@
-"""Paintings with known strokes, and strokes that any method finds in them, go in; scores and a report come out."""
+"""Score the strokes that any method finds in paintings with known strokes, and report the scores."""

@@ -1,4 +1,4 @@
-"""Brushes that no training has seen: a palette knife and a dry brush, as pictures of single strokes."""
+"""Draw single strokes with brushes that are not used in training: a palette knife and a dry brush."""
 
 from typing import Any
 
@@ -12,17 +12,17 @@ from brushexp_recovery.synthesis.windows import StrokeWindows, Texel, join_windo
 
 Array = NDArray[Any]
 
-MARGIN = 2.0  # pixels around a stroke
+MARGIN = 2.0  # margin around a stroke in pixels
 EDGE_WIDTH = 0.7  # pixels over which an edge rises
-TRACKS = 24  # streaks across a brush
-SAMPLES = 64  # of a streak along a stroke
-POINTS = 97  # of a curve, among which the nearest is taken
-CLOSED_GAP = 5  # pixels: gaps so narrow are of the stroke's region
+TRACKS = 24  # number of streaks across a brush
+SAMPLES = 64  # number of samples of a streak along a stroke
+POINTS = 97  # number of points on a curve among which the nearest is chosen
+CLOSED_GAP = 5  # maximum width in pixels of gaps that belong to the stroke's region
 BRUSHES = ("knife", "dry")
 
 
 def draw_with(brush: str, layout: StrokeLayout, random: np.random.Generator) -> StrokeWindows:
-    """Draw strokes in windows as large as they are, a texel a pixel: ``knife`` or ``dry``."""
+    """Draw strokes with the ``knife`` or the ``dry`` brush, each in a window of its own size, one texel per pixel."""
     low, high = layout.curve.min(1) - layout.width[:, None], layout.curve.max(1) + layout.width[:, None]
     position, extent = 0.5 * (low + high), (high - low).max(1) + 2 * MARGIN
     side = np.ceil(extent).astype(int)
@@ -43,7 +43,7 @@ def _draw_window(brush: str, curve: Array, width: float, color: Array, side: int
     streak = draw_streaks(random)[row, track]
     alpha = inside * ends
     paint = np.clip(color * (1 + 0.12 * streak[..., None]), 0, 1)
-    if brush == "dry":  # paint runs out, and leaves gaps between the bristles
+    if brush == "dry":  # paint runs out and leaves gaps between bristles
         alpha = alpha * np.clip(0.9 + 0.9 * streak - 1.1 * along**2, 0, 1)
     closed = grey_closing(alpha, size=CLOSED_GAP)
     texels = np.concatenate([paint * alpha[..., None], alpha[..., None], closed[..., None], alpha[..., None]], -1)
@@ -51,7 +51,7 @@ def _draw_window(brush: str, curve: Array, width: float, color: Array, side: int
 
 
 def coordinates(curve: Array, side: int) -> tuple[Array, Array]:
-    """Compute for each pixel (side, side) the share of the way along a curve (3, 2), and pixels aside."""
+    """Compute each pixel's (side, side) position along a curve (3, 2), 0 to 1, and its offset across in pixels."""
     x, y = np.meshgrid(np.arange(side) + 0.5, np.arange(side) + 0.5)
     places, points = np.stack([x, y], -1), points_on(curve[None], POINTS)[0]
     nearest = ((places[:, :, None] - points) ** 2).sum(-1).argmin(-1)
@@ -70,6 +70,6 @@ def _chord_length(curve: Array) -> float:
 
 
 def draw_streaks(random: np.random.Generator) -> Array:
-    """Draw a texture (`SAMPLES`, `TRACKS`) of mean 0 and deviation 1 that runs along the brush."""
+    """Draw a texture (`SAMPLES`, `TRACKS`) of streaks along the brush with mean 0 and standard deviation 1."""
     noise = gaussian_filter1d(random.normal(size=(SAMPLES, TRACKS)), 8, axis=0) + 0.2 * random.normal(size=TRACKS)
     return (noise - noise.mean()) / noise.std()

@@ -1,9 +1,9 @@
-"""Matching of predicted strokes with known ones.
+"""Match predicted strokes with known strokes.
 
 A known and a predicted stroke match if the intersection over union of their visible regions is at least `MATCH_IOU`;
-each has at most one partner. A known stroke counts if at least 30 % of its area and 12 pixels are visible
-(`Truth.counts`), a predicted one likewise. A predicted stroke that lies mostly on bare ground, or whose partner does
-not count, is neither right nor wrong.
+each has at most one partner. A known or predicted stroke counts if at least 30 % of its area and 12 pixels are visible
+(`Truth.counts`). A predicted stroke that lies mostly on bare ground, or whose partner does not count, is neither right
+nor wrong.
 """
 
 from dataclasses import dataclass
@@ -24,16 +24,16 @@ BARE_SHARE = 0.5  # share of a predicted stroke on bare ground, above which it i
 
 @dataclass(frozen=True)
 class Matches:
-    """M pairs of known and predicted strokes, and which of the N predicted ones are judged."""
+    """M pairs of known and predicted strokes, and which of the N predicted strokes are judged."""
 
     truth: Array  # (M,) known strokes that count
     prediction: Array  # (M,) their partners
-    iou: Array  # (M,) of their regions
-    judged: Array  # (N,) whether a predicted stroke is right or wrong, and not neutral
+    iou: Array  # (M,) intersection over union of their regions
+    judged: Array  # (N,) whether a predicted stroke is right or wrong, not neutral
 
 
 def match(truth: Truth, prediction: Prediction, overlaps: Overlaps, least_iou: float) -> Matches:
-    """Pair strokes one to one, the best first, with at least the intersection over union ``least_iou``."""
+    """Pair strokes one to one, best pairs first, with an intersection over union of at least ``least_iou``."""
     known, partner, ious = pair_best(overlaps, least_iou)
     counts = truth.counts[known]
     neutral, hit = np.zeros(len(prediction), bool), np.zeros(len(prediction), bool)
@@ -44,7 +44,7 @@ def match(truth: Truth, prediction: Prediction, overlaps: Overlaps, least_iou: f
 
 
 def on_ground(truth: Truth, prediction: Prediction) -> Array:
-    """Tell which predicted strokes (N,) lie mostly where the truth has no stroke."""
+    """Mark the predicted strokes (N,) that lie mostly where the truth has no stroke."""
     bare = count_pixels(np.where(truth.labels < 0, prediction.labels, -1), len(prediction))
     mostly: Array = bare > BARE_SHARE * count_pixels(prediction.labels, len(prediction))
     return mostly

@@ -1,4 +1,4 @@
-"""Group dynamics: errors of mean direction, length and width in neighbourhoods, without matching strokes.
+"""Compute errors of mean direction, length and width in neighbourhoods, without matching strokes.
 
 Around each known stroke that counts, the mean direction, coherence, mean length and mean width of the nearest known
 strokes are compared with those of the nearest predicted strokes.
@@ -19,27 +19,27 @@ from brushexp_recovery.curves.bezier import arc_lengths
 Array = NDArray[Any]
 
 ERRORS = ("field_direction_deg", "field_coherence", "field_length_rel", "field_width_rel")
-LEAST_COHERENCE = 0.3  # of a neighbourhood that has a direction
+LEAST_COHERENCE = 0.3  # minimum coherence of a neighbourhood with a defined direction
 
 
 @dataclass(frozen=True)
 class Neighbourhoods:
-    """Means over the strokes that are nearest to each of Q places."""
+    """Means over the strokes nearest to each of Q places."""
 
-    direction: Array  # (Q,) complex: mean of the doubled directions
+    direction: Array  # (Q,) complex mean of doubled directions
     length: Array  # (Q,) pixels
     width: Array  # (Q,)
 
     @property
     def coherence(self) -> Array:
-        """How alike the directions are, 0 to 1."""
+        """Agreement of the directions, 0 to 1."""
         return np.abs(self.direction)
 
 
 def field_errors(truth: Truth, prediction: Prediction, known: Array, judged: Array) -> dict[str, float]:
-    """Compute medians of the errors of neighbourhoods; ``known`` and ``judged`` (N,) tell which strokes count.
+    """Compute the median errors of neighbourhoods; ``known`` and ``judged`` (N,) mark the strokes that count.
 
-    Direction in degrees, coherence as it is, length and width as shares of the true ones.
+    Errors of direction are in degrees, of coherence absolute, and of length and width relative to the truth.
     """
     if not known.any() or not judged.any():
         return dict.fromkeys(ERRORS, float("nan"))
@@ -57,7 +57,7 @@ def field_errors(truth: Truth, prediction: Prediction, known: Array, judged: Arr
 
 
 def neighbourhoods_at(places: torch.Tensor, curve: Array, width: Array) -> Neighbourhoods:
-    """Average the strokes, curves (N, 3, 2) and widths (N,), that are nearest to places (Q, 2)."""
+    """Average the strokes, with curves (N, 3, 2) and widths (N,), that are nearest to places (Q, 2)."""
     lines = torch.from_numpy(curve.astype(float))
     near = nearest_strokes(places, centre_of(lines), NEIGHBOURS, exclude_self=False)
     index = near.numpy()

@@ -1,4 +1,4 @@
-"""Plots and examples of the benchmark."""
+"""Draw plots and examples of the benchmark."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,7 +14,7 @@ from brushexp_recovery.raster.labels import color_labels
 
 
 def plot_scores(path: Path, rows: Sequence[Row]) -> Path:
-    """Plot F1 of every picture by method, clean and hard beside each other."""
+    """Plot the F1 of every picture by method, with clean and hard pictures side by side."""
     figure = new_figure(4.6)
     looks = [look for look in ("clean", "hard") if any(row["look"] == look for row in rows)]
     for axes, look in zip(figure.subplots(1, len(looks), sharey=True, squeeze=False)[0], looks, strict=True):
@@ -48,9 +48,9 @@ def plot_reliability(path: Path, reliability: Mapping[str, list[ReliabilityBin]]
 
 
 def draw_examples(path: Path, paintings: Path, rows: Sequence[Row]) -> Path:
-    """Draw for each kind a clean painting, its true regions, and those of the first method, in random colours.
+    """Draw for each kind a clean painting, its true regions and those of the first method, in random colours.
 
-    ``paintings`` is the folder of the pictures, their truth and the regions that were found.
+    ``paintings`` is the folder with the pictures, their truth and the regions found.
     """
     method = rows[0]["method"]
     first = {row["kind"]: row["scene"] for row in reversed(clean_rows(rows)) if row["method"] == method}

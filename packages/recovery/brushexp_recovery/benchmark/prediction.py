@@ -1,4 +1,4 @@
-"""Predicted strokes in the form in which they are scored, from curves, labels, a catalogue or recovered strokes."""
+"""Convert curves, labels, catalogues and recovered strokes to predictions that can be scored."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -15,20 +15,20 @@ from brushexp_recovery.recover.storage import Recovered
 
 Array = NDArray[Any]
 
-GREY = 0.5  # sRGB of strokes without a colour
-TIPS = (0.02, 0.98)  # shares of a region's pixels between which it extends
+GREY = 0.5  # sRGB value of strokes without a colour
+TIPS = (0.02, 0.98)  # quantiles of a region's pixels that define its extent
 
 
 @dataclass(frozen=True)
 class Prediction:
     """N strokes that a method predicts, bottom to top; pixels, x to the right, y down."""
 
-    labels: Array  # (H, W) int32, the stroke that is seen, -1 the ground
+    labels: Array  # (H, W) int32, the visible stroke, or -1 for the ground
     curve: Array  # (N, 3, 2)
     width: Array  # (N,)
     color: Array  # (N, 3) sRGB in [0, 1]
-    area: Array  # (N,) pixels, hidden parts too
-    ordered: bool = True  # whether their order means anything
+    area: Array  # (N,) pixels, including hidden parts
+    ordered: bool = True  # whether the order of strokes is meaningful
     confidence: Array | None = None  # (N,) in [0, 1]
 
     def __len__(self) -> int:
@@ -36,7 +36,7 @@ class Prediction:
 
     @property
     def counts(self) -> Array:
-        """Tell which strokes (N,) are visible enough to be judged."""
+        """Mark the strokes (N,) that are visible enough to be judged."""
         visible: Array = count_pixels(self.labels, len(self))
         return (visible >= VISIBLE_SHARE * self.area) & (visible >= VISIBLE_PIXELS)
 
@@ -44,15 +44,15 @@ class Prediction:
 def prediction_from_curves(
     curve: Array, width: Array, color: Array, opacity: Array, size: tuple[int, int]
 ) -> Prediction:
-    """Predict strokes that are round-ended lines, bottom to top, on a canvas (H, W)."""
+    """Make a prediction of round-ended lines, bottom to top, on a canvas (H, W)."""
     labels, area = visible_labels(cover_strokes(curve, width, size), opacity, size)
     return Prediction(labels, curve, width, color, area)
 
 
 def prediction_from_labels(labels: Array, image: Array | None = None) -> Prediction:
-    """Predict strokes without an order from a label image (H, W), in which -1 is the ground.
+    """Make an unordered prediction from a label image (H, W), in which -1 is the ground.
 
-    Each becomes a straight line along its principal axis; its colour is the mean of an ``image`` (H, W, 3), else grey.
+    Each stroke becomes a straight line along its principal axis, in the mean colour of an ``image`` (H, W, 3), or grey.
     """
     numbers, flat = np.unique(labels[labels >= 0], return_inverse=True)
     compact = np.full(labels.shape, -1, np.int32)
@@ -64,7 +64,7 @@ def prediction_from_labels(labels: Array, image: Array | None = None) -> Predict
 
 
 def lines_of(labels: Array, count: int) -> tuple[Array, Array]:
-    """Lay a straight line (count, 3, 2) along each region, with a width (count,) that gives it the same area."""
+    """Lay a straight line (count, 3, 2) along each region, with a width (count,) that gives the same area."""
     curve, width = np.zeros((count, 3, 2)), np.zeros(count)
     for number, pixels in enumerate(group_pixels(labels, count)):
         y, x = np.divmod(pixels, labels.shape[1])
@@ -73,7 +73,7 @@ def lines_of(labels: Array, count: int) -> tuple[Array, Array]:
 
 
 def line_along(places: Array) -> tuple[Array, float]:
-    """Lay a straight line (3, 2) along the pixels (P, 2) of a region, with a width that gives it the same area."""
+    """Lay a straight line (3, 2) along the pixels (P, 2) of a region, with a width that gives the same area."""
     middle = places.mean(0)
     offset = places - middle
     _, axes = np.linalg.eigh(offset.T @ offset)
@@ -87,7 +87,7 @@ def line_along(places: Array) -> tuple[Array, float]:
 
 
 def prediction_from_catalogue(saved: Saved, size: tuple[int, int]) -> Prediction:
-    """Predict the strokes of a catalogue, enlarged to the width of a canvas (H, W)."""
+    """Make a prediction from a catalogue, enlarged to the width of a canvas (H, W)."""
     bottom_up, zoom = saved.depth.argsort().numpy(), size[1] / saved.size[1]
     strokes = saved.strokes
     curve = curve_of(strokes).numpy()[bottom_up] * zoom
@@ -97,7 +97,7 @@ def prediction_from_catalogue(saved: Saved, size: tuple[int, int]) -> Prediction
 
 
 def prediction_from_recovered(recovered: Recovered) -> Prediction:
-    """Predict recovered strokes, with their visible regions and their confidence."""
+    """Make a prediction from recovered strokes, with their visible regions and confidence."""
     prediction = prediction_from_catalogue(recovered.saved, recovered.labels.shape)
     bottom_up = recovered.saved.depth.argsort().numpy()
     rank = np.append(np.argsort(bottom_up), -1)

@@ -1,4 +1,4 @@
-"""Files of predicted strokes: labels (PNG, npy, npz), curves (npz) and catalogues."""
+"""Read files of predicted strokes: labels (PNG, npy, npz), curves (npz) and catalogues."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -25,15 +25,15 @@ from brushexp_recovery.recover.storage import GROUP, read_recovered
 
 Array = NDArray[Any]
 
-BASE = np.array([65536, 256, 1])  # make one number of red, green and blue
+BASE = np.array([65536, 256, 1])  # factors that combine red, green and blue into one number
 
 
 def read_prediction(path: Path, size: tuple[int, int], image: Array | None = None, key: str = "strokes") -> Prediction:
-    """Read predicted strokes for a canvas (H, W); raise a UserError that says what would be right.
+    """Read predicted strokes for a canvas (H, W); raise a UserError that describes a valid file.
 
-    Labels: .npy or .npz (``labels``), -1 the ground, or .png, where black is the ground and each grey level or colour
-    is a stroke. Curves: .npz with ``curve`` (N, 3, 2) and ``width`` (N,), bottom to top, beside or instead of labels,
-    and if there are ``color``, ``opacity``, ``area``, ``confidence``, ``ordered``. Catalogues: of any form.
+    Labels: .npy or .npz (``labels``) with -1 for the ground, or .png, in which black is the ground and each grey level
+    or colour is a stroke. Curves: .npz with ``curve`` (N, 3, 2) and ``width`` (N,), bottom to top, with or without
+    labels, and optionally ``color``, ``opacity``, ``area``, ``confidence`` and ``ordered``. Catalogues: any format.
     """
     suffix = path.suffix.lower()
     if suffix in catalogue_suffixes():
@@ -50,7 +50,7 @@ def read_prediction(path: Path, size: tuple[int, int], image: Array | None = Non
 
 
 def is_recovered(path: Path) -> bool:
-    """Tell whether a catalogue has regions and confidences of recovered strokes."""
+    """Check whether a catalogue has regions and confidences of recovered strokes."""
     if path.suffix.lower() != ".h5":
         return False
     with opened(path, "give another one") as file:
@@ -60,10 +60,10 @@ def is_recovered(path: Path) -> bool:
 def _prediction_from_arrays(
     path: Path, values: dict[str, Array], size: tuple[int, int], image: Array | None
 ) -> Prediction:
-    """Predict the curves in an npz, or its labels if there are no curves."""
+    """Make a prediction from the curves in an npz, or from its labels if it has no curves."""
     if "width" not in values or "curve" not in values:
         if "labels" not in values:
-            raise UserError(f"{path} has neither labels nor curve and width; save one of them in it")
+            raise UserError(f"{path} has neither labels nor curve and width; add one of them")
         return prediction_from_labels(_check_labels(path, values["labels"], size), image)
     count = len(values["width"])
     color, opacity = values.get("color", np.full((count, 3), GREY)), values.get("opacity", np.ones(count))
@@ -72,7 +72,7 @@ def _prediction_from_arrays(
     if "labels" in values:
         labels = _check_labels(path, values["labels"], size)
         if labels.max(initial=-1) >= count:
-            raise UserError(f"{path}: labels go to {labels.max()}, and there are {count} curves; number them from 0")
+            raise UserError(f"{path}: labels go up to {labels.max()}, but there are {count} curves; number them from 0")
         area = values.get("area", count_pixels(labels, count)).astype(float)
         prediction = replace(prediction, labels=labels.astype(np.int32), area=area)
     ordered = bool(values.get("ordered", True))
@@ -88,7 +88,7 @@ def _read_npy(path: Path) -> Array:
 
 
 def _read_png(path: Path) -> Array:
-    """Read a PNG whose colours, or grey levels, are strokes; black is the ground."""
+    """Read a PNG whose colours or grey levels are strokes; black is the ground."""
     try:
         with Image.open(path) as picture:
             pixels = np.asarray(picture.convert("RGB") if picture.mode in ("P", "RGBA", "LA") else picture).astype(int)
@@ -98,7 +98,7 @@ def _read_png(path: Path) -> Array:
 
 
 def _check_labels(path: Path, labels: Array, size: tuple[int, int]) -> Array:
-    """Return labels; raise a UserError unless they are whole numbers for a canvas (H, W)."""
+    """Return labels; raise UserError unless they are integers for a canvas (H, W)."""
     if labels.shape != size or labels.dtype.kind not in "iu":
         raise UserError(
             f"{path}: labels are {labels.dtype} of shape {labels.shape}; give whole numbers of shape {size}, "

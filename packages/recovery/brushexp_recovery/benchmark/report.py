@@ -1,4 +1,4 @@
-"""The report of the benchmark: tables, plots and examples in files."""
+"""Write the report of the benchmark: files with tables, plots and examples."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,31 +16,31 @@ from brushexp_recovery.benchmark.report_tables import (
     reliability_of,
 )
 
-PAINTINGS = "paintings"  # folder of the pictures, their truth and the recovered regions
+PAINTINGS = "paintings"  # name of the folder with pictures, their truth and recovered regions
 ABOUT_F1 = (
-    "Mean F1 at an intersection over union of 0.5. Training has seen the seen kinds, with other subjects and seeds; "
-    "unseen are other brushes and other painters' strokes. Clean is the painting, hard a photograph of it."
+    "Mean F1 at an intersection over union of 0.5. Seen kinds occur in training with other subjects and seeds; "
+    "unseen kinds are other brushes and other painters' strokes. Clean is the painting, hard a photograph of it."
 )
 ABOUT_KINDS = "Mean F1 by kind and number of strokes, clean."
 ABOUT_INTERVALS = "Mean F1 of the paintings of each kind, and 95 % intervals over paintings (bootstrap)."
 ABOUT_ERRORS = (
     "Means over clean paintings. Errors are medians over matched strokes, relative for length and width; order is the "
-    "share of matched, overlapping pairs in the right order; fields are those of neighbourhoods, matched or not."
+    "share of matched, overlapping pairs in the right order; fields are errors of neighbourhoods, matched or not."
 )
 ABOUT_CONFIDENCE = (
-    "Confidence of recovery, over all strokes of a group of paintings: the expected calibration "
-    "error (ECE) of few strokes is large even where the confidence is right."
+    "Confidence of recovery over all strokes of a group of paintings, because the expected calibration "
+    "error (ECE) of few strokes is large even if the confidence is right."
 )
 
 
 def write_figures(folder: Path, rows: Sequence[Row]) -> None:
-    """Write ``figures.csv``, a line per picture and method."""
+    """Write ``figures.csv`` with a line per picture and method."""
     plain = [{key: value for key, value in row.items() if key != "reliability"} for row in rows]
     write_text(folder / "figures.csv", csv_table(plain, significant=4))
 
 
 def write_report(folder: Path, rows: Sequence[Row]) -> list[Path]:
-    """Write ``summary.md``, ``summary.tex``, ``reliability.json``, plots; of no rows nothing."""
+    """Write ``summary.md``, ``summary.tex``, ``reliability.json`` and plots; nothing if there are no rows."""
     if not rows:
         return []
     by_group, errors, reliability = f1_table(rows), error_table(rows), reliability_of(rows)

@@ -1,4 +1,4 @@
-"""Tables of the scores of many pictures and methods."""
+"""Make tables of the scores of many pictures and methods."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple, TypeAlias
@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from brushexp_recovery.confidence.calibration import ReliabilityBin, ece_of, join_reliability
 
 Array = NDArray[Any]
-Row: TypeAlias = dict[str, Any]  # of one picture and method: place, figures, seconds
-Reliability: TypeAlias = dict[str, list[ReliabilityBin]]  # by group of paintings
+Row: TypeAlias = dict[str, Any]  # one picture and method: place, figures, seconds
+Reliability: TypeAlias = dict[str, list[ReliabilityBin]]  # bins of each group of paintings
 
 
-RESAMPLES = 2000  # of the bootstrap
+RESAMPLES = 2000  # number of bootstrap resamples
 
 
 class Column(NamedTuple):
@@ -28,7 +28,7 @@ GROUPS = {
     "seen, hard": (True, "hard"),
     "unseen, clean": (False, "clean"),
     "unseen, hard": (False, "hard"),
-}  # whether training has seen the kind, and how the picture looks
+}  # whether the kind occurs in training, and the condition of the picture
 ERRORS = {
     "recall": Column("recall", 2),
     "precision": Column("precision", 2),
@@ -47,13 +47,13 @@ ERRORS = {
 
 
 def mean_text(rows: Iterable[Row], figure: str, digits: int) -> str | None:
-    """Average a figure over the rows where it is defined, as text."""
+    """Format the mean of a figure over the rows where it is defined."""
     values = [row[figure] for row in rows if figure in row and np.isfinite(row[figure])]
     return f"{np.mean(values):.{digits}f}" if values else None
 
 
 def by_method(rows: Iterable[Row]) -> dict[str, list[Row]]:
-    """Group rows by method, in their order."""
+    """Group rows by method, in order of appearance."""
     groups: dict[str, list[Row]] = {}
     for row in rows:
         groups.setdefault(row["method"], []).append(row)
@@ -66,7 +66,7 @@ def clean_rows(rows: Iterable[Row]) -> list[Row]:
 
 
 def f1_table(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Average F1 by method, over kinds that training has seen and others, clean and hard."""
+    """Average F1 by method over seen and unseen kinds, clean and hard."""
     table = []
     for name, own in by_method(rows).items():
         line: dict[str, Any] = {"method": name}
@@ -77,7 +77,7 @@ def f1_table(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def kind_table(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Average F1 of clean paintings by kind and number of strokes, a column per method."""
+    """Average F1 of clean paintings by kind and number of strokes, with a column per method."""
     clean = clean_rows(rows)
     methods = by_method(clean)
     table = []
@@ -92,8 +92,8 @@ def kind_table(rows: Sequence[Row]) -> list[dict[str, Any]]:
 def interval_table(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """Average F1 by method and kind, and over the kinds, each with a 95 % interval over paintings.
 
-    Percentiles of `RESAMPLES` means, for each of which the paintings of every kind are drawn anew (bootstrap, Efron,
-    1979). A kind of one painting has no interval; the mean of all kinds has one if each of them has.
+    The bounds are percentiles of `RESAMPLES` means over resampled paintings of every kind (bootstrap; Efron, 1979). A
+    kind with one painting has no interval; the mean of all kinds has an interval if every kind has one.
     """
     table = []
     for name, own in by_method(rows).items():
@@ -118,13 +118,13 @@ def interval_table(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def _resample_mean(values: Array, random: np.random.Generator) -> Array:
-    """Draw values (n,) anew and average them, `RESAMPLES` times."""
+    """Resample values (n,) and average them, `RESAMPLES` times."""
     mean: Array = random.choice(values, (RESAMPLES, len(values))).mean(1)
     return mean
 
 
 def _with_interval(mean: float, means: Array, is_known: bool) -> str:
-    """Write a mean with the interval that 95 % of resampled means lie in."""
+    """Write a mean with the interval that contains 95 % of resampled means."""
     low, high = np.quantile(means, [0.025, 0.975])
     return f"{mean:.2f} ({low:.2f} to {high:.2f})" if is_known else f"{mean:.2f}"
 
@@ -138,7 +138,7 @@ def error_table(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def reliability_of(rows: Sequence[Row]) -> Reliability:
-    """Join the reliability of recovery over the paintings of each group."""
+    """Pool the reliability of recovery over the paintings of each group."""
     groups: dict[str, list[Sequence[ReliabilityBin]]] = {}
     for row in rows:
         if row["method"] == "recovery" and row.get("reliability"):

@@ -1,4 +1,4 @@
-"""The paintings of the benchmark: subjects, brushes and densities, each made from a seed, with its truth."""
+"""Make the paintings of the benchmark, with different subjects, brushes and densities, and their truth from a seed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,16 +24,16 @@ from brushexp_recovery.synthesis.windows import BrushLook, StrokeWindows, draw_s
 
 Array = NDArray[Any]
 
-SEED = 20_251_125  # no training has this one
+SEED = 20_251_125  # not used in any training
 COATS = 4.0
-MOST_FLUID = 600  # strokes of the simulator of bristles, which take a minute
-HARD_QUALITY = 75  # of JPEG
+MOST_FLUID = 600  # maximum number of strokes from the bristle simulator, which take a minute
+HARD_QUALITY = 75  # JPEG quality of hard photographs
 LOOKS = {
     "textured": BrushLook("renderer", "textured", {}),
     "fluid": BrushLook("engine", "fluid", {"brushes": 8}),
 }
-PAINTERS = ("hertzmann", "litwinowicz")  # whose strokes are drawn with the bristles of ``textured``
-SEEN = tuple(LOOKS)  # of which training has some, from other subjects and seeds
+PAINTERS = ("hertzmann", "litwinowicz")  # painters whose strokes are drawn with the bristles of ``textured``
+SEEN = tuple(LOOKS)  # kinds that occur in training with other subjects and seeds
 UNSEEN = (*BRUSHES, *PAINTERS)
 KINDS = (*SEEN, *UNSEEN)
 
@@ -43,18 +43,18 @@ class Scene:
     """A painting of the benchmark."""
 
     kind: str
-    count: int  # requested strokes
-    number: int = 0  # of several that are alike
+    count: int  # requested number of strokes
+    number: int = 0  # number among similar scenes
 
     @property
     def name(self) -> str:
-        """The name of its files."""
+        """Name of the scene's files."""
         return f"{self.kind}-{self.count}" + f"-{self.number}" * (self.number > 0)
 
 
 @dataclass(frozen=True)
 class ScenePainting:
-    """A painting with its truth, clean and as a hard photograph of it; pictures (H, W, 3) in [0, 1]."""
+    """A painting with its truth, as a clean picture and a hard photograph, both (H, W, 3) in [0, 1]."""
 
     truth: Truth
     clean: Array
@@ -62,13 +62,13 @@ class ScenePainting:
 
 
 def list_scenes(kinds: Sequence[str], counts: Sequence[int], repeats: int) -> list[Scene]:
-    """List scenes: each kind at each density, ``repeats`` times; the simulator gets no densities that take too long."""
+    """List each kind at each density ``repeats`` times, except densities that take the simulator too long."""
     pairs = [(kind, count) for kind in kinds for count in counts if kind != "fluid" or count <= MOST_FLUID]
     return [Scene(kind, count, number) for kind, count in pairs for number in range(repeats)]
 
 
 def paint_scene(scene: Scene, side: int, seed: int = SEED) -> ScenePainting:
-    """Paint a scene of ``side`` x ``side`` pixels; the same for the same scene, side and seed."""
+    """Paint a scene of ``side`` x ``side`` pixels, which depends only on scene, side and seed."""
     random = np.random.default_rng([seed, _number_of(scene.kind), scene.count, scene.number])
     subject = make_subject(side, random)
     if scene.kind in find_families():
@@ -96,12 +96,12 @@ def photograph(image: Array, random: np.random.Generator) -> Array:
 
 
 def _number_of(kind: str) -> int:
-    """Number a kind for its seeds, which no other kind changes."""
+    """Derive a number from a kind for its seeds, independent of other kinds."""
     return KINDS.index(kind) if kind in KINDS else crc32(kind.encode())
 
 
 def lay_scene(kind: str, subject: Array, count: int, random: np.random.Generator) -> StrokeLayout:
-    """Lay about ``count`` strokes: in layers along the edges, or as a painter of the program does."""
+    """Lay about ``count`` strokes, in layers along edges or with a painter of the program."""
     if kind not in PAINTERS:
         return lay_strokes(subject.astype(np.float32), count, Hand(), random)
     import brushexp  # noqa: PLC0415
@@ -112,7 +112,7 @@ def lay_scene(kind: str, subject: Array, count: int, random: np.random.Generator
 
 
 def layout_of(saved: Saved) -> StrokeLayout:
-    """Lay the strokes of a catalogue, bottom to top."""
+    """Convert the strokes of a catalogue to a layout, bottom to top."""
     strokes = saved.strokes[saved.depth.argsort()].map(torch.Tensor.double)
     curve, width = curve_of(strokes).numpy(), (strokes.width * strokes.scale).numpy()
     unbent = np.zeros(len(width))

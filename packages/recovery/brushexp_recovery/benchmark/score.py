@@ -1,4 +1,4 @@
-"""Scores of predicted strokes against the known strokes of a painting."""
+"""Score predicted strokes against the known strokes of a painting."""
 
 from typing import Any
 
@@ -15,13 +15,13 @@ from brushexp_recovery.raster.overlap import MATCH_IOU, overlaps_between
 
 Array = NDArray[Any]
 
-SOFT_IOU = 0.3  # intersection over union from which on two regions match softly
-ELONGATED = 1.5  # widths: a shorter stroke has no direction
+SOFT_IOU = 0.3  # minimum intersection over union for a soft match
+ELONGATED = 1.5  # minimum length, in widths, of a stroke with a direction
 VISIBLE_SHARES = {"little": (0.3, 0.6), "most": (0.6, 0.9), "whole": (0.9, np.inf)}
 
 
 def score(truth: Truth, prediction: Prediction) -> dict[str, Any]:
-    """Compute all figures; those that are not defined are NaN.
+    """Compute all figures; undefined figures are NaN.
 
     Keys: ``f1``, ``recall``, ``precision`` (and ``_soft``, at `SOFT_IOU`), ``best_iou``, ``split`` and ``joined``,
     ``recall_little``, ``_most`` and ``_whole`` by the visible share, medians over matched strokes ``direction_deg``,
@@ -98,7 +98,7 @@ def errors_of(truth: Truth, prediction: Prediction, matches: Matches) -> dict[st
 
 
 def order_of(truth: Truth, prediction: Prediction, matches: Matches) -> dict[str, float]:
-    """Compute the share of overlapping matched pairs in the right order, and Kendall's tau: 1 always, -1 never."""
+    """Compute the share of overlapping matched pairs in the right order, and Kendall's tau, from -1 to 1."""
     if not prediction.ordered:
         return {"order_tau": float("nan"), "order_agreement": float("nan"), "order_pairs": 0}
     rank = np.full(len(truth), -1)
@@ -109,7 +109,7 @@ def order_of(truth: Truth, prediction: Prediction, matches: Matches) -> dict[str
 
 
 def angles_of(curve: Array) -> Array:
-    """Return the angles (N,) of curves (N, 3, 2) from start to end, radians."""
+    """Return the angles (N,) in radians of curves (N, 3, 2) from start to end."""
     x, y = chords_of(curve).T
     return np.arctan2(y, x)
 
@@ -120,10 +120,10 @@ def angle_between(a: Array, b: Array) -> Array:
 
 
 def median_of(values: Array) -> float:
-    """Return the median; NaN of nothing."""
+    """Return the median, or NaN for no values."""
     return float(np.median(values)) if len(values) else float("nan")
 
 
 def mean_of(values: Array) -> float:
-    """Return the mean; NaN of nothing."""
+    """Return the mean, or NaN for no values."""
     return float(np.mean(values)) if len(values) else float("nan")

@@ -11,18 +11,18 @@ from brushexp_recovery.benchmark.truth import read_truth
 
 
 def score_strokes(truth: str | PathLike[str], strokes: str | PathLike[str]) -> dict[str, Any]:
-    """Score anybody's strokes against the known ones of a painting, as ``task=score`` does.
+    """Score any strokes against the known strokes of a painting, as ``task=score`` does.
 
     Args:
-        truth: NAME.npz of task=benchmark; the painting, NAME.png beside it, gives labels without curves their colours.
+        truth: NAME.npz of task=benchmark; the painting beside it, NAME.png, gives colours to labels without curves.
         strokes: labels (.png, .npy or .npz with ``labels``), curves (.npz with ``curve`` (N, 3, 2) and ``width`` (N,)
-            in pixels, bottom to top) or a catalogue, in which recovered strokes keep labels and confidence.
+            in pixels, bottom to top) or a catalogue; recovered strokes keep their labels and confidence.
 
     Returns:
-        Figures as `brushexp_recovery.benchmark.score.score` defines them.
+        Figures defined in `brushexp_recovery.benchmark.score.score`.
 
     Raises:
-        UserError: what is wrong with a file.
+        UserError: a file is not valid.
     """
     place = find_path(truth)
     known, picture = read_truth(place), place.with_suffix(".png")

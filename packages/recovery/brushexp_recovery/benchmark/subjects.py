@@ -1,4 +1,4 @@
-"""Subjects of the benchmark's paintings, and the canvases that they are painted on."""
+"""Make subjects and canvases for the benchmark's paintings."""
 
 from typing import Any
 
@@ -8,13 +8,13 @@ from scipy.ndimage import gaussian_filter
 
 Array = NDArray[Any]
 
-FIELDS = 7  # of a subject
-GAMUT = 42.0  # of its colours, a and b of CIELAB: more is not in sRGB
-WASH_BLUR = 40  # pixels: sigma by which a subject is blurred to a wash
+FIELDS = 7  # number of fields of a subject
+GAMUT = 42.0  # maximum a and b of its colours in CIELAB; larger values leave sRGB
+WASH_BLUR = 40  # standard deviation in pixels of the blur that turns a subject into a wash
 
 
 def make_subject(side: int, random: np.random.Generator) -> Array:
-    """Make something to paint, (side, side, 3): fields of colours that flow into each other, with edges between."""
+    """Make a subject (side, side, 3) of smoothly varying colour fields with edges between them."""
     from skimage.color import lab2rgb  # noqa: PLC0415  (slow to import)
 
     def noise(sigma: float) -> Array:
@@ -33,7 +33,7 @@ def make_subject(side: int, random: np.random.Generator) -> Array:
 
 
 def prime_canvas(subject: Array, random: np.random.Generator) -> Array:
-    """Prime a canvas (H, W, 3) of any colour with some of the subject, and grain."""
+    """Prime a canvas (H, W, 3) in a random colour, with a trace of the subject and grain."""
     bare = random.uniform(0.35, 0.9, 3) if random.random() < 0.7 else np.full(3, random.uniform(0.5, 0.95))
     wash = gaussian_filter(subject, (WASH_BLUR, WASH_BLUR, 0))
     grain = gaussian_filter(random.normal(size=subject.shape[:2]), 2)

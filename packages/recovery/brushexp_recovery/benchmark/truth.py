@@ -1,4 +1,4 @@
-"""The truth about a painting whose strokes are known, and its file."""
+"""Represent the truth about a painting with known strokes, and store it in a file."""
 
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -14,41 +14,41 @@ from brushexp_recovery.raster.npz import read_npz, write_npz
 
 Array = NDArray[Any]
 
-VISIBLE_SHARE = 0.3  # share of its area that must be visible for a stroke to count
-VISIBLE_PIXELS = 12  # that must be visible
-OVERLAP = 0.05  # share of the smaller of two strokes that must overlap for them to have an order
+VISIBLE_SHARE = 0.3  # minimum visible share of the area of a stroke that counts
+VISIBLE_PIXELS = 12  # minimum number of its visible pixels
+OVERLAP = 0.05  # minimum overlap of two strokes with an order, as a share of the smaller stroke
 
 
 @dataclass(frozen=True)
 class Truth:
     """N known strokes of a painting, bottom to top unless ``depth`` says otherwise; pixels, x to the right, y down."""
 
-    labels: Array  # (H, W) int32, the stroke that is seen, -1 the ground
+    labels: Array  # (H, W) int32, the visible stroke, or -1 for the ground
     curve: Array  # (N, 3, 2) control points of the part that carries paint
-    width: Array  # (N,) of a round-ended line with as much paint
-    color: Array  # (N, 3) sRGB of its paint, in [0, 1]
-    seen: Array  # (N, 3) mean sRGB where it is seen
-    depth: Array  # (N,) rank, 0 is the bottom one
-    share: Array  # (N,) visible part of its area
-    area: Array  # (N,) pixels, hidden parts too
-    pairs: Array  # (P, 2) lower and upper stroke of those that overlap
+    width: Array  # (N,) width of a round-ended line with as much paint
+    color: Array  # (N, 3) sRGB of the paint in [0, 1]
+    seen: Array  # (N, 3) mean sRGB where the stroke is visible
+    depth: Array  # (N,) rank; 0 is the bottom
+    share: Array  # (N,) visible share of the area
+    area: Array  # (N,) pixels, including hidden parts
+    pairs: Array  # (P, 2) lower and upper stroke of overlapping pairs
 
     def __len__(self) -> int:
         return len(self.width)
 
     @property
     def visible(self) -> Array:
-        """Pixels (N,) at which each stroke is seen."""
+        """Number (N,) of visible pixels of each stroke."""
         return count_pixels(self.labels, len(self))
 
     @property
     def counts(self) -> Array:
-        """Tell which strokes (N,) are visible enough to be looked for."""
+        """Mark the strokes (N,) that are visible enough to count."""
         return (self.share >= VISIBLE_SHARE) & (self.visible >= VISIBLE_PIXELS)
 
 
 def truth_from(labels: Array, area: Array, curve: Array, width: Array, color: Array, image: Array) -> Truth:
-    """Complete the truth of N strokes in the order bottom to top; ``image`` (H, W, 3) in [0, 1] is the painting."""
+    """Complete the truth of N strokes, ordered bottom to top; ``image`` (H, W, 3) in [0, 1] is the painting."""
     count = len(width)
     return Truth(
         labels=labels.astype(np.int32),
@@ -64,7 +64,7 @@ def truth_from(labels: Array, area: Array, curve: Array, width: Array, color: Ar
 
 
 def draw_truth(curve: Array, width: Array, color: Array, size: tuple[int, int], ground: Array) -> tuple[Truth, Array]:
-    """Draw plain opaque strokes, bottom to top, on a canvas (H, W) of one colour (3,): truth and image (H, W, 3)."""
+    """Draw plain opaque strokes, bottom to top, on a canvas (H, W) of one colour; return truth and image (H, W, 3)."""
     covers = cover_strokes(curve, width, size)
     labels, area = visible_labels(covers, np.ones(len(width)), size)
     image = np.broadcast_to(ground, (*size, 3)).copy()
@@ -80,10 +80,10 @@ def write_truth(path: Path, truth: Truth) -> None:
 
 
 def read_truth(path: Path) -> Truth:
-    """Read the truth of a painting; raise a UserError that says what the file lacks."""
+    """Read the truth of a painting; raise a UserError that says what is missing."""
     values = read_npz(path)
     if missing := [item.name for item in fields(Truth) if item.name not in values]:
-        raise UserError(f"{path} has no {missing[0]}; give the npz of a truth, as task=benchmark writes it")
+        raise UserError(f"{path} has no {missing[0]}; give the npz of a truth written by task=benchmark")
     truth = Truth(**{item.name: values[item.name] for item in fields(Truth)})
     count = len(truth.width)
     shapes = {"curve": (count, 3, 2), "color": (count, 3), "seen": (count, 3)}

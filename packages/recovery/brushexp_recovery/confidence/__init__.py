@@ -1,1 +1,1 @@
-"""Regions go in; features come out, from which a confidence is computed. Calibration tells how right it is."""
+"""Compute features of regions for their confidence, and measure the calibration of confidences."""

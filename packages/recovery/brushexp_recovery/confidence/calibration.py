@@ -1,4 +1,4 @@
-"""How far a confidence can be trusted: of strokes found with 0.8, 80 % should be right."""
+"""Measure the calibration of confidences: of strokes found with a confidence of 0.8, 80 % should be right."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
@@ -8,23 +8,23 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 
-BINS = 10  # of equal width
+BINS = 10  # number of bins of equal width
 
 
 class ReliabilityBin(NamedTuple):
-    """Strokes of about the same confidence."""
+    """Strokes of similar confidence."""
 
-    confidence: float  # mean
-    right: float  # share that is right
+    confidence: float  # mean confidence
+    right: float  # share of right strokes
     strokes: int
 
 
 def calibration_of(confidence: Array, hit: Array) -> dict[str, Any]:
-    """Compare confidences (N,) in [0, 1] with whether a stroke was right (N,).
+    """Compare confidences (N,) in [0, 1] with whether each stroke was right (N,).
 
     Returns:
-        ``auc``, how often a right stroke has more confidence than a wrong one (NaN if there are none of either);
-        ``ece``, the expected calibration error; ``reliability``, a `ReliabilityBin` for each bin that has strokes.
+        ``auc``, the probability that a right stroke has more confidence than a wrong one (NaN if either is missing);
+        ``ece``, the expected calibration error; ``reliability``, a `ReliabilityBin` for each bin with strokes.
     """
     place = np.minimum((confidence * BINS).astype(int), BINS - 1)
     reliability = [
@@ -41,9 +41,9 @@ def calibration_of(confidence: Array, hit: Array) -> dict[str, Any]:
 
 
 def ece_of(reliability: Sequence[ReliabilityBin]) -> float:
-    """Compute the expected calibration error (Naeini et al., 2015); NaN of no strokes.
+    """Compute the expected calibration error (Naeini et al., 2015), or NaN for no strokes.
 
-    Of few strokes it is large even where the confidence is right: join the reliability of paintings first.
+    It is large for few strokes even if the confidence is right, so pool the reliability of paintings first.
     """
     total = sum(one.strokes for one in reliability)
     gap = sum(one.strokes * abs(one.confidence - one.right) for one in reliability)
@@ -59,7 +59,7 @@ def auc_of(right: Array, wrong: Array) -> float:
 
 
 def join_reliability(paintings: Iterable[Sequence[ReliabilityBin]]) -> list[ReliabilityBin]:
-    """Join the reliability of several paintings, bin by bin."""
+    """Pool the reliability of several paintings, bin by bin."""
     groups: dict[int, list[ReliabilityBin]] = {}
     for one in (one for painting in paintings for one in painting):
         groups.setdefault(min(int(one.confidence * BINS), BINS - 1), []).append(one)

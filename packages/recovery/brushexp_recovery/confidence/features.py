@@ -1,4 +1,4 @@
-"""Features of regions that tell how likely they are strokes."""
+"""Compute features of regions that predict whether they are strokes."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ from brushexp_recovery.raster.labels import count_pixels
 
 Array = NDArray[Any]
 
-DOUBT = 1e-3  # chance that is left to what is sure
+DOUBT = 1e-3  # minimum distance of a probability from 0 and 1
 
 
 def confidence_features(regions: Regions) -> Array:

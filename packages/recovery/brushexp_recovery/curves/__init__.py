@@ -1,4 +1,4 @@
-"""Regions go in; quadratic Bezier curves with a width come out, fitted one by one and then refined together.
+"""Fit quadratic Bezier curves with a width to regions, first one by one, and then refine all curves together.
 
-The folder also says what round-ended lines along such curves cover, for whatever draws or compares strokes.
+The folder also computes the coverage of round-ended lines along such curves, for drawing and comparing strokes.
 """

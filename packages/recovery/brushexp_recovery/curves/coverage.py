@@ -1,4 +1,4 @@
-"""What round-ended lines along quadratic Bezier curves cover, and which of them is seen where."""
+"""Compute the coverage of round-ended lines along quadratic Bezier curves, and which line is visible at each pixel."""
 # mypy: allow-untyped-defs
 
 from collections.abc import Sequence
@@ -13,19 +13,19 @@ from brushexp_recovery.raster.boxes import Box
 
 Array = NDArray[Any]
 
-PIECES = 24  # straight pieces of a curve
-COVERED = 0.5  # share of a pixel from which on it belongs to a stroke
+PIECES = 24  # number of straight pieces of a curve
+COVERED = 0.5  # minimum covered share of a pixel that belongs to a stroke
 
 
 class Cover(NamedTuple):
-    """The pixels of a canvas that a stroke covers; it does not reach beyond the box."""
+    """The pixels of a canvas that a stroke covers, all of which lie in a box."""
 
     box: Box
-    share: Array  # (h, w) of each pixel of the box, 0 to 1
+    share: Array  # (h, w) covered share of each pixel in the box, 0 to 1
 
     @property
     def mask(self) -> Array:
-        """Tell which pixels of the box belong to the stroke."""
+        """Mark the pixels of the box that belong to the stroke."""
         return self.share >= COVERED
 
 
@@ -33,7 +33,7 @@ NO_COVER = Cover(Box(0, 0, 0, 0), np.empty((0, 0)))
 
 
 def cover_strokes(curve: Array, width: Array, size: tuple[int, int]) -> list[Cover]:
-    """Draw N strokes alone on a canvas (H, W): what each covers; off the canvas that is `NO_COVER`."""
+    """Compute the coverage of each of N strokes alone on a canvas (H, W); strokes off the canvas have `NO_COVER`."""
     height, canvas_width = size
     covers: list[Cover] = []
     for points, half in zip(points_on(curve, PIECES + 1), 0.5 * width, strict=True):
@@ -67,14 +67,14 @@ def _lower_to_distance(points, left, top, squared):
 
 
 def visible_labels(covers: Sequence[Cover], opacity: Array, size: tuple[int, int]) -> tuple[Array, Array]:
-    """Find which stroke is seen at each pixel, and how much each covers.
+    """Find the visible stroke at each pixel, and the area that each stroke covers.
 
-    The strokes come bottom to top. Seen is the one that adds most to a pixel, or the ground where that adds more.
+    Strokes are ordered bottom to top. The visible stroke contributes most to a pixel, unless the ground does.
 
     Returns:
-        labels (H, W) int32, -1 the ground; area (N,) in pixels, hidden parts too.
+        labels (H, W) int32, -1 for the ground; area (N,) in pixels, including hidden parts.
     """
-    light = np.ones(size)  # that has passed the strokes above
+    light = np.ones(size)  # light transmitted by the strokes above
     best = np.zeros(size)
     labels = np.full(size, -1, np.int32)
     area = np.zeros(len(covers))
@@ -94,7 +94,7 @@ def visible_labels(covers: Sequence[Cover], opacity: Array, size: tuple[int, int
 def overlapping_pairs(covers: Sequence[Cover], least_pixels: int, least_share: float) -> Array:
     """List pairs (P, 2) int32, lower and upper, of strokes that share pixels.
 
-    They share ``least_pixels`` or more, and ``least_share`` of the smaller stroke or more.
+    They share at least ``least_pixels``, and at least ``least_share`` of the smaller stroke.
     """
     masks = [cover.mask for cover in covers]
     area = [int(mask.sum()) for mask in masks]

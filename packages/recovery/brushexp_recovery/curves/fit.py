@@ -1,4 +1,4 @@
-"""Fit of a stroke to each region: a quadratic curve, a width and a colour."""
+"""Fit a stroke with a quadratic curve, a width and a colour to each region."""
 
 from typing import Any, NamedTuple
 
@@ -11,12 +11,12 @@ from brushexp_recovery.raster.labels import group_pixels
 
 Array = NDArray[Any]
 
-TAIL = 0.02  # share of a region's pixels beyond either end of its stroke
-HIDDEN_WEIGHT = 0.5  # of the predicted end of a stroke, where it lies beyond its region
-DIRECTION_WEIGHT = 0.6  # of the predicted direction; that of the shape is how long it is
-CAP = 0.42  # widths by which a curve ends before its round end
-STRAIGHTNESS = 0.02  # how strongly a middle line is held towards the axis
-FLATNESS = 0.3  # how strongly it is held towards straight
+TAIL = 0.02  # share of a region's pixels beyond each end of its stroke
+HIDDEN_WEIGHT = 0.5  # weight of the predicted end of a stroke if it lies beyond its region
+DIRECTION_WEIGHT = 0.6  # weight of the predicted direction; the shape's direction is weighted by its elongation
+CAP = 0.42  # distance in widths between the end of a curve and its round tip
+STRAIGHTNESS = 0.02  # regularisation of a middle line towards the axis
+FLATNESS = 0.3  # regularisation of a middle line towards a straight line
 
 
 class StrokeCurves(NamedTuple):
@@ -28,7 +28,7 @@ class StrokeCurves(NamedTuple):
 
 
 def fit_curves(regions: Regions, image: Array) -> StrokeCurves:
-    """Fit a stroke to each region of a picture (H, W, 3); its colour is the median of the region."""
+    """Fit a stroke in the region's median colour to each region of a picture (H, W, 3)."""
     count = len(regions.chance)
     curve, width, color = np.zeros((count, 3, 2)), np.zeros(count), np.zeros((count, 3))
     for number, pixels in enumerate(group_pixels(regions.labels, count)):
@@ -61,7 +61,7 @@ def fit_curve(points: Array, attributes: Array) -> tuple[Array, float]:
 
 
 def main_axes(points: Array, attributes: Array) -> Array:
-    """Find the axes (2, 2), along and across, of points (P, 2) around 0 by their shape and the predicted direction."""
+    """Find the axes (2, 2), along and across, of points (P, 2) around 0 from their shape and predicted direction."""
     xx, yy = (points**2).mean(0) + 1 / 12
     xy = points.prod(1).mean()
     x, y = np.array([xx - yy, 2 * xy]) / (xx + yy) + DIRECTION_WEIGHT * attributes[DIRECTION]
@@ -70,7 +70,7 @@ def main_axes(points: Array, attributes: Array) -> Array:
 
 
 def middle_line(along: Array, across: Array, width: float) -> Array:
-    """Fit a parabola, coefficients (3,), to points (P,), held towards straight the more, the wider the stroke is."""
+    """Fit a parabola with coefficients (3,) to points (P,), regularised more strongly for wider strokes."""
     powers = np.stack([np.ones_like(along), along, along * along], 1)
     ridge = np.diag([0, STRAIGHTNESS, FLATNESS * (0.25 * width) ** 2]) * len(along) + 1e-6 * np.eye(3)
     return np.linalg.solve(powers.T @ powers + ridge, powers.T @ across)

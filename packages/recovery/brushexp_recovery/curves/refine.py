@@ -1,4 +1,4 @@
-"""Refinement of curves by gradient descent until, drawn over each other, they show the regions."""
+"""Refine curves by gradient descent until the drawn strokes reproduce the regions."""
 
 from typing import Any
 
@@ -17,23 +17,23 @@ from brushexp_recovery.raster.tiles import Tile, split_into_tiles
 Array = NDArray[Any]
 
 REFINEMENT_STEPS = 60
-TILE_SIDE = 1200  # pixels
+TILE_SIDE = 1200  # side of a tile in pixels
 EDGE_WIDTH = 1.5  # pixels over which the edge of a stroke rises
 RATE = 0.04  # learning rate, in widths of a stroke
-FINAL_RATE = 0.1  # share of the rate that is left at the end
-ANCHOR = 0.02  # how strongly a stroke is held to where it began: what is hidden has no other reason to stay
-EMPTY_WEIGHT = 0.35  # of a pixel without a region: there may be a stroke that was not found
-AREA_POWER = 0.5  # of the area by which a pixel of a large region counts less
-FARTHEST_MOVE = 4.0  # widths, of a point
-UNKNOWN, EMPTY = -2, -1  # labels of pixels of strokes that lie elsewhere, and of pixels without a stroke
+FINAL_RATE = 0.1  # final share of the rate
+ANCHOR = 0.02  # regularisation of a stroke towards its start, which keeps hidden parts in place
+EMPTY_WEIGHT = 0.35  # weight of a pixel without a region, which may belong to an undetected stroke
+AREA_POWER = 0.5  # power of the area by which the weight of a region's pixels is divided
+FARTHEST_MOVE = 4.0  # maximum displacement of a point in widths
+UNKNOWN, EMPTY = -2, -1  # labels of pixels of strokes in other tiles, and of pixels without a stroke
 
 
 def refine_curves(
     strokes: StrokeCurves, labels: Array, order: Array, *, show: Progress, steps: int = REFINEMENT_STEPS
 ) -> StrokeCurves:
-    """Refine strokes, which lie bottom to top by ``order`` (N,), to fit their regions (H, W) of the same numbers.
+    """Refine strokes, ordered bottom to top by ``order`` (N,), to fit the regions (H, W) with the same numbers.
 
-    A large picture is fitted tile by tile; a stroke belongs to the tile in whose core its middle lies.
+    A large picture is fitted tile by tile; a stroke belongs to the tile whose core contains its middle.
     """
     curve, width = strokes.curve.copy(), strokes.width.copy()
     middle = strokes.curve.mean(1)
@@ -44,7 +44,7 @@ def refine_curves(
         own = _lies_in(middle[near], tile.core, labels.shape)
         if not own.any():
             return
-        number = np.full(len(order) + 1, UNKNOWN)  # the last is that of a pixel without a stroke
+        number = np.full(len(order) + 1, UNKNOWN)  # the last entry is for pixels without a stroke
         number[near] = np.arange(len(near))
         number[-1] = EMPTY
         corner = np.array([tile.box.left, tile.box.top])
@@ -59,22 +59,22 @@ def refine_curves(
 
 
 def _lies_in(places: Array, box: Box, size: tuple[int, ...]) -> Array:
-    """Tell which places (N, 2) are in a box; those off the picture count as at its border."""
+    """Mark the places (N, 2) in a box; places off the picture count as lying on its border."""
     x, y = places.T
     x, y = x.clip(0, size[1] - 1e-3), y.clip(0, size[0] - 1e-3)
     return (y >= box.top) & (y < box.bottom) & (x >= box.left) & (x < box.right)
 
 
 def _fit_to_regions(curve: Array, width: Array, labels: Array, steps: int) -> tuple[Array, Array]:
-    """Fit curves (N, 3, 2) and widths (N,), bottom to top, to their regions; `EMPTY` and `UNKNOWN` are none.
+    """Fit curves (N, 3, 2) and widths (N,), bottom to top, to their regions; `EMPTY` and `UNKNOWN` mark no region.
 
-    The loss is the squared difference, over pixels and strokes, of what is seen of a stroke and its region. It is
-    estimated, without bias, by drawing the strokes in codes, colours of 0 or 1 that are drawn anew at every step.
+    The loss is the squared difference, over pixels and strokes, between a stroke's visible part and its region. An
+    unbiased estimate draws the strokes in codes, which are random colours of 0 or 1, new at every step.
     """
     generator, count = torch.Generator().manual_seed(0), len(curve)
     start_curve, start_width = (torch.as_tensor(value, dtype=torch.float32) for value in (curve, width))
     move = torch.zeros_like(start_curve, requires_grad=True)  # in widths
-    log_gain = torch.zeros_like(start_width, requires_grad=True)  # of the width
+    log_gain = torch.zeros_like(start_width, requires_grad=True)  # logarithm of the width's factor
     regions = torch.as_tensor(labels.astype(np.int64)) - UNKNOWN
     weight, top_first = _pixel_weights(regions, count), torch.arange(count).flip(0)
     renderer, blend = create("renderer", "analytic", soft=EDGE_WIDTH), create("blend", "tiled")
@@ -82,7 +82,7 @@ def _fit_to_regions(curve: Array, width: Array, labels: Array, steps: int) -> tu
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, steps, RATE * FINAL_RATE)
     for _ in range(steps):
         codes = torch.randint(2, (count + 2, 3), generator=generator).float()
-        codes[:2] = 0.5  # without a stroke
+        codes[:2] = 0.5  # pixels without a stroke
         curves, widths = _move(start_curve, start_width, move, log_gain)
         image = blend(renderer(strokes_along(curves, widths, codes[2:], 1.0)), top_first, labels.shape, codes[0]).image
         error = ((image - codes[regions].movedim(-1, 0)).square().sum(0) * weight).sum() / weight.sum()
@@ -99,12 +99,12 @@ def _fit_to_regions(curve: Array, width: Array, labels: Array, steps: int) -> tu
 
 
 def _move(curve: Tensor, width: Tensor, move: Tensor, log_gain: Tensor) -> tuple[Tensor, Tensor]:
-    """Move control points by widths of their stroke, and change widths by the exponential of their gain."""
+    """Move control points by multiples of the stroke's width, and multiply widths by the exponential of their gain."""
     return curve + width[:, None, None] * move, width * log_gain.exp()
 
 
 def _pixel_weights(regions: Tensor, count: int) -> Tensor:
-    """Weight each pixel (H, W) by its region; region 0 is unknown and weighs nothing, 1 is empty, stroke k is k + 2."""
+    """Weight each pixel (H, W) by its region: 0 is unknown and has no weight, 1 is empty, and k + 2 is stroke k."""
     area = torch.bincount(regions.flatten(), minlength=count + 2).clamp_min(1).float()
     weight = (area[2:].mean() / area) ** AREA_POWER
     weight[:2] = torch.tensor([0.0, EMPTY_WEIGHT])

@@ -1,4 +1,4 @@
-"""Round-ended lines with as much paint as a stroke."""
+"""Find round-ended lines with as much paint as a stroke."""
 
 from typing import Any
 
@@ -9,22 +9,22 @@ from brushexp_recovery.curves.bezier import arc_lengths, part_of
 
 Array = NDArray[Any]
 
-ROUND_LOSS = 0.215  # widths by which a round-ended line is longer than a rectangle of the same area: 1 - pi / 4
-CAP = 0.45  # widths by which a round end reaches beyond the end of the curve
-LEAST_EXTENT = 0.05  # share of a curve that carries paint, at least
+ROUND_LOSS = 0.215  # excess length of a round-ended line over a rectangle of the same area, in widths: 1 - pi / 4
+CAP = 0.45  # distance in widths that a round end reaches beyond the end of the curve
+LEAST_EXTENT = 0.05  # minimum share of a curve that carries paint
 
 
 def width_of_line(area: Any, extent: Any) -> Any:
-    """Find the width of a round-ended line from its area and its length from tip to tip, in pixels; arrays (N,) too."""
+    """Find the width of round-ended lines, numbers or arrays (N,), from area and length from tip to tip in pixels."""
     width = np.minimum(area / extent, extent)
     return np.minimum(area / np.maximum(extent - ROUND_LOSS * width, 1), extent)
 
 
 def trim_to_paint(curve: Array, low: Array, high: Array, area: Array) -> tuple[Array, Array]:
-    """Cut curves (N, 3, 2) to the parts that carry paint, and find widths (N,) of round-ended lines with as much of it.
+    """Cut curves (N, 3, 2) to the parts that carry paint, and find widths (N,) that give the same area of paint.
 
-    ``low`` and ``high`` (N,) are the parameters between which paint lies, ``area`` (N,) is pixels of paint. The cut
-    curves end where a round end of the width begins.
+    Paint lies between the parameters ``low`` and ``high`` (N,); ``area`` (N,) is its number of pixels. The cut curves
+    end where the round ends of the lines begin.
     """
     length = np.maximum(arc_lengths(curve), 1e-6)
     width = width_of_line(area, np.maximum(high - low, LEAST_EXTENT) * length)

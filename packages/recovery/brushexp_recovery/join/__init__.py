@@ -1,1 +1,1 @@
-"""Superpixels go in; a merge tree of regions, and its best cut into strokes, come out."""
+"""Merge superpixels into a tree of regions, and find its best cut into strokes."""

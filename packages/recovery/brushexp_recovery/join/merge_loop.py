@@ -1,4 +1,4 @@
-"""The loop behind `merge_tree.grow_tree`, which merges one pair of regions after another, the likeliest first."""
+"""The loop of `merge_tree.grow_tree`, which merges one pair of regions after another, most likely pairs first."""
 # mypy: allow-untyped-defs
 
 from heapq import heapify, heappop, heappush
@@ -13,12 +13,12 @@ from brushexp_recovery.model.perceptron import CLIP
 from brushexp_recovery.segment.moments import Moment
 from brushexp_recovery.segment.region_adjacency import DISTANCE_GROUPS
 
-LARGEST_REGION = 8.0  # predicted areas of its stroke, above which a region is merged no further
+LARGEST_REGION = 8.0  # area, in predicted areas of its stroke, above which a region is not merged further
 
 
 @function
 def mean_affinity(row, mean, scale, layers, scratch):
-    """Return the mean affinity between two regions by their features, the nearest pixels counting most."""
+    """Return the mean affinity between two regions from their features, with most weight on the nearest pixels."""
     total, count = 0.0, 1e-9
     for k in range(DISTANCE_GROUPS):
         pairs = max(4 >> k, 1) * np.expm1(row[PairFeature.LOG_PAIRS_ADJACENT + k])
@@ -29,7 +29,7 @@ def mean_affinity(row, mean, scale, layers, scratch):
 
 @function
 def perceptron_chance(row, mean, scale, layers, scratch):
-    """Return the probability that a perceptron gives to features (F,), as `Perceptron.forward` does.
+    """Return the probability that a perceptron assigns to features (F,), like `Perceptron.forward`.
 
     ``scratch`` (2, widest layer) is overwritten.
     """
@@ -53,17 +53,18 @@ def perceptron_chance(row, mean, scale, layers, scratch):
 def merge(
     moments, within, around, merge_chance, neighbour_chance, ends, between, children, least_chance, mean, scale, layers
 ):
-    """Merge pairs of regions until none has a chance of ``least_chance``; returns how many merges there were.
+    """Merge pairs of regions until no pair has a chance of at least ``least_chance``; return the number of merges.
 
     The first S rows of ``moments`` (2 S, len(Moment)), ``within``, ``around``, ``merge_chance`` and
-    ``neighbour_chance`` are of the S regions; those of merged ones follow. Of the first S rows moments and within are
-    given; all others are written. ``ends`` (P, 2) are the pairs at first and ``between`` (P, len(AffinityColumn)) their
-    affinities; both are used up. ``children`` (S, 2) get the two regions of each merge.
+    ``neighbour_chance`` belong to the S regions; rows of merged regions follow. In the first S rows, ``moments`` and
+    ``within`` are given; everything else is written. ``ends`` (P, 2) are the initial pairs and ``between``
+    (P, len(AffinityColumn)) their affinities; both are overwritten. The two regions of each merge are written into
+    ``children`` (S, 2).
     """
     count = len(moments) // 2
     first, after = _link_pairs(ends, 2 * count)
     is_open = np.ones(len(ends), np.bool_)
-    pair_with, seen_by = np.full(2 * count, -1), np.full(2 * count, -1)  # the pair of a region with a new one
+    pair_with, seen_by = np.full(2 * count, -1), np.full(2 * count, -1)  # the pair of each region with the new region
     gone = np.zeros(2 * count, np.bool_)
     row, scratch = np.empty(len(PairFeature), np.float32), np.empty((SCRATCH_ROWS, DESCRIPTION))
     layer_scratch = _layer_scratch(layers)
@@ -111,7 +112,7 @@ def merge(
 
 @function
 def _link_pairs(ends, count):
-    """Link the pairs (P, 2) of each of ``count`` regions: its first pair, and the one after each pair, by end."""
+    """Link the pairs (P, 2) of each of ``count`` regions: its first pair, and each pair's successor by end."""
     first, after = np.full(count, -1), np.full(ends.shape, -1)
     for pair in range(len(ends)):
         for side in range(2):
@@ -122,7 +123,7 @@ def _link_pairs(ends, count):
 
 @inline
 def _pass_on_pairs(old, new, first, after, ends, between, is_open, pair_with, seen_by):
-    """Give the open pairs of a region to the new one that it is now part of; two with one neighbour become one."""
+    """Pass a region's open pairs on to the new region that contains it; two pairs with one neighbour become one."""
     pair = first[old]
     while pair >= 0:
         side = 0 if ends[pair, 0] == old else 1
@@ -140,7 +141,7 @@ def _pass_on_pairs(old, new, first, after, ends, between, is_open, pair_with, se
 
 @inline
 def _layer_scratch(layers):
-    """Make room for the layers of a perceptron."""
+    """Allocate scratch space for the layers of a perceptron."""
     widest = len(PairFeature)
     for number in range(len(layers)):
         widest = max(widest, layers[number].shape[1])
@@ -149,10 +150,10 @@ def _layer_scratch(layers):
 
 @inline
 def _is_too_large(moments):
-    """Tell whether a region is so large that it would soon touch half a picture."""
+    """Check whether a region is so large that it would soon touch half a picture."""
     stroke_area = np.exp((moments[Moment.LOG_WIDTH] + moments[Moment.LOG_LENGTH]) / moments[Moment.AREA])
     return moments[Moment.AREA] > LARGEST_REGION * stroke_area
 
 
-chance = perceptron_chance  # the part of `merge` that says how likely two regions are one stroke
+chance = perceptron_chance  # computes in `merge` the probability that two regions are one stroke
 merge_by_affinity = merge.having(chance=mean_affinity)

@@ -1,4 +1,4 @@
-"""The merge tree: superpixels are its leaves, and each merge of two regions is a node."""
+"""Grow a merge tree, whose leaves are superpixels and whose other nodes are merges of two regions."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -13,25 +13,25 @@ from brushexp_recovery.segment.superpixels import Superpixels
 
 Array = NDArray[Any]
 
-LEAST_CHANCE = 0.05  # of being one stroke, below which two regions are never merged
+LEAST_CHANCE = 0.05  # chance of being one stroke below which two regions are never merged
 NO_PERCEPTRON = PerceptronWeights(
     np.empty(0, np.float32), np.empty(0, np.float32), (np.empty((1, 1), np.float32),)
-)  # compiled code takes it in place of one
+)  # placeholder that compiled code accepts instead of a perceptron
 
 
 @dataclass(frozen=True)
 class MergeTree:
-    """S superpixels and M merges of them: nodes 0 to S - 1, and S, S + 1, ...
+    """S superpixels, nodes 0 to S - 1, and M merges of them, nodes S, S + 1, ...
 
-    The arrays of nodes have S + M rows.
+    Arrays of nodes have S + M rows.
     """
 
-    children: Array  # (M, 2) nodes, each below the node that they make
+    children: Array  # (M, 2) the two nodes that each merge combines
     moments: Array  # (nodes, len(Moment))
-    within: Array  # (nodes, len(AffinityColumn)) affinities inside
+    within: Array  # (nodes, len(AffinityColumn)) affinities within the region
     around: Array  # (nodes, len(AffinityColumn)) affinities to other regions
-    merge_chance: Array  # (nodes,) chance at which a node was made; 1 of a superpixel
-    neighbour_chance: Array  # (nodes,) best chance of being one stroke with a neighbour
+    merge_chance: Array  # (nodes,) chance of the merge that made a node; 1 for a superpixel
+    neighbour_chance: Array  # (nodes,) highest chance of being one stroke with a neighbour
 
     @property
     def leaves(self) -> int:
@@ -42,9 +42,9 @@ class MergeTree:
 def grow_tree(
     superpixels: Superpixels, perceptron: PerceptronWeights | None, least_chance: float = LEAST_CHANCE
 ) -> MergeTree:
-    """Merge the pair that is most likely one stroke, again and again, until no pair has a chance of ``least_chance``.
+    """Repeatedly merge the pair that is most likely one stroke until no pair has a chance of ``least_chance``.
 
-    Without a perceptron the chance is the mean affinity.
+    Without a perceptron, the chance is the mean affinity.
     """
     count = len(superpixels.moments)
     moments = np.concatenate([superpixels.moments, np.zeros_like(superpixels.moments)])

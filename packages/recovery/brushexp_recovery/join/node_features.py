@@ -1,4 +1,4 @@
-"""Features of the nodes of a merge tree, from which a perceptron says whether each is a stroke."""
+"""Compute features of the nodes of a merge tree, from which a perceptron predicts whether each is a stroke."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ Array = NDArray[Any]
 INSIDE = slice(NodeFeature.AFFINITY_INSIDE_ADJACENT, NodeFeature.AFFINITY_INSIDE_20 + 1)
 OUTSIDE = slice(NodeFeature.AFFINITY_OUTSIDE_ADJACENT, NodeFeature.AFFINITY_OUTSIDE_20 + 1)
 COLOR_SPREAD = slice(NodeFeature.LOG_LIGHTNESS_SPREAD, NodeFeature.LOG_B_SPREAD + 1)
-PRIOR_PAIRS_INSIDE = 1.0  # pairs of affinity 0.5 that are added, so that a mean of few pairs says little
+PRIOR_PAIRS_INSIDE = 1.0  # number of added pairs of affinity 0.5, which damp the mean of few pairs
 PRIOR_PAIRS_OUTSIDE = 0.5
 
 
@@ -32,7 +32,7 @@ def node_features(tree: MergeTree) -> Array:
 
 
 def _write_merges(tree: MergeTree, table: Array) -> None:
-    """Write the affinities inside and outside of nodes, and the chances of merges that made or could extend them."""
+    """Write the affinities inside and outside nodes, and the chances of merges that made or could extend them."""
     prior = PRIOR_PAIRS_INSIDE
     table[:, INSIDE] = (tree.within[:, SUMS] + 0.5 * prior) / (tree.within[:, PAIRS] + prior)
     prior = PRIOR_PAIRS_OUTSIDE
@@ -48,7 +48,7 @@ def _write_merges(tree: MergeTree, table: Array) -> None:
 
 
 def _write_region(shapes: RegionShapes, table: Array) -> None:
-    """Write how much colours vary, and the predicted centre and direction of the stroke."""
+    """Write the variation of colours, and of the predicted centre and direction of the stroke."""
     mean = shapes.mean
     wide, long = np.exp(mean[:, Moment.LOG_WIDTH]), np.exp(mean[:, Moment.LOG_LENGTH])
     gap = np.linalg.norm(mean[:, PREDICTED_CENTRE] - mean[:, MIDDLE], axis=1)
@@ -63,7 +63,7 @@ def _write_region(shapes: RegionShapes, table: Array) -> None:
 
 
 def _write_size(shapes: RegionShapes, area: Array, table: Array) -> None:
-    """Write the size of a region beside the predicted size of its stroke."""
+    """Write the size of a region relative to the predicted size of its stroke."""
     mean = shapes.mean
     log_width, log_length = mean[:, Moment.LOG_WIDTH], mean[:, Moment.LOG_LENGTH]
     wide, long = np.exp(log_width), np.exp(log_length)

@@ -1,4 +1,4 @@
-"""Intersection over union of the nodes of a merge tree with the regions of a label image."""
+"""Compute the intersection over union of the nodes of a merge tree with the regions of a label image."""
 # mypy: allow-untyped-defs
 
 from typing import Any
@@ -15,7 +15,7 @@ Array = NDArray[Any]
 def node_overlaps(tree: MergeTree, superpixels: Array, regions: Array, count: int) -> Array:
     """Compute the intersection over union (nodes, ``count``) float32 of nodes with ``count`` regions (H, W).
 
-    ``superpixels`` (H, W) says which leaf of the tree is at each pixel.
+    ``superpixels`` (H, W) is the leaf of the tree at each pixel.
     """
     table = np.zeros((len(tree.moments), count + 1), np.float32)
     _write_overlaps(superpixels, regions, tree.children, table)
@@ -24,7 +24,7 @@ def node_overlaps(tree: MergeTree, superpixels: Array, regions: Array, count: in
 
 @function
 def _write_overlaps(superpixels, regions, children, table):
-    """Count what nodes share with regions, and in the last column their pixels; then divide by the unions."""
+    """Count the pixels that nodes share with regions, and in the last column all their pixels; divide by the unions."""
     nodes, count = len(table), table.shape[1] - 1
     area = np.zeros(count, np.float32)
     for y in range(superpixels.shape[0]):

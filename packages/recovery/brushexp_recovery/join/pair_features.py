@@ -1,4 +1,4 @@
-"""Features of two neighbouring regions, from which a perceptron says whether they are one stroke."""
+"""Compute features of two neighbouring regions, from which a perceptron predicts whether they are one stroke."""
 # mypy: allow-untyped-defs
 
 from typing import Any
@@ -14,17 +14,17 @@ from brushexp_recovery.segment.region_adjacency import DISTANCE_GROUPS, Affinity
 
 Array = NDArray[Any]
 
-BOUND = 20.0  # value of a feature that is infinite
-PRIOR_PAIRS = 0.5  # pairs of affinity 0.5 that are added, so that a mean of few pairs says little
-LEAST_VISIBLE = 0.05  # share
-LEAST_VARIANCE = 0.01  # of a colour, CIELAB
+BOUND = 20.0  # value that replaces infinite features
+PRIOR_PAIRS = 0.5  # number of added pairs of affinity 0.5, which damp the mean of few pairs
+LEAST_VISIBLE = 0.05  # lower bound of the visible share
+LEAST_VARIANCE = 0.01  # lower bound of the variance of a colour in CIELAB
 SCRATCH_ROWS = 4
 
 
 def pair_features(moments: Array, pairs: Array, between: Array) -> Array:
     """Compute the features of pairs (P, 2) of regions (N, len(Moment)): (P, len(PairFeature)) float32.
 
-    ``between`` (P, len(AffinityColumn)) are the affinities between the two regions of a pair.
+    ``between`` (P, len(AffinityColumn)) holds the affinities between the two regions of each pair.
     """
     table = np.empty((len(pairs), len(PairFeature)), np.float32)
     _write_all(moments, pairs, between, table)
@@ -41,7 +41,7 @@ def _write_all(moments, pairs, between, table):
 
 @function
 def write_pair_features(one, other, between, scratch, row):
-    """Write the features (len(PairFeature),) of two regions by their moments (len(Moment),).
+    """Write the features (len(PairFeature),) of two regions from their moments (len(Moment),).
 
     ``scratch`` (SCRATCH_ROWS, DESCRIPTION) is overwritten.
     """
@@ -83,7 +83,7 @@ def _write_affinities(between, smaller_area, row):
 
 @inline
 def _write_colors(small, large, row):
-    """Write how the colours differ, in CIELAB, and how many pixels are paint."""
+    """Write the difference of the colours in CIELAB, and the share of pixels that are paint."""
     lightness = abs(small[Moment.LIGHTNESS] - large[Moment.LIGHTNESS])
     a, b = abs(small[Moment.A] - large[Moment.A]), abs(small[Moment.B] - large[Moment.B])
     row[PairFeature.LIGHTNESS_GAP] = lightness
@@ -98,7 +98,7 @@ def _write_colors(small, large, row):
 
 @inline
 def _color_spread(one):
-    """Measure how much the colour of a region varies: mean standard deviation, in CIELAB."""
+    """Compute the mean standard deviation of a region's colour in CIELAB."""
     lightness, a, b = one[Moment.LIGHTNESS], one[Moment.A], one[Moment.B]
     return (
         np.sqrt(max(one[Moment.LIGHTNESS_SQUARED] - lightness * lightness, LEAST_VARIANCE))
@@ -109,7 +109,7 @@ def _color_spread(one):
 
 @inline
 def _write_centres(small, large, both, row):
-    """Write how far apart the regions are, and the predicted centres of their strokes."""
+    """Write the distances between the regions and between the predicted centres of their strokes."""
     wide = np.exp(both[Moment.LOG_WIDTH])
     gap = np.hypot(small[Moment.CENTRE_X] - large[Moment.CENTRE_X], small[Moment.CENTRE_Y] - large[Moment.CENTRE_Y])
     distance = np.hypot(small[Moment.X] - large[Moment.X], small[Moment.Y] - large[Moment.Y])
@@ -122,7 +122,7 @@ def _write_centres(small, large, both, row):
 
 @inline
 def _write_directions(small, large, both, row):
-    """Write how well the predicted directions of their strokes agree."""
+    """Write the agreement of the predicted directions of their strokes."""
     coherence_small = np.hypot(small[Moment.COSINE], small[Moment.SINE]) + 1e-3
     coherence_large = np.hypot(large[Moment.COSINE], large[Moment.SINE]) + 1e-3
     product = small[Moment.COSINE] * large[Moment.COSINE] + small[Moment.SINE] * large[Moment.SINE]
@@ -134,7 +134,7 @@ def _write_directions(small, large, both, row):
 
 @inline
 def _write_sizes(small, large, both, area, larger_area, row):
-    """Write the sizes of the regions and of their union beside the predicted sizes of their strokes."""
+    """Write the sizes of the regions and of their union relative to the predicted sizes of their strokes."""
     wide, long = np.exp(both[Moment.LOG_WIDTH]), np.exp(both[Moment.LOG_LENGTH])
     fill = np.log(area / (wide * long))
     row[PairFeature.LOG_PREDICTED_WIDTH] = both[Moment.LOG_WIDTH]

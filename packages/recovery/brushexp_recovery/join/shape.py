@@ -1,4 +1,4 @@
-"""The shape of a region, from its moments."""
+"""Compute the shape of a region from its moments."""
 # mypy: allow-untyped-defs
 
 from enum import IntEnum
@@ -12,30 +12,30 @@ from brushexp_recovery.segment.moments import Moment
 
 Array = NDArray[Any]
 
-SHORTEST_SQUARED = 0.05  # squared pixels: smallest variance across a region
+SHORTEST_SQUARED = 0.05  # smallest variance across a region, in squared pixels
 LEAST_SPREAD_SQUARED = 0.01  # squared pixels
 
 
 class Shape(IntEnum):
-    """Columns that follow those of the mean `Moment`s in the description of a region."""
+    """Columns that follow the mean `Moment`s in the description of a region."""
 
-    LENGTH = len(Moment)  # pixels, of the rectangle with the same moments
+    LENGTH = len(Moment)  # length in pixels of the rectangle with the same moments
     WIDTH = len(Moment) + 1
-    SPREAD = len(Moment) + 2  # pixels: standard deviation of the predicted centre
-    ALIGNMENT = len(Moment) + 3  # of the region's shape with the predicted direction, -1 to 1
+    SPREAD = len(Moment) + 2  # standard deviation of the predicted centre in pixels
+    ALIGNMENT = len(Moment) + 3  # alignment of the region's shape with the predicted direction, -1 to 1
 
 
-DESCRIPTION = len(Moment) + len(Shape)  # columns
+DESCRIPTION = len(Moment) + len(Shape)  # number of columns
 
 
 class RegionShapes(NamedTuple):
     """Means and shapes of N regions."""
 
     mean: Array  # (N, len(Moment))
-    length: Array  # (N,) pixels, of the rectangle with the same moments
+    length: Array  # (N,) length in pixels of the rectangle with the same moments
     width: Array  # (N,)
-    spread: Array  # (N,) pixels: standard deviation of the predicted centre
-    alignment: Array  # (N,) of the region's shape with the predicted direction, -1 to 1
+    spread: Array  # (N,) standard deviation of the predicted centre in pixels
+    alignment: Array  # (N,) alignment of the region's shape with the predicted direction, -1 to 1
 
 
 def shapes_of(moments: Array) -> RegionShapes:
@@ -59,10 +59,10 @@ def _describe_all(moments, table):
 
 @function
 def describe(moments, out):
-    """Write the means and the shape (DESCRIPTION,) of a region from its moments (len(Moment),)."""
+    """Write the mean moments and the shape (DESCRIPTION,) of a region, given its moments (len(Moment),)."""
     for k in range(len(Moment)):
         out[k] = moments[k] / moments[Moment.AREA]
-    xx = out[Moment.XX] - out[Moment.X] * out[Moment.X] + 1 / 12  # 1 / 12 is the variance in a pixel
+    xx = out[Moment.XX] - out[Moment.X] * out[Moment.X] + 1 / 12  # 1 / 12 is the variance within a pixel
     yy = out[Moment.YY] - out[Moment.Y] * out[Moment.Y] + 1 / 12
     xy = out[Moment.XY] - out[Moment.X] * out[Moment.Y]
     half = np.hypot(0.5 * (xx - yy), xy)

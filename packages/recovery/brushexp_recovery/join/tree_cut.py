@@ -1,4 +1,4 @@
-"""The best cut of a merge tree: which of its nodes are strokes."""
+"""Find the best cut of a merge tree, whose nodes are the strokes."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ Array = NDArray[Any]
 def best_cut(tree: MergeTree, value: Array) -> Array:
     """Choose the disjoint nodes whose values (nodes,) have the largest sum.
 
-    A node is worth taking if its value is positive; what lies in none is left empty.
+    Only nodes with a positive value are chosen; superpixels in no chosen node stay empty.
 
     Returns:
         The chosen node of each superpixel (S,), or -1.

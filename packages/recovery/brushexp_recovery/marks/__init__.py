@@ -1,1 +1,1 @@
-"""Marks that people drew go in; their regions, and how far two sets of strokes agree, come out."""
+"""Read marks drawn by people, find their regions, and compute the agreement of two sets of strokes."""

@@ -1,4 +1,4 @@
-"""What a person has corrected takes the place of what was recovered."""
+"""Replace recovered strokes with the corrections of a person."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -21,12 +21,12 @@ from brushexp_recovery.recover.storage import Recovered
 
 Array = NDArray[Any]
 
-REPLACED = 0.5  # share of a recovered stroke that lies on marks by hand, from which on these replace it
-SURE = 1.0  # confidence of a mark by hand
+REPLACED = 0.5  # share of a recovered stroke covered by hand-drawn marks above which they replace it
+SURE = 1.0  # confidence of a hand-drawn mark
 
 
 def check_marks(path: Path, size: tuple[int, int]) -> None:
-    """Raise a UserError if a file holds no marks, or those of a picture of another size than (H, W)."""
+    """Raise UserError if a file has no marks, or marks for a picture with a size other than (H, W)."""
     marks = read_marks(path)
     if marks.size is not None and marks.size != size:
         raise UserError(
@@ -36,17 +36,17 @@ def check_marks(path: Path, size: tuple[int, int]) -> None:
 
 
 def correct(recovered: Recovered, marks: Marks, image: Array) -> Recovered:
-    """Correct what was recovered from an image (H, W, 3) in [0, 1] by the marks of a person.
+    """Correct the strokes recovered from an image (H, W, 3) in [0, 1] with the marks of a person.
 
-    - A recovered stroke goes if it matches one that the person has deleted, or lies mostly on marks by hand.
-    - Marks by hand are added with a confidence of 1, on top: nothing is known of their order.
-    - All else stays as it was recovered.
+    - A recovered stroke is removed if it matches a deleted stroke, or lies mostly on hand-drawn marks.
+    - Hand-drawn marks are added on top, because their order is unknown, with a confidence of 1.
+    - All other strokes stay unchanged.
     """
     size = recovered.labels.shape
     hand = [mark for mark in marks.strokes if mark.by == "hand"]
     regions = [pixels_of_mark(mark, size) for mark in hand]
     kept = ~is_corrected(recovered, [pixels_of_mark(mark, size) for mark in marks.deleted], regions)
-    number = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)  # the last is that of -1
+    number = np.append(np.where(kept, np.cumsum(kept) - 1, -1), -1)  # the last entry is for -1
     labels = number[recovered.labels].astype(np.int32)
     for place, region in enumerate(regions, start=int(kept.sum())):
         labels.flat[region] = place
@@ -66,7 +66,7 @@ def correct(recovered: Recovered, marks: Marks, image: Array) -> Recovered:
 
 
 def is_corrected(recovered: Recovered, deleted: Sequence[Array], hand: Sequence[Array]) -> Array:
-    """Tell which recovered strokes (N,) a person has deleted or replaced, regions as flat indices."""
+    """Mark the recovered strokes (N,) that a person has deleted or replaced, given regions as flat indices."""
     found = [pixels.astype(np.int64) for pixels in group_pixels(recovered.labels, len(recovered.confidence))]
     overlaps = overlaps_of_pixels(deleted, found, recovered.labels.size)
     gone = np.zeros(len(found), bool)
@@ -79,7 +79,7 @@ def is_corrected(recovered: Recovered, deleted: Sequence[Array], hand: Sequence[
 
 
 def curves_of(marks: Sequence[Mark], regions: Sequence[Array]) -> StrokeCurves:
-    """Fit curves (N, 3, 2) to the lines of marks, with widths (N,) that give them the areas of their regions."""
+    """Fit curves (N, 3, 2) to the lines of marks, with widths (N,) that give the areas of their regions."""
     curve, width = np.empty((len(marks), 3, 2)), np.empty(len(marks))
     for number, (mark, region) in enumerate(zip(marks, regions, strict=True)):
         curve[number] = fit_line(mark.points)
@@ -90,7 +90,7 @@ def curves_of(marks: Sequence[Mark], regions: Sequence[Array]) -> StrokeCurves:
 
 
 def fit_line(points: Array) -> Array:
-    """Fit a quadratic Bezier curve (3, 2) to the points (P, 2) of a line by least squares, with its ends kept."""
+    """Fit a quadratic Bezier curve (3, 2) with fixed ends to the points (P, 2) of a line by least squares."""
     start, end = points[0], points[-1]
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     t = np.append(0, np.cumsum(steps)) / max(float(steps.sum()), 1e-9)

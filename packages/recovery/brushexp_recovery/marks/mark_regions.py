@@ -1,4 +1,4 @@
-"""The pixels of marks on a canvas, and how far two sets of regions, which may overlap, coincide."""
+"""Find the pixels of marks on a canvas, and compare two sets of possibly overlapping regions."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -14,7 +14,7 @@ Array = NDArray[Any]
 
 
 def pixels_of_mark(mark: Mark, size: tuple[int, int]) -> Array:
-    """List the flat indices, int64 in ascending order, of the pixels of a canvas (H, W) that a mark covers."""
+    """List the flat indices (int64, ascending) of the pixels of a canvas (H, W) that a mark covers."""
     if mark.outlines:
         return _pixels_in(mark.outlines, size)
     height, width = size
@@ -49,9 +49,9 @@ def _pixels_in(outlines: Sequence[Array], size: tuple[int, int]) -> Array:
 
 
 def overlaps_of_pixels(first: Sequence[Array], second: Sequence[Array], pixels: int) -> Overlaps:
-    """Find the regions of two lists that share pixels of a canvas of ``pixels``, and by how much.
+    """Find the pairs of regions in two lists that share some of ``pixels`` on a canvas, and count the shared pixels.
 
-    Differs from `overlaps_between`, whose regions are those of label images: here regions of one list may overlap.
+    Unlike in `overlaps_between`, which compares label images, regions of one list may overlap.
     """
     from scipy.sparse import csr_matrix  # noqa: PLC0415  (slow to import)
 

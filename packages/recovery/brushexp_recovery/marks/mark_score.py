@@ -1,9 +1,9 @@
-"""How far strokes agree with marks that people drew: recall, precision and F1, with intervals.
+"""Measure the agreement of strokes with marks drawn by people: recall, precision and F1, with intervals.
 
 A mark and a stroke match if the intersection over union of their regions is large enough; each has at most one partner,
-the best pairs first. A person seldom marks every stroke of a picture, so a stroke without a partner is an error only
-where the person has: in the part that the file calls complete, or where it lies mostly on marks. The marks of a second
-person all count.
+and the best pairs are matched first. People seldom mark every stroke of a picture, so a stroke without a partner is an
+error only if it lies in the part that the file calls complete, or mostly on marks. The marks of a second person all
+count.
 """
 
 from collections.abc import Sequence
@@ -20,10 +20,10 @@ from brushexp_recovery.raster.overlap import MATCH_IOU, Overlaps, pair_best
 
 Array = NDArray[Any]
 
-LEVELS = {"": MATCH_IOU, "_soft": 0.3}  # ends of keys, and the intersection over union from which on regions match
-SHARE = 0.5  # of a stroke's pixels that must lie on marks, or in the complete part, for it to be judged
-SMALLEST = 12  # pixels: a smaller stroke without a partner is not judged
-DRAWS = 4000  # of the bootstrap
+LEVELS = {"": MATCH_IOU, "_soft": 0.3}  # suffixes of keys, and the minimum intersection over union of a match
+SHARE = 0.5  # minimum share of a judged stroke's pixels that lie on marks or in the complete part
+SMALLEST = 12  # minimum size in pixels of a judged stroke without a partner
+DRAWS = 4000  # number of bootstrap draws
 BOUNDS = (0.025, 0.975)
 
 
@@ -38,7 +38,7 @@ class State(StrEnum):
 
 @dataclass(frozen=True)
 class Counts:
-    """Marks and strokes by their state; of several pictures they add up."""
+    """Numbers of marks and strokes by state, which can be added over pictures."""
 
     found: int
     missed: int
@@ -52,18 +52,18 @@ class Counts:
 class MarkScore:
     """N marks and M strokes of one picture, compared at one intersection over union."""
 
-    partner: Array  # (N,) stroke of each mark, -1 where it is missed
+    partner: Array  # (N,) stroke of each mark, or -1 if it is missed
     marks: list[State]  # (N,)
     strokes: list[State]  # (M,)
 
     @property
     def counts(self) -> Counts:
-        """Count marks that are found and missed, and strokes that are extra."""
+        """Count found and missed marks, and extra strokes."""
         return Counts(self.marks.count(State.FOUND), self.marks.count(State.MISSED), self.strokes.count(State.EXTRA))
 
 
 def judged_strokes(marks: Marks, regions: Sequence[Array], strokes: Sequence[Array], size: tuple[int, int]) -> Array:
-    """Tell which strokes (M,) without a partner are errors; regions and strokes are lists of flat indices."""
+    """Mark the strokes (M,) that are errors without a partner; regions and strokes are lists of flat indices."""
     known = np.zeros(size, bool)
     for region in regions:
         known.flat[region] = True
@@ -77,7 +77,7 @@ def judged_strokes(marks: Marks, regions: Sequence[Array], strokes: Sequence[Arr
 
 
 def score_marks(overlaps: Overlaps, count: int, judged: Array, least_iou: float) -> MarkScore:
-    """Pair ``count`` marks with strokes, of which ``judged`` (M,) tells which are errors without a partner."""
+    """Pair ``count`` marks with strokes; ``judged`` (M,) marks the strokes that are errors without a partner."""
     pairs = pair_best(overlaps, least_iou)
     partner = np.full(count, -1)
     partner[pairs.first] = pairs.second
@@ -94,10 +94,10 @@ def score_marks(overlaps: Overlaps, count: int, judged: Array, least_iou: float)
 
 @dataclass(frozen=True)
 class Agreement:
-    """How far N marks and M strokes of one picture agree."""
+    """The agreement of N marks and M strokes of one picture."""
 
-    scores: dict[str, MarkScore]  # by the ends of `LEVELS`
-    best_iou: Array  # (N,) of each mark with any stroke
+    scores: dict[str, MarkScore]  # scores by the suffixes in `LEVELS`
+    best_iou: Array  # (N,) best intersection over union of each mark with any stroke
 
 
 def compare_regions(marks: Sequence[Array], strokes: Sequence[Array], judged: Array, pixels: int) -> Agreement:
@@ -110,10 +110,10 @@ def compare_regions(marks: Sequence[Array], strokes: Sequence[Array], judged: Ar
 
 
 def figures_of(counts: Counts, end: str, seed: int) -> dict[str, float]:
-    """Compute recall, precision and F1 with the bounds of 95 % intervals, keys with an ``end``; NaN of nothing.
+    """Compute recall, precision and F1 with the bounds of 95 % intervals, under keys with the suffix ``end``.
 
-    The intervals are a bootstrap over strokes (Efron, 1979): pairs, marks that are missed and strokes that are extra
-    are drawn with replacement, so each draw has a multinomial number of each.
+    Undefined figures are NaN. The intervals are a bootstrap over strokes (Efron, 1979): pairs, missed marks and extra
+    strokes are drawn with replacement, so their numbers in each draw are multinomial.
     """
     values = np.array([counts.found, counts.missed, counts.extra], float)
     figures = dict(zip(("recall", "precision", "f1"), _rates(values[None])[:, 0].tolist(), strict=True))

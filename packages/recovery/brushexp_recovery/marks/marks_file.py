@@ -1,4 +1,4 @@
-"""The file of marks: strokes that a person has drawn over a picture, or corrected, as JSON."""
+"""Read files of marks, which are strokes drawn over a picture or corrected by a person, as JSON."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,17 +16,17 @@ MARKS_FORMAT, MARKS_VERSION = "brushexp marks", 1
 MARKS_SUFFIX = ".json"
 CURE = 'give marks as the page of strokes saves them: {"strokes": [{"points": [[x, y], ...], "width": 12}]}'
 LARGEST_FILE = 2**27  # bytes
-LARGEST_PLACE = 1e6  # pixels: no picture is wider
+LARGEST_PLACE = 1e6  # largest coordinate in pixels; no picture is wider
 
 
 @dataclass(frozen=True)
 class Mark:
-    """A stroke that a person has drawn, or has left as it was recovered; pixels, x to the right, y down."""
+    """A stroke drawn by a person, or recovered and left unchanged, in pixels, x to the right, y down."""
 
     name: str
-    points: Array  # (P, 2) along its middle
-    width: Array  # (P,) at each point
-    outlines: tuple[Array, ...] = ()  # (Q, 2) each; the region is what lies in them, or the line if there are none
+    points: Array  # (P, 2) points along the middle
+    width: Array  # (P,) width at each point
+    outlines: tuple[Array, ...] = ()  # (Q, 2) each; they enclose the region; without them, it is the line
     by: Literal["hand", "recovery"] = "hand"
 
 
@@ -35,14 +35,14 @@ class Marks:
     """The marks of one picture."""
 
     strokes: list[Mark]
-    deleted: list[Mark]  # recovered strokes that the person has taken away
-    size: tuple[int, int] | None  # height and width of the picture, if the file says them
-    image: Path | None  # the picture, if the file names one that is there
-    complete: bool | tuple[float, float, float, float]  # where every stroke is marked: left, top, width, height
+    deleted: list[Mark]  # recovered strokes that the person has deleted
+    size: tuple[int, int] | None  # height and width of the picture, if stated in the file
+    image: Path | None  # picture, if the file names one that exists
+    complete: bool | tuple[float, float, float, float]  # part with all strokes marked: left, top, width, height
 
 
 def is_marks(path: Path) -> bool:
-    """Tell a file of marks from a catalogue in JSON."""
+    """Check whether a JSON file has marks rather than a catalogue."""
     if path.suffix.lower() != MARKS_SUFFIX or not path.is_file():
         return False
     values = _values_of(path)
@@ -53,7 +53,7 @@ def is_marks(path: Path) -> bool:
 
 
 def read_marks(path: Path) -> Marks:
-    """Read a file of marks; raise a UserError that says what is wrong."""
+    """Read a file of marks; raise a UserError that describes any fault."""
     values = _values_of(path)
     with explaining(path, CURE):
         check_format_version(values.get("version", MARKS_VERSION), MARKS_VERSION)
@@ -71,7 +71,7 @@ def read_marks(path: Path) -> Marks:
 
 
 def _values_of(path: Path) -> dict[str, Any]:
-    """Read a file of JSON; empty if it holds no mapping."""
+    """Read a mapping from a JSON file; return an empty one if there is none."""
     text = read_text(path, CURE, LARGEST_FILE)
     with explaining(path, CURE):
         values = json_of(text)
@@ -100,7 +100,7 @@ def _mark_from(values: Any, place: str) -> Mark:
 
 
 def _places_from(values: Any, what: str, least: int) -> Array:
-    """Read places (P, 2), at least so many."""
+    """Read places (P, 2); require at least ``least`` of them."""
     places = _numbers_from(values, what)
     if places.ndim != 2 or places.shape[1] != 2 or len(places) < least:
         raise UserError(f"{what} must be at least {least} pairs [x, y]")
@@ -127,7 +127,7 @@ def _size_from(values: Any) -> tuple[int, int]:
 
 
 def _complete_from(values: Any) -> bool | tuple[float, float, float, float]:
-    """Read whether, or in which rectangle, every stroke is marked."""
+    """Read the part in which all strokes are marked: True for the whole picture, False for none, or a rectangle."""
     if isinstance(values, bool):
         return values
     rectangle = _numbers_from(values, "complete")

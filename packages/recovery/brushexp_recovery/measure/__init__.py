@@ -1,1 +1,1 @@
-"""Recovered strokes go in; figures of the brushwork with intervals, and their tables, drawings and files, come out."""
+"""Measure the brushwork of recovered strokes: figures with intervals, tables, drawings and files."""

@@ -1,4 +1,4 @@
-"""The areas of a photograph that are measured."""
+"""Define the areas of a photograph to measure."""
 
 import re
 from pathlib import Path
@@ -14,13 +14,13 @@ from brushexp_recovery.measure.scale import SIDES_APART
 Array = NDArray[Any]
 
 WHOLE = "whole"  # name of the whole photograph
-BRIGHT = 0.5  # from which on a pixel of a mask belongs to the area
+BRIGHT = 0.5  # minimum brightness of a mask's pixel in the area
 
 
 def areas_of(texts: list[str] | None, size: tuple[int, int]) -> dict[str, Array]:
-    """Make masks (H, W) of the areas of a photograph by name: the ``whole``, and each of ``texts``.
+    """Make masks (H, W) of the areas of a photograph by name: the ``whole`` and each of ``texts``.
 
-    A text is a rectangle, left,top,width,height in pixels, or a picture that is bright where the area is.
+    A text is a rectangle, left,top,width,height in pixels, or a picture that is bright in the area.
     """
     areas = {WHOLE: np.ones(size, bool)}
     for text in texts or []:

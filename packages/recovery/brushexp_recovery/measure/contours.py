@@ -1,4 +1,4 @@
-"""Outlines of the visible parts of strokes."""
+"""Trace the outlines of the visible parts of strokes."""
 
 from typing import Any
 
@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 
-TOLERANCE = 0.45  # pixels by which an outline may be simplified
+TOLERANCE = 0.45  # tolerance in pixels when outlines are simplified
 
 
 def outlines_of(labels: Array, count: int) -> list[Array]:
-    """Trace the largest part of each of ``count`` regions (H, W): places x, y (P, 2); none for an empty region."""
+    """Trace the largest part of each of ``count`` regions (H, W) as places x, y (P, 2), empty for an empty region."""
     from scipy.ndimage import find_objects  # noqa: PLC0415  (slow to import)
     from skimage.measure import approximate_polygon, find_contours  # noqa: PLC0415
 
@@ -23,6 +23,6 @@ def outlines_of(labels: Array, count: int) -> list[Array]:
         rows, columns = box
         mask = np.pad(labels[box] == number, 1).astype(float)
         longest = max(find_contours(mask, 0.5), key=len)
-        corner = np.array([columns.start, rows.start]) - 0.5  # of pixel centres, less the padding
+        corner = np.array([columns.start, rows.start]) - 0.5  # pixel centre, minus the padding
         outlines.append(approximate_polygon(longest, TOLERANCE)[:, ::-1] + corner)
     return outlines

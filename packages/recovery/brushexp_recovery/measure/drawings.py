@@ -1,4 +1,4 @@
-"""Histograms of recovered strokes and the rose of their directions, as vectors on a page."""
+"""Draw histograms of recovered strokes and a rose of their directions as vector graphics on a page."""
 
 import io
 import math
@@ -20,7 +20,7 @@ TAIL = 0.99  # quantile at which the axis of a histogram ends
 
 
 def write_drawings(path: Path, strokes: StrokeTable) -> None:
-    """Draw histograms weighted by confidence, and the rose, into a PDF."""
+    """Draw histograms weighted by confidence and the rose into a PDF."""
     from matplotlib.backends.backend_pdf import FigureCanvasPdf  # noqa: PLC0415  (slow to import)
 
     figure = new_figure(4.6)
@@ -37,7 +37,7 @@ def write_drawings(path: Path, strokes: StrokeTable) -> None:
 
 
 def draw_histogram(axes: Any, strokes: StrokeTable, name: str) -> None:
-    """Draw how many strokes have which length, width or other column."""
+    """Draw a histogram of the strokes' length, width or another column."""
     tidy(axes)
     values, unit = strokes.columns[name], UNITS.get(name, "")
     if strokes.mm is not None and unit == "px":
@@ -49,7 +49,7 @@ def draw_histogram(axes: Any, strokes: StrokeTable, name: str) -> None:
 
 
 def draw_rose(axes: Any, strokes: StrokeTable) -> None:
-    """Draw shares of the strokes' length by direction, clockwise, each both ways."""
+    """Draw the share of each direction in the strokes' total length, clockwise, as the area of two opposite bars."""
     weight = strokes.columns["length"] * strokes.columns["confidence"]
     share = np.sqrt(direction_shares(strokes.columns["direction"], weight))
     middle = np.arange(DIRECTION_BINS) * math.pi / DIRECTION_BINS

@@ -1,4 +1,4 @@
-"""Draw strokes at random: each stroke of a view with its confidence as the probability."""
+"""Sample the strokes of each view at random, with their confidence as the probability."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -15,8 +15,8 @@ from brushexp_recovery.measure.views import View
 from brushexp_recovery.raster.labels import count_pixels
 
 Array = NDArray[Any]
-Recover = Callable[[Array], Any]  # of a picture (H, W, 3) in [0, 1]; has saved, confidence and labels
-Draws: TypeAlias = dict[str, Array]  # (views, draws) of each of the `MEASURES`
+Recover = Callable[[Array], Any]  # picture (H, W, 3) in [0, 1] -> recovered strokes: saved, confidence and labels
+Draws: TypeAlias = dict[str, Array]  # (views, draws) for each of the `MEASURES`
 
 
 @dataclass(frozen=True)
@@ -26,12 +26,12 @@ class Sighting:
     curve: torch.Tensor  # (N, 3, 2) float64, pixels of the photograph
     width: Array  # (N,)
     confidence: Array  # (N,)
-    labels: Array  # (h, w) of the view
+    labels: Array  # (h, w), in pixels of the view
     view: View
 
 
 def sight(image: Array, view: View, recover: Recover) -> Sighting:
-    """Recover the strokes of a view, and map them back to the photograph."""
+    """Recover the strokes of a view and map them back to the photograph."""
     size = image.shape[:2]
     recovered = recover(view.of(image))
     strokes = recovered.saved.strokes
@@ -41,10 +41,10 @@ def sight(image: Array, view: View, recover: Recover) -> Sighting:
 
 
 def draw_figures(sightings: Iterable[Sighting], areas: Mapping[str, Array], draws: int, seed: int) -> dict[str, Draws]:
-    """Draw the strokes of each view ``draws`` times, and measure those in each area (H, W): `Draws` by area."""
+    """Sample the strokes of each view ``draws`` times, and measure them in each area (H, W); return `Draws` by area."""
     random = np.random.default_rng(seed)
     of_views: dict[str, list[Draws]] = {name: [] for name in areas}
-    for sighting in sightings:  # one at a time: those of a large photograph fill the memory
+    for sighting in sightings:  # one at a time, because sightings of a large photograph fill the memory
         for name, mask in areas.items():
             of_views[name].append(_draw_in(sighting, mask, draws, random))
     return {
@@ -54,11 +54,11 @@ def draw_figures(sightings: Iterable[Sighting], areas: Mapping[str, Array], draw
 
 
 def _draw_in(sighting: Sighting, mask: Array, draws: int, random: np.random.Generator) -> Draws:
-    """Draw the strokes of a view in an area (H, W): figures (draws,)."""
+    """Sample the strokes of a view in an area (H, W), and return figures (draws,)."""
     centre, direction = ruler.centre_of(sighting.curve), ruler.direction_of(sighting.curve)
     inside = _lies_in(centre.numpy(), mask)
     strokes = measure_strokes(sighting.curve, sighting.width)
-    strokes["direction"] = (strokes["direction"] + sighting.view.turn) % 180  # no camera is held level to a degree
+    strokes["direction"] = (strokes["direction"] + sighting.view.turn) % 180  # cameras are not held level to the degree
     width = torch.from_numpy(sighting.width)
     shown = sighting.view.warp(mask.astype(float), order=0) >= 0.5
     share = count_pixels(np.where(shown, sighting.labels, -1), len(centre)) / max(shown.sum(), 1)
@@ -72,7 +72,7 @@ def _draw_in(sighting: Sighting, mask: Array, draws: int, random: np.random.Gene
 
 
 def _lies_in(centre: Array, mask: Array) -> Array:
-    """Test which places (N, 2) lie in a mask (H, W)."""
+    """Mark the places (N, 2) that lie in a mask (H, W)."""
     x, y = np.floor(centre).astype(int).T
     height, width = mask.shape
     on_picture = (x >= 0) & (x < width) & (y >= 0) & (y < height)

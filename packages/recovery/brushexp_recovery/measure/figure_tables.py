@@ -1,4 +1,4 @@
-"""Figures and differences as rows of tables, and as plain data."""
+"""Convert figures and differences to rows of tables and to plain data."""
 
 import math
 from collections.abc import Mapping
@@ -7,25 +7,25 @@ from typing import Any
 from brushexp_recovery.measure.intervals import Interval, is_apart
 from brushexp_recovery.measure.measures import MEASURES
 
-Figures = Mapping[str, Mapping[str, Interval]]  # of each area or painting, by `MEASURES`
+Figures = Mapping[str, Mapping[str, Interval]]  # by area or painting, and by `MEASURES`
 
-DIRECTIONS = "Directions run clockwise from level: 45° falls to the right."
+DIRECTIONS = "Directions run clockwise from horizontal: 45° falls to the right."
 MEANING = (
     "Each figure is the median over the photograph and small changes of it (scale, rotation, compression, tone). In "
-    "each, strokes are drawn at random by their confidence; 95 % of these draws lie between low and high. The interval "
-    "does not cover errors that recovery makes in every view. The number of strokes counts each stroke by its "
+    "each view, strokes are sampled by their confidence; 95 % of these samples lie between low and high. The interval "
+    "does not cover errors that recovery makes in every view. The number of strokes weights each stroke by its "
     "confidence, so it is smaller than the number of recovered strokes."
 )
 APART = "The first painting minus the second: a figure is apart if the interval of its difference excludes 0."
 
 
 def figure_rows(figures: Figures, mm: float | None) -> list[dict[str, Any]]:
-    """List the figures of all areas with their intervals and spreads, a row each; ``of`` names the area."""
+    """List the figures of all areas with their intervals and spreads, one per row; ``of`` names the area."""
     return [{"of": of, **row} for of, intervals in figures.items() for row in interval_rows(intervals, mm)]
 
 
 def interval_rows(intervals: Mapping[str, Interval], mm: float | None) -> list[dict[str, Any]]:
-    """List the figures of one area with their intervals and spreads, a row each."""
+    """List the figures of one area with their intervals and spreads, one per row."""
     return [
         {
             "measure": MEASURES[name].name,
@@ -41,7 +41,7 @@ def interval_rows(intervals: Mapping[str, Interval], mm: float | None) -> list[d
 
 
 def difference_rows(differences: Mapping[str, Interval], mm: float | None) -> list[dict[str, Any]]:
-    """List differences of two paintings, and whether their intervals leave out 0."""
+    """List the differences between two paintings, and whether their intervals exclude 0."""
     return [
         {
             "measure": MEASURES[name].name,
@@ -56,7 +56,7 @@ def difference_rows(differences: Mapping[str, Interval], mm: float | None) -> li
 
 
 def format_number(value: float) -> str | None:
-    """Write a number with three digits, and with five decimals at most; None for one that is not defined."""
+    """Write a number with three digits and at most five decimals; return None if it is undefined."""
     if not math.isfinite(value):
         return None
     if abs(value) >= 1000:
@@ -65,7 +65,7 @@ def format_number(value: float) -> str | None:
 
 
 def plain_data(figures: Figures, differences: Mapping[str, Interval] | None, mm: float | None) -> dict[str, Any]:
-    """Collect figures as plain data, for JSON."""
+    """Collect figures as plain data for JSON."""
     data: dict[str, Any] = {"mm_per_px": mm, "directions": DIRECTIONS, "interval": 0.95}
     for of, intervals in figures.items():
         data.setdefault("measures", {})[of] = {

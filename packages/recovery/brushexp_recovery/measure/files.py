@@ -1,4 +1,4 @@
-"""What was measured, as files: CSV, XLSX, JSON, Markdown, LaTeX and PDF."""
+"""Write measurements as files: CSV, XLSX, JSON, Markdown, LaTeX and PDF."""
 
 import io
 import logging
@@ -51,7 +51,7 @@ def write_measures(
 
 
 def _write_sheets(folder: Path, strokes: Mapping[str, Any], tables: Mapping[str, Any]) -> list[Path]:
-    """Write all tables as sheets of one workbook, if openpyxl is there."""
+    """Write all tables as sheets of one workbook if openpyxl is installed."""
     import pandas as pd  # noqa: PLC0415  (slow to import)
 
     memory = io.BytesIO()
@@ -69,7 +69,7 @@ def _write_sheets(folder: Path, strokes: Mapping[str, Any], tables: Mapping[str,
 
 
 def _number_or_text(value: Any) -> Any:
-    """Turn what reads as a number into one, for sheets that calculate."""
+    """Convert text to a number if possible, so that spreadsheets can calculate."""
     try:
         return float(value)
     except (TypeError, ValueError):

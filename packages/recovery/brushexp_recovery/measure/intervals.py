@@ -1,9 +1,9 @@
-"""Intervals of the figures of a painting's brushwork.
+"""Compute intervals for the figures of a painting's brushwork.
 
-Strokes are recovered from the photograph and from small changes of it (`views`); from each, strokes are drawn by their
-confidence, many times (`draws`). A figure is the median of the draws, its interval holds 95 % of them: what the doubt
-about strokes and the photograph leave open. Errors that recovery makes in every view are not in it; docs/recovery.md
-has measured those.
+Strokes are recovered from the photograph and from small changes of it (`views`); in each view, strokes are sampled many
+times by their confidence (`draws`). A figure is the median of the draws, and its interval contains 95 % of them. The
+interval reflects uncertainty about strokes and the photograph, but not errors that recovery makes in every view, which
+are measured in docs/recovery.md.
 """
 
 from dataclasses import dataclass
@@ -17,31 +17,31 @@ from brushexp_recovery.measure.measures import MEASURES
 
 Array = NDArray[Any]
 
-QUANTILES = (0.025, 0.5, 0.975)  # of the bounds of an interval and its middle
-PAIRS = 4000  # of draws of two paintings whose differences are taken
+QUANTILES = (0.025, 0.5, 0.975)  # quantiles of the lower bound, the middle and the upper bound of an interval
+PAIRS = 4000  # number of pairs of draws of two paintings whose differences are computed
 
 
 @dataclass(frozen=True)
 class Interval:
-    """A figure: the median of its draws and the bounds of 95 % of them; NaN where it is not defined."""
+    """A figure: the median of its draws and the bounds of 95 % of them, NaN if undefined."""
 
     value: float
     low: float
     high: float
-    over_strokes: float  # standard deviation within a view, strokes drawn by their confidence
-    over_views: float  # standard deviation of the means of the views
+    over_strokes: float  # standard deviation within a view, over strokes sampled by their confidence
+    over_views: float  # standard deviation of the means of views
 
 
 UNDEFINED = Interval(np.nan, np.nan, np.nan, np.nan, np.nan)
 
 
 def intervals_of(draws: Draws, mm: float | None = None) -> dict[str, Interval]:
-    """Compute the interval of each measure, in pixels, or in millimetres if ``mm`` are those of a pixel."""
+    """Compute the interval of each measure, in pixels, or in millimetres given ``mm`` per pixel."""
     return {name: interval_of(draws[name] * measure.factor(mm), measure.axial) for name, measure in MEASURES.items()}
 
 
 def interval_of(values: Array, axial: bool) -> Interval:
-    """Compute the interval of draws (views, draws); axial ones are degrees, in which 180 is 0."""
+    """Compute the interval of draws (views, draws); axial draws are degrees in which 180 equals 0."""
     finite = values[np.isfinite(values)]
     if not len(finite):
         return UNDEFINED
@@ -58,7 +58,7 @@ def interval_of(values: Array, axial: bool) -> Interval:
 
 
 def difference_of(one: Draws, other: Draws, mm: tuple[float | None, float | None], seed: int) -> dict[str, Interval]:
-    """Compute the differences (first less second) of two paintings, in millimetres if both scales are known."""
+    """Compute the differences (first minus second) of two paintings, in millimetres if both scales are known."""
     random, differences = np.random.default_rng(seed), {}
     mm = (None, None) if None in mm else mm
     for name, measure in MEASURES.items():
@@ -71,5 +71,5 @@ def difference_of(one: Draws, other: Draws, mm: tuple[float | None, float | None
 
 
 def is_apart(difference: Interval) -> bool:
-    """Tell whether an interval of a difference excludes 0."""
+    """Check whether the interval of a difference excludes 0."""
     return difference.low > 0 or difference.high < 0

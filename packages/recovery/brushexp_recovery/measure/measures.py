@@ -1,4 +1,4 @@
-"""What is measured of strokes: their names, units and scales, and how each is computed."""
+"""Define and compute the measures of strokes, with names, units and scales."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +12,7 @@ from brushexp.contracts.strokes import measures as ruler
 
 Array = NDArray[Any]
 
-NARROWEST = 1e-6  # pixels: the width that divides the length of a stroke is at least this
+NARROWEST = 1e-6  # lower bound in pixels of widths used as divisors
 
 
 @dataclass(frozen=True)
@@ -21,17 +21,17 @@ class Measure:
 
     name: str
     unit: str = ""
-    power: int = 0  # of pixels in it
-    mm_unit: str = ""  # with a scale
-    times: tuple[float, float] = (1.0, 1.0)  # pixels^power, or mm^power, in those units
-    axial: bool = False  # whether it is a direction
+    power: int = 0  # power of pixels in its unit
+    mm_unit: str = ""  # unit if the scale is known
+    times: tuple[float, float] = (1.0, 1.0)  # factors from pixels^power and mm^power to the two units
+    axial: bool = False  # whether the figure is a direction
 
     def factor(self, mm: float | None) -> float:
-        """Return what a number in pixels is multiplied by; ``mm`` are millimetres of a pixel."""
+        """Return the factor for a number in pixels; ``mm`` is millimetres per pixel."""
         return self.times[0] if mm is None else self.times[1] * mm**self.power
 
     def unit_in(self, mm: float | None) -> str:
-        """Return the unit that `factor` leads to."""
+        """Return the unit that results from `factor`."""
         return self.unit if mm is None else self.mm_unit or self.unit
 
 
@@ -59,12 +59,12 @@ QUARTILES = ("length", "width")
 
 
 def measure_strokes(curve: torch.Tensor, width: Array) -> dict[str, Array]:
-    """Measure each of N strokes, curves (N, 3, 2) with widths (N,): pixels, and degrees in [0, 180) clockwise.
+    """Measure each of N strokes, curves (N, 3, 2) with widths (N,), in pixels, and clockwise degrees in [0, 180).
 
-    Length runs from tip to tip, as a ruler on the painting measures it: the arc of the curve and both round ends, which
-    add one width. Elongatedness is that length over the width; 1 is a dab as long as it is wide.
+    Length is measured from tip to tip, as with a ruler on the painting: the arc of the curve and both round ends, which
+    add one width. Elongatedness is this length divided by the width; a round dab has 1.
 
-    Differs from `brushexp.strokes.measures`, whose length is the arc of the curve alone.
+    Differs from `brushexp.strokes.measures`, in which length is only the arc of the curve.
     """
     arc, broad = length_of(curve), torch.from_numpy(width)
     direction = ruler.direction_of(curve)
@@ -81,9 +81,9 @@ def measure_strokes(curve: torch.Tensor, width: Array) -> dict[str, Array]:
 
 
 def summarise(strokes: dict[str, Array], pixels: int, covered: float) -> dict[str, float]:
-    """Compute the figures of strokes that need no neighbours, from columns (N,) of `measure_strokes`.
+    """Compute the figures of strokes that do not depend on neighbours, from columns (N,) of `measure_strokes`.
 
-    ``pixels`` is the area that they lie in, ``covered`` the share of it that they cover.
+    ``pixels`` is the area in which the strokes lie, and ``covered`` is the share of it that they cover.
     """
     count = len(strokes["length"])
     figures = {"strokes": count, "density": count / pixels, "covered": covered}
@@ -97,7 +97,7 @@ def summarise(strokes: dict[str, Array], pixels: int, covered: float) -> dict[st
 
 
 def summarise_neighbours(centre: torch.Tensor, direction: torch.Tensor, width: torch.Tensor) -> dict[str, float]:
-    """Compute how alike the nearest strokes are: centres (N, 2), doubled directions (N, 2) and widths (N,)."""
+    """Compute the similarity of the nearest strokes from centres (N, 2), doubled directions (N, 2) and widths (N,)."""
     if len(centre) < 2:
         return {"coherence": np.nan, "homogeneity": np.nan}
     near = ruler.nearest_strokes(centre, centre, exclude_self=True)

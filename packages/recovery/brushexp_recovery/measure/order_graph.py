@@ -1,4 +1,4 @@
-"""The order of strokes as a graph with chances (GraphML, Brandes et al., 2002), for Gephi, networkx and igraph."""
+"""Write the order of strokes as a graph with chances (GraphML, Brandes et al., 2002) for Gephi, networkx and igraph."""
 
 from pathlib import Path
 from typing import Any
@@ -15,9 +15,10 @@ OF_EDGES = ("chance",)
 
 
 def write_order_graph(path: Path, strokes: StrokeTable, recovered: Any) -> None:
-    """Write strokes as nodes, and an edge from the lower to the upper of two that meet, with the chance of that.
+    """Write strokes as nodes, and for each two strokes that meet an edge from the lower to the upper, with its chance.
 
-    Nodes are named by the stroke's number in the catalogue. A chance is 0.5 to 1: an edge runs the likelier way.
+    Nodes are named by the stroke's number in the catalogue. Chances are 0.5 to 1, because edges have the more likely
+    direction.
     """
     root = ElementTree.Element("graphml", {"xmlns": NAMESPACE})
     for kind, names in (("node", OF_NODES), ("edge", OF_EDGES)):

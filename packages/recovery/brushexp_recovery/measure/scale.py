@@ -1,4 +1,4 @@
-"""Millimetres of a painting in its photograph."""
+"""Find the scale of a photographed painting in millimetres per pixel."""
 
 import csv
 import re
@@ -7,17 +7,18 @@ from pathlib import Path
 from brushexp.contracts import UserError
 from brushexp.contracts.files import read_text
 
-MOST_CM = 1e5  # no painting is wider
-SIDES_APART = 0.03  # by which width and height may give different scales, as a share
+MOST_CM = 1e5  # maximum width of a painting
+SIDES_APART = 0.03  # maximum relative difference of the scales from width and height
 
 
 def millimetres_per_pixel(
     size: tuple[int, int], width_cm: float | None, size_cm: str | None, prefix: str = ""
 ) -> float | None:
-    """Compute millimetres per pixel of a photograph (H, W); None if no size of the painting is given.
+    """Compute the millimetres per pixel of a photograph (H, W); None if no size of the painting is given.
 
-    ``width_cm`` is that of the painting from edge to edge of the photograph, ``size_cm`` its width and height, 92x73.
-    UserError if both are given, or if they do not have the shape of the photograph. Keys begin with ``prefix``.
+    ``width_cm`` is the width of the painting from edge to edge of the photograph; ``size_cm`` is its width and height,
+    92x73. Raises UserError if both are given, or if they do not have the photograph's aspect ratio. Keys begin with
+    ``prefix``.
     """
     if width_cm is not None and size_cm is not None:
         raise UserError(f"{prefix}width_cm and {prefix}size_cm say the same; give one of them")
@@ -38,9 +39,9 @@ def millimetres_per_pixel(
 
 
 def width_in_table(path: Path, image: str) -> float:
-    """Look up how many centimetres wide a photograph is, by its name, in a table (.csv) with file and width_cm.
+    """Look up the width of a photograph in centimetres by its name in a table (.csv) with file and width_cm.
 
-    A UserError says if the table, or the photograph in it, is missing or has no such width.
+    Raises UserError if the table is missing, or if it has no valid width for the photograph.
     """
     lines = read_text(path, "give a table with the columns file and width_cm").splitlines()
     rows = list(csv.DictReader(lines))

@@ -1,7 +1,7 @@
-"""Several measured paintings side by side: a table with intervals, and tests of what differs between groups.
+"""Compare several measured paintings in a table with intervals, and test for differences between groups.
 
-A painting belongs to the group that its folder names. Groups are compared measure by measure with a permutation test of
-the difference of their means, each painting one value, and the p-values of all tests are corrected together (Holm,
+A painting belongs to the group named by its folder. Groups are compared measure by measure with a permutation test of
+the difference of their means, with one value per painting, and the p-values of all tests are corrected together (Holm,
 1979).
 """
 
@@ -29,8 +29,8 @@ Array = NDArray[Any]
 
 MEASURES_FILE = "measures.json"
 ON_PAGE = ("strokes", "covered", "length", "width", "elongatedness", "direction", "coherence")
-LEAST_PAINTINGS = 2  # of a group, for it to be compared
-DRAWS = 9999  # permutations; if there are no more, all of them
+LEAST_PAINTINGS = 2  # minimum number of paintings in a compared group
+DRAWS = 9999  # maximum number of permutations
 SIGNIFICANT = 0.05  # corrected p-value below which groups differ
 MEANING = (
     "Each figure has a 95 % interval within its painting. Groups are the folders of the photographs. p comes from a "
@@ -45,7 +45,7 @@ class Painting:
 
     name: str
     group: str
-    figures: Mapping[str, Mapping[str, Any]]  # by `MEASURES`: unit, value, low, high; numbers may be None
+    figures: Mapping[str, Mapping[str, Any]]  # by `MEASURES`: unit, value, low and high; numbers may be None
 
 
 def paintings_of(frame: "DataFrame") -> list[Painting]:
@@ -64,7 +64,7 @@ def paintings_of(frame: "DataFrame") -> list[Painting]:
 
 
 def figure_rows(paintings: Sequence[Painting]) -> list[dict[str, Any]]:
-    """List all figures of all paintings, a row each."""
+    """List all figures of all paintings, one per row."""
     return [
         {
             "painting": painting.name,
@@ -79,7 +79,7 @@ def figure_rows(paintings: Sequence[Painting]) -> list[dict[str, Any]]:
 
 
 def painting_rows(paintings: Sequence[Painting]) -> list[dict[str, Any]]:
-    """List the paintings, a row each, with the most telling figures and their intervals in words."""
+    """List the paintings, one per row, with the most informative figures and their intervals in words."""
     rows = []
     for painting in paintings:
         row: dict[str, Any] = {"painting": painting.name, "group": painting.group}
@@ -94,7 +94,7 @@ def painting_rows(paintings: Sequence[Painting]) -> list[dict[str, Any]]:
 
 
 def group_rows(paintings: Sequence[Painting], seed: int = 0) -> list[dict[str, Any]]:
-    """Compare each pair of groups in each measure that has one unit and is no direction, the smallest p first."""
+    """Compare each pair of groups in each measure with a common unit, except directions, in order of p."""
     groups: dict[str, list[Painting]] = {}
     for painting in paintings:
         groups.setdefault(painting.group, []).append(painting)
@@ -137,10 +137,10 @@ def _values_of(paintings: Sequence[Painting], name: str) -> Array:
 
 
 def permutation_p(first: Array, second: Array, random: np.random.Generator) -> float:
-    """Test whether the means of two samples differ: the share of permutations with at least this difference.
+    """Test whether the means of two samples differ; return the share of permutations with at least this difference.
 
-    All permutations are taken if there are at most `DRAWS`, and so many random ones and the observed one otherwise
-    (Phipson and Smyth, 2010).
+    All permutations are used if there are at most `DRAWS`, and otherwise `DRAWS` random permutations and the observed
+    one (Phipson and Smyth, 2010).
     """
     from scipy.stats import permutation_test  # noqa: PLC0415  (slow to import)
 
@@ -153,9 +153,9 @@ def permutation_p(first: Array, second: Array, random: np.random.Generator) -> f
 
 
 def least_p(first: int, second: int) -> float:
-    """Compute the smallest p that `permutation_p` gives to samples of ``first`` and ``second`` values.
+    """Compute the smallest p-value that `permutation_p` can give for samples of ``first`` and ``second`` values.
 
-    Two halves of equal size have the same difference when they are exchanged.
+    Samples of equal size have the same difference when they are exchanged.
     """
     count = comb(first + second, first)
     return 1 / (DRAWS + 1) if count > DRAWS else (1 + (first == second)) / count
@@ -182,7 +182,7 @@ def round_p(row: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def paintings_on_page(frame: "DataFrame") -> PageTable | None:
-    """Tabulate the paintings of a sweep, or what differs between their groups; None of other sweeps."""
+    """Tabulate the paintings of a sweep, or the differences between their groups; None for other sweeps."""
     paintings = paintings_of(frame)
     if len(paintings) < LEAST_PAINTINGS:
         return None

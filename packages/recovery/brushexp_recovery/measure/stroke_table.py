@@ -1,4 +1,4 @@
-"""Recovered strokes as rows of figures, with the outlines of their visible parts."""
+"""Tabulate recovered strokes with their measures and the outlines of their visible parts."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -15,10 +15,12 @@ from brushexp_recovery.raster.labels import count_pixels
 
 Array = NDArray[Any]
 
-NARROW = 6.0  # pixels: narrower strokes are hard to find
-LEAST_COVERED = 0.3  # share of a photograph: below it, strokes say little about the whole
-HARDLY, UNSURE, SURE = 0.1, 0.2, 0.5  # median confidences below which a picture does not look like paint: always,
-SOME_GROUND, MOST_GROUND = 0.15, 0.6  # if so much of it looks bare, and if most does
+NARROW = 6.0  # width in pixels below which strokes are hard to find
+LEAST_COVERED = 0.3  # share of a photograph below which strokes say little about the whole
+# A picture does not look like paint if its median confidence is below HARDLY, below UNSURE with more than SOME_GROUND
+# of it bare, or below SURE with more than MOST_GROUND of it bare.
+HARDLY, UNSURE, SURE = 0.1, 0.2, 0.5
+SOME_GROUND, MOST_GROUND = 0.15, 0.6
 UNITS = {
     "x": "px",
     "y": "px",
@@ -29,8 +31,8 @@ UNITS = {
     "direction": "deg clockwise",
     "seen": "px",
 }
-PIXEL_POWERS = {"length": 1, "width": 1, "area": 2}  # of columns that have millimetres too
-LINE_POINTS = 7  # that stand for the curve of a stroke
+PIXEL_POWERS = {"length": 1, "width": 1, "area": 2}  # powers of the columns that are also given in millimetres
+LINE_POINTS = 7  # number of points that represent the curve of a stroke
 COLORS = ("red", "green", "blue")
 
 
@@ -38,12 +40,12 @@ COLORS = ("red", "green", "blue")
 class StrokeTable:
     """N strokes of a photograph, bottom to top."""
 
-    columns: dict[str, Array]  # (N,) each: see `tabulate_strokes`
+    columns: dict[str, Array]  # (N,) each; see `tabulate_strokes`
     color: Array  # (N, 3) sRGB in [0, 1]
-    lines: Array  # (N, LINE_POINTS, 2) places x, y along the middle of each, pixels
-    outlines: list[Array]  # (P, 2) places x, y of each, pixels
+    lines: Array  # (N, LINE_POINTS, 2) places x, y along the middle of each stroke, in pixels
+    outlines: list[Array]  # (P, 2) places x, y of each stroke, in pixels
     size: tuple[int, int]  # height and width of the photograph
-    mm: float | None  # millimetres of a pixel
+    mm: float | None  # millimetres per pixel
     ground: float | None = None  # share of the photograph that looks like bare ground; None if unknown
 
     def __len__(self) -> int:
@@ -51,12 +53,13 @@ class StrokeTable:
 
 
 def tabulate_strokes(recovered: Any, mm: float | None = None) -> StrokeTable:
-    """Measure what was recovered from a photograph.
+    """Measure the strokes recovered from a photograph.
 
-    Columns: ``stroke`` its number in the catalogue and in the labels, ``order`` 0 for the bottom one, ``confidence``
-    0 to 1, ``x`` and ``y`` of the middle, pixels from the left and the top, ``length`` from tip to tip, ``width``
-    and ``area`` in pixels, ``elongatedness`` (length over width), ``straightness``, ``curvature`` and ``direction`` in
-    degrees, 0 to 180, clockwise from level: 45 falls to the right; ``seen``, its pixels that are seen.
+    Columns: ``stroke``, its number in the catalogue and in the labels; ``order``, 0 for the bottom stroke;
+    ``confidence``, 0 to 1; ``x`` and ``y`` of the middle, in pixels from the left and the top; ``length`` from tip to
+    tip, ``width`` and ``area`` in pixels; ``elongatedness`` (length / width); ``straightness``; ``curvature``;
+    ``direction`` in degrees, 0 to 180, clockwise from horizontal, so that 45 falls to the right; ``seen``, its number
+    of visible pixels.
     """
     saved, labels = recovered.saved, np.asarray(recovered.labels)
     bottom_up = saved.depth.argsort()
@@ -101,7 +104,7 @@ def describe_rest(table: StrokeTable) -> str:
 
 
 def doubt_of_paint(table: StrokeTable) -> str | None:
-    """Say why a picture does not look like paint; None if it does."""
+    """Explain why a picture does not look like paint; return None if it does."""
     median, ground = float(np.median(table.columns["confidence"])) if len(table) else 0.0, table.ground or 0.0
     if len(table) == 0:
         reason = "no strokes were found"
@@ -115,7 +118,7 @@ def doubt_of_paint(table: StrokeTable) -> str | None:
 
 
 def remark_on(table: StrokeTable) -> str | None:
-    """Say why recovered strokes may mislead and what to do about it; None if they are many and wide enough."""
+    """Explain why recovered strokes may mislead and what to do; return None if they are numerous and wide enough."""
     if (doubt := doubt_of_paint(table)) is not None:
         return (
             f"{doubt}; if it is a painting, give a sharper or larger photograph, in which strokes are at least 6 "
@@ -128,14 +131,14 @@ def remark_on(table: StrokeTable) -> str | None:
         )
     if (covered := covered_share(table)) < LEAST_COVERED:
         return (
-            f"strokes were found on {100 * covered:.0f} % of the photograph only: {describe_rest(table)}; figures "
+            f"strokes were found on only {100 * covered:.0f} % of the photograph: {describe_rest(table)}; figures "
             "describe the strokes found, so compare them with the photograph in strokes.html"
         )
     return None
 
 
 def columns_with_units(table: StrokeTable) -> dict[str, Array]:
-    """Name columns with their units; lengths, widths and areas in millimetres too, if there is a scale."""
+    """Name columns with their units; add lengths, widths and areas in millimetres if the scale is known."""
     named = {}
     for name, column in table.columns.items():
         unit = UNITS.get(name)

@@ -1,4 +1,4 @@
-"""Small changes of a photograph: a little larger or smaller, turned, recompressed, darker or lighter."""
+"""Make small changes of a photograph: slightly larger or smaller, rotated, recompressed, darker or lighter."""
 
 import math
 from dataclasses import dataclass
@@ -12,11 +12,11 @@ from brushexp_recovery.raster.jpeg import compress_as_jpeg
 
 Array = NDArray[Any]
 
-ZOOMS = (0.8, 1.25)  # smallest and largest
-TURN = 2.0  # degrees to either side
-QUALITY = (70, 95)  # of JPEG
-TONE = 0.04  # by which brightness and contrast change at most
-ZOOM_STEP, TURN_STEP = 0.7549, 0.5698  # spread any number of points evenly over a square (Roberts, 2018)
+ZOOMS = (0.8, 1.25)  # smallest and largest zoom
+TURN = 2.0  # maximum rotation in degrees to each side
+QUALITY = (70, 95)  # range of JPEG quality
+TONE = 0.04  # maximum change of brightness and contrast
+ZOOM_STEP, TURN_STEP = 0.7549, 0.5698  # steps that spread any number of points evenly over a square (Roberts, 2018)
 
 
 @dataclass(frozen=True)
@@ -24,13 +24,13 @@ class View:
     """A change of a photograph; the first of `choose_views` changes nothing."""
 
     zoom: float = 1.0
-    turn: float = 0.0  # degrees, clockwise as it is seen
-    quality: int | None = None  # of JPEG; None as it is
+    turn: float = 0.0  # clockwise rotation in degrees
+    quality: int | None = None  # JPEG quality; None = not recompressed
     gain: float = 1.0
     lift: float = 0.0
 
     def matrix(self, size: tuple[int, int]) -> Array:
-        """Return the map (2, 3) of places x, y of a photograph (H, W) to those of the view, about its middle."""
+        """Return the map (2, 3) from places x, y of a photograph (H, W) to places of the view, about its middle."""
         angle = math.radians(self.turn)
         cosine, sine = math.cos(angle), math.sin(angle)
         rotation = self.zoom * np.array([[cosine, -sine], [sine, cosine]])
@@ -38,7 +38,7 @@ class View:
         return np.column_stack([rotation, self.zoom * middle - rotation @ middle])
 
     def size(self, size: tuple[int, int]) -> tuple[int, int]:
-        """Return height and width of the view of a photograph (H, W)."""
+        """Return the height and width of the view of a photograph (H, W)."""
         return max(round(self.zoom * size[0]), 1), max(round(self.zoom * size[1]), 1)
 
     def of(self, image: Array) -> Array:
@@ -51,27 +51,27 @@ class View:
         return changed if self.quality is None else compress_as_jpeg(changed, self.quality)
 
     def warp(self, image: Array, order: int) -> Array:
-        """Turn and enlarge a picture (H, W) or (H, W, 3); what lies beyond its edges mirrors it."""
+        """Rotate and scale a picture (H, W) or (H, W, 3), which is mirrored beyond its edges."""
         from skimage.transform import warp  # noqa: PLC0415  (slow to import)
 
         full = np.vstack([self.matrix(image.shape[:2]), [0, 0, 1]])
-        centre = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])  # pixel centres lie at halves here, at wholes there
+        centre = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])  # centres lie at halves here, at integers in SciPy
         back = np.linalg.inv(centre) @ np.linalg.inv(full) @ centre
         shape = self.size(image.shape[:2])
         warped: Array = warp(image, back, output_shape=shape, order=order, mode="reflect", preserve_range=True)
         return warped
 
     def back(self, curve: Array, size: tuple[int, int]) -> Array:
-        """Map places (..., 2) of the view to those of the photograph (H, W)."""
+        """Map places (..., 2) of the view to places of the photograph (H, W)."""
         rotation, offset = np.split(self.matrix(size), [2], axis=1)
         places: Array = (curve - offset[:, 0]) @ np.linalg.inv(rotation).T
         return places
 
 
 def choose_views(count: int, seed: int) -> list[View]:
-    """Choose ``count`` views, the same for the same seed: the photograph as it is, then others.
+    """Choose ``count`` views, determined by the seed: first the unchanged photograph, then others.
 
-    Their scales and turns are spread evenly over all between the limits; qualities and tones are drawn.
+    Their scales and rotations are spread evenly between the limits; qualities and tones are random.
     """
     random = np.random.default_rng(seed)
     low, high = np.log(ZOOMS)

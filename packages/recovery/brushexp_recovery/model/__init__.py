@@ -1,5 +1,5 @@
-"""All that is learned: a network from pictures to maps, perceptrons and logistic models on features of regions.
+"""Define the learned models: a network from pictures to maps, and perceptrons and logistic models on region features.
 
-A file of weights goes in; a `RecoveryModel` comes out. The channels of maps and the columns of features have their
-names here, because their order is that of the weights.
+A `RecoveryModel` is loaded from a file of weights. The channels of maps and the columns of features are named here,
+because the weights depend on their order.
 """

@@ -1,27 +1,27 @@
-"""Channels of the network's maps, and the attributes of strokes that some of them hold."""
+"""Define the channels of the network's maps, and the attributes of strokes that some channels contain."""
 
 from enum import IntEnum
 
 from brushexp_recovery.raster.offsets import Offset
 
-DISTANCES = (3, 8, 20)  # pixels of the offsets beyond the adjacent pixels
+DISTANCES = (3, 8, 20)  # lengths in pixels of the offsets beyond adjacent pixels
 AFFINITY_OFFSETS: tuple[Offset, ...] = (
     (0, 1),
     (1, 0),
     *(offset for d in DISTANCES for offset in ((0, d), (d, 0), (d, d), (d, -d))),
 )
-OCCLUSION_OFFSETS = AFFINITY_OFFSETS[2:10]  # of 3 and 8 pixels
-CENTRE_UNIT = 32.0  # pixels: unit of the offset from a pixel to the centre of its stroke
+OCCLUSION_OFFSETS = AFFINITY_OFFSETS[2:10]  # offsets of 3 and 8 pixels
+CENTRE_UNIT = 32.0  # unit in pixels of the offset from a pixel to the centre of its stroke
 
 
 class StrokeAttribute(IntEnum):
-    """What is predicted of a stroke: channels of maps and columns of tables."""
+    """Predicted attributes of a stroke, as channels of maps and columns of tables."""
 
-    CENTRE_X = 0  # in maps the offset from the pixel, in `CENTRE_UNIT`; in tables the place, in pixels
+    CENTRE_X = 0  # offset from the pixel in units of `CENTRE_UNIT` in maps, place in pixels in tables
     CENTRE_Y = 1
-    COSINE = 2  # of twice the direction
+    COSINE = 2  # cosine of twice the direction
     SINE = 3
-    LOG_WIDTH = 4  # of pixels
+    LOG_WIDTH = 4  # logarithm of pixels
     LOG_LENGTH = 5
     VISIBLE = 6  # share of the stroke that is visible; the network predicts its log-odds
 

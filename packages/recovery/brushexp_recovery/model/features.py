@@ -1,43 +1,43 @@
-"""Features of the perceptrons and logistic models; their order is that of the learned weights.
+"""Define the features of the perceptrons and logistic models, in the order of the learned weights.
 
-In names, ``LOG`` is a natural logarithm, an affinity is a mean over pairs of pixels, and lengths and widths are divided
-by the predicted ones of the stroke, unless they are ``PREDICTED``.
+In names, ``LOG`` is a natural logarithm, an affinity is a mean over pairs of pixels, and lengths and widths are
+relative to the stroke's predicted length and width, unless they are ``PREDICTED``.
 """
 
 from enum import IntEnum
 
 
 class PairFeature(IntEnum):
-    """Features of two neighbouring regions; ``SMALL`` is the smaller one, ``BOTH`` is their union."""
+    """Features of two neighbouring regions; ``SMALL`` is the smaller region, ``BOTH`` their union."""
 
-    AFFINITY_ADJACENT = 0  # between the regions, of the offsets of 1 pixel
-    AFFINITY_3 = 1  # of 3 pixels
+    AFFINITY_ADJACENT = 0  # mean between the regions over offsets of 1 pixel
+    AFFINITY_3 = 1  # mean over offsets of 3 pixels
     AFFINITY_8 = 2
     AFFINITY_20 = 3
-    LOG_PAIRS_ADJACENT = 4  # how many pairs of pixels there are
+    LOG_PAIRS_ADJACENT = 4  # number of pairs of pixels
     LOG_PAIRS_3 = 5
     LOG_PAIRS_8 = 6
     LOG_PAIRS_20 = 7
-    AFFINITY = 8  # of all offsets
+    AFFINITY = 8  # mean over all offsets
     LOG_AREA_SMALL = 9
     LOG_AREA_LARGE = 10
-    LIGHTNESS_GAP = 11  # of the mean colours, in CIELAB
+    LIGHTNESS_GAP = 11  # difference of the mean colours in CIELAB
     A_GAP = 12
     B_GAP = 13
     COLOR_GAP = 14
-    COLOR_SPREAD_SMALL = 15  # standard deviation of the colour, in CIELAB
+    COLOR_SPREAD_SMALL = 15  # standard deviation of the colour in CIELAB
     COLOR_SPREAD_LARGE = 16
     LOG_CENTRE_GAP = 17  # distance of the predicted centres, in widths
     CENTRE_GAP_BY_SPREAD = 18
     LOG_SPREAD_SMALL = 19  # standard deviation of the predicted centre, in widths
     LOG_SPREAD_LARGE = 20
-    COHERENCE_SMALL = 21  # of the predicted directions, 0 to 1
+    COHERENCE_SMALL = 21  # coherence of the predicted directions, 0 to 1
     COHERENCE_LARGE = 22
-    DIRECTION_AGREEMENT = 23  # of the predicted directions of both, -1 to 1
-    ALIGNMENT_BOTH = 24  # of the shape with the predicted direction, -1 to 1
-    WIDTH_GAP = 25  # of the logarithms of the predicted widths
+    DIRECTION_AGREEMENT = 23  # agreement of both predicted directions, -1 to 1
+    ALIGNMENT_BOTH = 24  # alignment of the shape with the predicted direction, -1 to 1
+    WIDTH_GAP = 25  # difference of the logarithms of the predicted widths
     LENGTH_GAP = 26
-    LOG_FILL = 27  # area, of a rectangle with the predicted sides
+    LOG_FILL = 27  # area relative to a rectangle with the predicted sides
     VISIBLE = 28  # predicted share of the stroke that is visible
     LOG_FILL_BY_VISIBLE = 29
     LOG_LENGTH_BOTH = 30
@@ -46,55 +46,55 @@ class PairFeature(IntEnum):
     LOG_LENGTH_LARGE = 33
     LOG_WIDTH_SMALL = 34
     LOG_WIDTH_LARGE = 35
-    LOG_LENGTH_GAIN = 36  # of the union over the larger region
+    LOG_LENGTH_GAIN = 36  # length of the union relative to the larger region
     LOG_WIDTH_GAIN = 37
-    LOG_COMPACTNESS_BOTH = 38  # area, of the rectangle with the same moments
+    LOG_COMPACTNESS_BOTH = 38  # area relative to the rectangle with the same moments
     LOG_COMPACTNESS_LARGE = 39
-    LOG_DISTANCE = 40  # of the middles, in widths
-    LOG_CONTACT = 41  # adjacent pairs of pixels, by the root of the smaller area
+    LOG_DISTANCE = 40  # distance of the middles, in widths
+    LOG_CONTACT = 41  # adjacent pairs of pixels, divided by the root of the smaller area
     PAINT_SMALL = 42  # share of pixels that are paint
     PAINT_LARGE = 43
     LOG_PREDICTED_WIDTH = 44
 
 
 class NodeFeature(IntEnum):
-    """Features of a node of a merge tree: of the region, of how it was made, and of what is around it."""
+    """Features of a node of a merge tree: of its region, its merge and its surroundings."""
 
     LOG_AREA = 0
     AFFINITY_INSIDE_ADJACENT = 1
     AFFINITY_INSIDE_3 = 2
     AFFINITY_INSIDE_8 = 3
     AFFINITY_INSIDE_20 = 4
-    AFFINITY_OUTSIDE_ADJACENT = 5  # to other regions
+    AFFINITY_OUTSIDE_ADJACENT = 5  # mean affinity to other regions
     AFFINITY_OUTSIDE_3 = 6
     AFFINITY_OUTSIDE_8 = 7
     AFFINITY_OUTSIDE_20 = 8
-    MERGE_CHANCE = 9  # at which its two parts were merged
-    NEIGHBOUR_CHANCE = 10  # best chance of being merged with a neighbour
+    MERGE_CHANCE = 9  # chance at which its two parts were merged
+    NEIGHBOUR_CHANCE = 10  # highest chance of being merged with a neighbour
     CHANCE_GAP = 11
-    LOG_LIGHTNESS_SPREAD = 12  # standard deviation, in CIELAB
+    LOG_LIGHTNESS_SPREAD = 12  # standard deviation of lightness in CIELAB
     LOG_A_SPREAD = 13
     LOG_B_SPREAD = 14
     LOG_SPREAD = 15  # standard deviation of the predicted centre, in widths
-    COHERENCE = 16  # of the predicted directions, 0 to 1
-    ALIGNMENT = 17  # of the shape with the predicted direction, -1 to 1
+    COHERENCE = 16  # coherence of the predicted directions, 0 to 1
+    ALIGNMENT = 17  # alignment of the shape with the predicted direction, -1 to 1
     LOG_CENTRE_GAP = 18  # distance of the middle from the predicted centre, in widths
     CENTRE_GAP_BY_LENGTH = 19
-    LOG_FILL = 20  # area, of a rectangle with the predicted sides
+    LOG_FILL = 20  # area relative to a rectangle with the predicted sides
     VISIBLE = 21  # predicted share of the stroke that is visible
     LOG_FILL_BY_VISIBLE = 22
     LOG_LENGTH = 23
     LOG_WIDTH = 24
-    LOG_COMPACTNESS = 25  # area, of the rectangle with the same moments
+    LOG_COMPACTNESS = 25  # area relative to the rectangle with the same moments
     LOG_ELONGATION = 26
     LOG_PREDICTED_WIDTH = 27
     LOG_PREDICTED_LENGTH = 28
     PREDICTED_WIDTH_SPREAD = 29  # standard deviation of the logarithm
     PREDICTED_LENGTH_SPREAD = 30
     PAINT = 31  # share of pixels that are paint
-    LOG_CONTACT_ADJACENT = 32  # pairs of pixels with other regions, by the root of the area
+    LOG_CONTACT_ADJACENT = 32  # pairs of pixels with other regions, divided by the root of the area
     LOG_CONTACT_3 = 33
-    LOG_CONTACT_20 = 34  # by the area
+    LOG_CONTACT_20 = 34  # number of pairs divided by the area
 
 
 class NodeScore(IntEnum):
@@ -105,22 +105,22 @@ class NodeScore(IntEnum):
 
 
 class OrderFeature(IntEnum):
-    """Evidence that the second of two regions that meet lies above the first; swapped, all features change sign."""
+    """Evidence that the second of two regions that meet lies above the first; all features change sign if swapped."""
 
     OCCLUSION = 0  # mean log-odds of the network, times the root of the number of pixels
-    OCCLUSION_VOTES = 1  # the same, softly counted, -1 to 1
-    CROSSING = 2  # whose pixels lie where the whole strokes overlap, as a share, -1 to 1
-    CROSSING_PIXELS = 3  # the same, times the root of their number
-    VISIBLE = 4  # by how much more of the second is visible, as predicted
-    LOG_FILL = 5  # the same, by the area that the predicted sides lead to expect
-    LOG_WIDTH = 6  # by how much the second is wider
-    LOG_AREA = 7  # larger
-    CHANCE = 8  # surer
+    OCCLUSION_VOTES = 1  # the same as soft votes, -1 to 1
+    CROSSING = 2  # share of the second minus the first where the whole strokes overlap, -1 to 1
+    CROSSING_PIXELS = 3  # the same, times the root of the number of pixels
+    VISIBLE = 4  # difference of the predicted visible shares
+    LOG_FILL = 5  # difference of the areas relative to the predicted sides
+    LOG_WIDTH = 6  # difference of the widths
+    LOG_AREA = 7  # difference of the areas
+    CHANCE = 8  # difference of the chances of being a stroke
 
 
 class ConfidenceFeature(IntEnum):
-    """Features that tell how likely a region is a stroke."""
+    """Features that predict whether a region is a stroke."""
 
-    LOG_ODDS = 0  # of the chance that all looks give it
+    LOG_ODDS = 0  # log-odds of the chance over all looks
     VISIBLE = 1  # predicted share of the stroke that is visible
-    LOG_FILL = 2  # area, of a rectangle with the predicted sides
+    LOG_FILL = 2  # area relative to a rectangle with the predicted sides

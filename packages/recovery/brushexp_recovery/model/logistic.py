@@ -1,4 +1,4 @@
-"""Logistic models: log-odds that are linear in features."""
+"""Define logistic models, whose log-odds are linear in features."""
 
 from typing import Any
 
@@ -11,25 +11,25 @@ from torch.nn.functional import binary_cross_entropy_with_logits as logistic_los
 Array = NDArray[Any]
 
 RIDGE = 3e-4  # weight of the squared weights in the loss
-ITERATIONS = 200  # of L-BFGS, at most
+ITERATIONS = 200  # maximum number of L-BFGS iterations
 
 
 def sigmoid(log_odds: Array) -> Array:
-    """Turn log-odds into probabilities."""
+    """Convert log-odds to probabilities."""
     return 1 / (1 + np.exp(-log_odds))
 
 
 def log_odds_of(linear: nn.Linear, features: Array) -> Array:
-    """Compute the log-odds (N,) that a logistic model gives to features (N, F), in float64."""
+    """Compute the log-odds (N,) of a logistic model for features (N, F) in float64."""
     bias = 0.0 if linear.bias is None else float(linear.bias.detach())
     odds: Array = features @ linear.weight.detach().double().numpy()[0] + bias
     return odds
 
 
 def fit_logistic(linear: nn.Linear, features: Array, goal: Array) -> None:
-    """Fit log-odds that are linear in features (N, F) to targets (N,) in [0, 1]; without any they stay unchanged.
+    """Fit log-odds that are linear in features (N, F) to targets (N,) in [0, 1]; do nothing if there are none.
 
-    Logistic regression by L-BFGS in float64, on features of deviation 1, with a ridge penalty.
+    The fit is a logistic regression by L-BFGS in float64 on standardised features with a ridge penalty.
     """
     if not len(goal):
         return

@@ -1,4 +1,4 @@
-"""Multilayer perceptrons on features of regions; they are fitted in minutes, and evaluated without PyTorch."""
+"""Define multilayer perceptrons on features of regions, which are fitted in minutes and evaluated without PyTorch."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -15,16 +15,16 @@ from brushexp_recovery.model.logistic import sigmoid
 Array = NDArray[Any]
 
 HIDDEN = (64, 32)  # units of the two layers
-CLIP = 6.0  # standard deviations: a feature is clamped to them
-BATCH = 2048  # examples of a step
-PEAK_RATE = 3e-3  # learning rate
+CLIP = 6.0  # standard deviations to which features are clamped
+BATCH = 2048  # examples per step
+PEAK_RATE = 3e-3  # peak learning rate
 WEIGHT_DECAY = 1e-3
 LOSS_SMOOTHING = 0.02  # weight of a step's loss in the running mean
-ITERATIONS = 100  # of L-BFGS, at most
+ITERATIONS = 100  # maximum number of L-BFGS iterations
 
 
 class Perceptron(nn.Module):
-    """Two hidden layers on standardised features (N, F); `forward` gives log-odds (N, ``outputs``)."""
+    """A perceptron with two hidden layers on standardised features (N, F); `forward` returns log-odds (N, outputs)."""
 
     mean: Tensor
     scale: Tensor
@@ -43,7 +43,7 @@ class Perceptron(nn.Module):
         return self.layers(self.standardise(features))
 
     def standardise(self, features: Tensor) -> Tensor:
-        """Standardise features (N, F), and clamp them to `CLIP`."""
+        """Standardise features (N, F) and clamp them to `CLIP`."""
         return ((features - self.mean) / self.scale).clamp(-CLIP, CLIP)
 
     def weights(self) -> "PerceptronWeights":
@@ -57,7 +57,7 @@ class Perceptron(nn.Module):
 
 @dataclass(frozen=True)
 class PerceptronWeights:
-    """Weights of a perceptron, float32; called with features (N, F) they give probabilities (N, ``outputs``)."""
+    """The float32 weights of a perceptron; a call with features (N, F) returns probabilities (N, ``outputs``)."""
 
     mean: Array  # (F,)
     scale: Array  # (F,)
@@ -74,7 +74,7 @@ def fit_perceptron(perceptron: Perceptron, features: Array, goal: Array, weight:
     """Fit a perceptron to targets (N, outputs) in [0, 1] for features (N, F), weighted (N,).
 
     Returns:
-        The logistic loss at the end, a running mean.
+        The running mean of the logistic loss at the end.
     """
     generator = torch.Generator().manual_seed(seed)
     x = torch.from_numpy(features)
@@ -99,7 +99,8 @@ def fit_perceptron(perceptron: Perceptron, features: Array, goal: Array, weight:
 def fit_last_layer(perceptron: Perceptron, features: Array, goal: Array, weight: Array, ridge: float) -> None:
     """Fit the last layer of a perceptron to targets (N, outputs) in [0, 1] for features (N, F), weighted (N,).
 
-    ``ridge`` is the weight of the squares of its changes in the loss. L-BFGS in float64; without goals nothing changes.
+    ``ridge`` is the weight of the squared changes in the loss. The fit uses L-BFGS in float64; without goals, nothing
+    changes.
     """
     if not len(goal):
         return

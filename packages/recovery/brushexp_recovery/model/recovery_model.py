@@ -1,4 +1,4 @@
-"""All that is learned for recovering strokes, in one file of weights."""
+"""Combine all learned models for recovering strokes in one file of weights."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -22,23 +22,23 @@ CHECKPOINTS = CheckpointFormat(
 
 
 class Classifiers(NamedTuple):
-    """The perceptrons that judge pairs of regions and regions."""
+    """The perceptrons that judge pairs of regions and single regions."""
 
-    pairs: PerceptronWeights  # chance that two regions are of one stroke
+    pairs: PerceptronWeights  # chance that two regions belong to one stroke
     nodes: PerceptronWeights  # `NodeScore`s of a region
 
 
 class RecoveryModel(nn.Module):
-    """The network, and the models that judge the regions that follow from its maps."""
+    """The network and the models that judge regions found from its maps."""
 
     def __init__(self) -> None:
         super().__init__()
         self.network = StrokeNetwork()
-        self.pairs = Perceptron(len(PairFeature))  # log-odds that two regions are of one stroke
+        self.pairs = Perceptron(len(PairFeature))  # log-odds that two regions belong to one stroke
         self.nodes = Perceptron(len(NodeFeature), len(NodeScore))
         self.order = nn.Linear(len(OrderFeature), 1, bias=False)  # log-odds that the second of two lies above
         self.confidence = nn.Linear(len(ConfidenceFeature), 1)  # log-odds that a region is a stroke
-        for linear in (self.order, self.confidence):  # untrained, they follow their first feature
+        for linear in (self.order, self.confidence):  # before training, they use only their first feature
             linear.weight.data.zero_()[0, 0] = 1.0
         self.confidence.bias.data.zero_()
 
@@ -48,13 +48,13 @@ class RecoveryModel(nn.Module):
 
 
 def families_learnt(checkpoint: str) -> tuple[str, ...]:
-    """Return the families of paint that weights have learnt from, those of the weights they started from included."""
+    """Return the families of paint on which weights were trained, including the training of their initial weights."""
     recipe = CHECKPOINTS.read_recipe(CHECKPOINTS.path_of(checkpoint))
     return tuple(recipe["data"].get("families", ()))
 
 
 def load_model(checkpoint: str = SHIPPED_WEIGHTS) -> RecoveryModel:
-    """Load trained weights: a .safetensors file, or the name of those that come with the program."""
+    """Load trained weights from a .safetensors file or by the name of shipped weights."""
     model = RecoveryModel()
     CHECKPOINTS.restore(model, SHIPPED_WEIGHTS, checkpoint, {})
     return model

@@ -1,4 +1,4 @@
-"""The network: a U-Net that predicts, for each pixel, which neighbours share its stroke, and the attributes of it."""
+"""Define the U-Net that predicts for each pixel which neighbours share its stroke, and the stroke's attributes."""
 
 from itertools import pairwise
 
@@ -8,10 +8,10 @@ from torch.nn.functional import interpolate
 
 from brushexp_recovery.model.channels import ATTRIBUTES, CHANNELS, PAINT, StrokeAttribute
 
-LEVEL_CHANNELS = (24, 40, 64, 96, 128, 128)  # at full resolution, half, ...
-STRIDE = 2 ** (len(LEVEL_CHANNELS) - 1)  # pixels: sides of what the network takes are multiples
-TRAINED_WIDTH = 14.0  # pixels: width of strokes at which pictures are shown to the network
-FIRST_BIAS = {  # of the outputs whose mean is far from 0
+LEVEL_CHANNELS = (24, 40, 64, 96, 128, 128)  # number of channels at full resolution, half, ...
+STRIDE = 2 ** (len(LEVEL_CHANNELS) - 1)  # divisor of the sides in pixels of the network's inputs
+TRAINED_WIDTH = 14.0  # width of strokes in the network's inputs in pixels
+FIRST_BIAS = {  # initial bias of outputs whose mean is far from 0
     "adjacent affinity": (slice(0, 2), 1.0),
     "paint": (PAINT, 1.5),
     "log width": (ATTRIBUTES.start + StrokeAttribute.LOG_WIDTH, 2.5),
@@ -20,7 +20,7 @@ FIRST_BIAS = {  # of the outputs whose mean is far from 0
 
 
 class ResidualBlock(nn.Module):
-    """Two convolutions beside a shortcut (He et al., 2016)."""
+    """Two convolutions with a shortcut (He et al., 2016)."""
 
     def __init__(self, before: int, after: int) -> None:
         super().__init__()
@@ -34,7 +34,7 @@ class ResidualBlock(nn.Module):
         self.skip = nn.Conv2d(before, after, 1)
 
     def forward(self, x: Tensor) -> Tensor:
-        return self.body(x).add_(self.skip(x)).relu_()  # in place: a large picture's layers are large, too
+        return self.body(x).add_(self.skip(x)).relu_()  # in place, because the layers of a large picture are large
 
 
 class StrokeNetwork(nn.Module):
@@ -43,10 +43,10 @@ class StrokeNetwork(nn.Module):
     H and W are multiples of `STRIDE`. The maps are, in the order of `channels`:
 
     - affinities, as in Lee et al. (2017, arXiv:1706.00120): log-odds that the pixel at each of the `AFFINITY_OFFSETS`
-      is of the same stroke as the pixel here;
-    - log-odds that there is paint;
-    - each `StrokeAttribute` of the stroke that is seen here;
-    - occlusions: log-odds that the stroke at each of the `OCCLUSION_OFFSETS` lies above the stroke here.
+      belongs to the same stroke as this pixel;
+    - log-odds that this pixel is paint;
+    - each `StrokeAttribute` of the stroke visible at this pixel;
+    - occlusions: log-odds that the stroke at each of the `OCCLUSION_OFFSETS` lies above the stroke at this pixel.
     """
 
     def __init__(self) -> None:
@@ -69,7 +69,7 @@ class StrokeNetwork(nn.Module):
             x = down(self.pool(x) if level else x)
             skips.append(x)
         skips.pop()
-        for level in range(len(self.up) - 1, -1, -1):  # without names, so that concatenated layers are freed
+        for level in range(len(self.up) - 1, -1, -1):  # no variables, so that concatenated layers are freed
             x = torch.cat([interpolate(self.reduce[level](x), scale_factor=2, mode="nearest"), skips.pop()], 1)
             x = self.up[level](x)
         return self.out(x)

@@ -1,1 +1,1 @@
-"""Regions and their curves go in; the order of the strokes, bottom to top, comes out."""
+"""Find the order of strokes, bottom to top, from their regions and curves."""

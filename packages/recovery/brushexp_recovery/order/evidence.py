@@ -1,4 +1,4 @@
-"""Evidence, where two strokes meet, about which of them lies above the other."""
+"""Compute evidence about which of two strokes lies above the other where they meet."""
 
 from typing import Any, NamedTuple
 
@@ -15,30 +15,30 @@ from brushexp_recovery.raster.offsets import pair_slices
 
 Array = NDArray[Any]
 
-PRIOR_PIXELS = 4  # of neither stroke that are added, so that the share of few pixels says little
+PRIOR_PIXELS = 4  # number of added pixels of neither stroke, which damp the share of few pixels
 
 
 class Meetings(NamedTuple):
     """Pairs of regions that meet."""
 
-    pairs: Array  # (P, 2) the lower number first
+    pairs: Array  # (P, 2), lower number first
     features: Array  # (P, len(OrderFeature)) evidence that the second lies above the first
 
 
 class Contacts(NamedTuple):
     """Pairs of pixels of different regions, at the `OCCLUSION_OFFSETS`."""
 
-    pairs: Array  # (P, 2) regions that meet, the lower number first
-    pair: Array  # (M,) the pair that each contact is of
-    log_odds: Array  # (M,) predicted, that the second region of the pair lies above the first
+    pairs: Array  # (P, 2) regions that meet, lower number first
+    pair: Array  # (M,) the pair of each contact
+    log_odds: Array  # (M,) predicted log-odds that the second region of the pair lies above the first
 
 
 def find_meetings(regions: Regions, strokes: StrokeCurves) -> Meetings:
     """Find the pairs of regions that meet, and the evidence that the second lies above the first.
 
-    The evidence is what the network predicts where they meet; by how much more of the second is visible; whose pixels
-    lie where the whole strokes would overlap, since an unbroken outline belongs to the upper one (Kanizsa, 1979); and
-    by how much the second is wider, larger and surer, since painters go from broad to fine.
+    The evidence is the network's prediction where the regions meet; the difference of their visible shares; the
+    ownership of the pixels where the whole strokes would overlap, because an unbroken outline belongs to the upper
+    stroke (Kanizsa, 1979); and the differences of width, area and confidence, because painters go from broad to fine.
     """
     contacts = find_contacts(regions)
     pairs, count = contacts.pairs, len(contacts.pairs)
@@ -67,7 +67,7 @@ def find_meetings(regions: Regions, strokes: StrokeCurves) -> Meetings:
 
 
 def find_contacts(regions: Regions) -> Contacts:
-    """Find the pairs of regions that meet, and the predicted occlusion wherever they do."""
+    """Find the pairs of regions that meet, and the predicted occlusion at each contact."""
     labels, count = regions.labels, len(regions.chance)
     keys, values = [np.empty(0, np.int64)], [np.empty(0)]
     for channel, offset in enumerate(OCCLUSION_OFFSETS):
@@ -86,7 +86,7 @@ def _compare_crossings(labels: Array, pairs: Array, strokes: StrokeCurves) -> tu
     """Compare the pixels of both strokes of each pair (P,) where the whole strokes overlap.
 
     Returns:
-        The share of the second less that of the first (P,), -1 to 1, and the number of pixels (P,).
+        The share of the second minus the share of the first (P,), -1 to 1, and the number of pixels (P,).
     """
     covers = cover_strokes(strokes.curve, strokes.width, (labels.shape[0], labels.shape[1]))
     difference, pixels = np.zeros(len(pairs)), np.zeros(len(pairs))

@@ -1,4 +1,4 @@
-"""Ranking of all strokes from evidence about pairs of them."""
+"""Rank all strokes from evidence about pairs."""
 
 import heapq
 from typing import Any
@@ -8,20 +8,20 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 
-NOTHING = 1e-9  # evidence that is left over from rounding
+NOTHING = 1e-9  # evidence up to this is a rounding error
 
 
 def rank_strokes(count: int, pairs: Array, evidence: Array) -> Array:
-    """Order ``count`` strokes bottom to top, with as little evidence as possible against the order.
+    """Order ``count`` strokes bottom to top so that as little evidence as possible contradicts the order.
 
-    ``evidence`` (P,) is the log-odds that the second stroke of a pair (P, 2) lies above the first. After Eades, Lin and
-    Smyth (1993): from the bottom up comes the stroke with least evidence of lying on one that is left.
+    ``evidence`` (P,) is the log-odds that the second stroke of a pair (P, 2) lies above the first. From the bottom up,
+    the next stroke has the least evidence of lying on any remaining stroke (after Eades, Lin and Smyth, 1993).
 
     Returns:
-        The numbers of the strokes (count,), the bottom one first.
+        The numbers of the strokes (count,), bottom to top.
     """
     above, below = _weigh(count, pairs, evidence)
-    need = np.array([sum(one.values()) for one in below])  # evidence of lying on strokes that are left
+    need = np.array([sum(one.values()) for one in below])  # evidence of lying on remaining strokes
     balance = need - np.array([sum(one.values()) for one in above])
     heap = [(balance[k], k) for k in range(count)]
     heapq.heapify(heap)
@@ -51,7 +51,7 @@ def rank_strokes(count: int, pairs: Array, evidence: Array) -> Array:
 
 
 def _weigh(count: int, pairs: Array, evidence: Array) -> tuple[list[dict[int, float]], list[dict[int, float]]]:
-    """List the strokes that seem to lie above and below each, with the evidence for it."""
+    """List the strokes that seem to lie above and below each stroke, with the evidence."""
     above: list[dict[int, float]] = [{} for _ in range(count)]
     below: list[dict[int, float]] = [{} for _ in range(count)]
     for (i, j), value in zip(pairs.tolist(), evidence.tolist(), strict=True):

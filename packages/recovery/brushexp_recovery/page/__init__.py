@@ -1,1 +1,1 @@
-"""A table of recovered strokes goes in; a page that shows them on the photograph comes out."""
+"""Write pages that show recovered strokes on the photograph."""

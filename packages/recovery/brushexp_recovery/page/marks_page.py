@@ -1,4 +1,4 @@
-"""The page that compares marks with strokes over the picture: found, missed, extra."""
+"""Write the page that compares marks and strokes over the picture: found, missed, extra."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,8 +16,8 @@ from brushexp_recovery.page.stroke_page import JPEG, TEMPLATES
 Array = NDArray[Any]
 Outlined = tuple[str, State, Sequence[Array]]  # name, state and outlines (P, 2) of a mark or a stroke
 
-LARGEST_SIDE = 2400  # pixels of the picture in the page
-GREY = 200  # of the picture where there is none
+LARGEST_SIDE = 2400  # maximum side in pixels of the picture in the page
+GREY = 200  # level that replaces a missing picture
 
 
 def write_marks_page(
@@ -31,7 +31,7 @@ def write_marks_page(
     summary: str,
     meaning: str,
 ) -> None:
-    """Write a page, one file that opens from disk; ``image`` (H, W, 3) is in [0, 1], None shows marks on grey."""
+    """Write a page in one file that opens from disk; ``image`` (H, W, 3) is in [0, 1], or None for grey."""
     height, width = size
     pixels = np.full((height, width, 3), GREY, np.uint8) if image is None else (255 * image).round().astype(np.uint8)
     html = page(
@@ -60,7 +60,7 @@ def shapes_of(outlined: Sequence[Outlined], state: State) -> list[tuple[str, str
 
 
 def path_of(outlines: Sequence[Array]) -> str:
-    """Write closed outlines (P, 2) as the path of an SVG."""
+    """Write closed outlines (P, 2) as an SVG path."""
     return " ".join(
         "M" + " ".join(f"{x:.1f},{y:.1f}" for x, y in outline) + "Z" for outline in outlines if len(outline)
     )

@@ -1,4 +1,4 @@
-"""The page of recovered strokes: the photograph with zoom, its strokes outlined, figures, exports."""
+"""Write the page of recovered strokes: a zoomable photograph with outlined strokes, figures and exports."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -22,16 +22,16 @@ PAGE_NAME = "strokes.html"
 JPEG = {"format": "JPEG", "quality": 92, "subsampling": 0}
 TEXT_COLUMNS = ("measure", "unit", "apart")
 FILES = {
-    "catalogue.h5": "the strokes, for the other tasks",
+    "catalogue.h5": "the strokes, for other tasks",
     "strokes.csv": "a line per stroke, with units",
-    "order.graphml": "which strokes lie above which, with probabilities",
+    "order.graphml": "the order of strokes that meet, with probabilities",
     "measures.csv": "figures with their intervals",
     "measures.tex": "the same for LaTeX (booktabs)",
-    "measures.md": "the same, to read",
+    "measures.md": "the same for reading",
     "measures.json": "the same for programs",
     "measures.pdf": "histograms and a rose diagram, as vectors",
     "measures.xlsx": "all tables as sheets",
-    "differences.csv": "the other painting, and the figures that differ",
+    "differences.csv": "differences from the other painting",
     "differences.tex": "the same for LaTeX",
 }
 Tables = Mapping[str, Sequence[Mapping[str, Any]]]  # rows by title
@@ -46,10 +46,10 @@ def write_page(
     tables: Tables | None = None,
     threshold: float = 0.5,
 ) -> Path:
-    """Write ``strokes.html`` into a folder, one file that opens from disk, with links to the files there.
+    """Write ``strokes.html``, one file that opens from disk, into a folder, with links to the files there.
 
-    ``image`` (H, W, 3) uint8 is the photograph at its full size, and ``threshold`` is the confidence from which on
-    strokes are shown at first.
+    ``image`` (H, W, 3) uint8 is the photograph at full size, and ``threshold`` is the minimum confidence of the strokes
+    shown at first.
     """
     html = page_of(image, strokes, name, tables=tables, threshold=threshold, folder=folder)
     write_text(folder / PAGE_NAME, html)
@@ -65,7 +65,7 @@ def page_of(
     threshold: float = 0.5,
     folder: Path | None = None,
 ) -> str:
-    """Make the page; without a ``folder`` it links to no files."""
+    """Make the page; without a ``folder`` it has no links to files."""
     height, width = strokes.size
     mm = strokes.mm
     lead = f"{len(strokes):,} strokes recovered from {width:,} × {height:,} pixels"
@@ -98,14 +98,14 @@ def page_of(
 
 
 def data_of(strokes: StrokeTable, name: str) -> dict[str, Any]:
-    """Collect what the scripts of the page need: columns, outlines and colours of the strokes, bottom to top."""
+    """Collect the data for the page's scripts: columns, outlines and colours of the strokes, bottom to top."""
     height, width = strokes.size
     return {
         "name": name,
         "width": width,
         "height": height,
         "mm": strokes.mm,
-        "names": list(strokes.columns),  # in their order, which JSON in a template has not
+        "names": list(strokes.columns),  # in order, which JSON in a template does not keep
         "columns": {key: [float(f"{value:.5g}") for value in column] for key, column in strokes.columns.items()},
         "lines": [line.round(1).tolist() for line in strokes.lines],
         "outlines": [outline.round(1).tolist() for outline in strokes.outlines],

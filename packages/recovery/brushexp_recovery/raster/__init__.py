@@ -1,4 +1,1 @@
-"""Pictures, label images and maps as arrays: blurred, resampled, split into tiles, compared, stored.
-
-Arrays go in and come out; nothing here knows of strokes.
-"""
+"""Blur, resample, tile, compare and store pictures, label images and maps as arrays, independently of strokes."""

@@ -1,4 +1,4 @@
-"""Gaussian blur of pictures and maps."""
+"""Blur pictures and maps with a Gaussian."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -10,7 +10,7 @@ Array = NDArray[Any]
 
 
 def gaussian_blur(values: Array, sigma: float | Sequence[float]) -> Array:
-    """Blur an array with a Gaussian of ``sigma`` pixels, one number for all axes or one for each.
+    """Blur an array with a Gaussian of ``sigma`` pixels, given for all axes or for each axis.
 
     The result has the type of ``values``.
     """

@@ -18,16 +18,16 @@ class Box(NamedTuple):
 
     @property
     def slices(self) -> tuple[slice, slice]:
-        """Rows and columns of a picture that it holds."""
+        """Slices of a picture's rows and columns."""
         return slice(self.top, self.bottom), slice(self.left, self.right)
 
     @property
     def is_empty(self) -> bool:
-        """Tell whether it holds no pixel."""
+        """Check whether the box contains no pixel."""
         return self.top >= self.bottom or self.left >= self.right
 
     def intersection(self, other: "Box") -> "Box":
-        """Return what both hold."""
+        """Return the box that both boxes contain."""
         return Box(
             max(self.top, other.top),
             min(self.bottom, other.bottom),
@@ -36,5 +36,5 @@ class Box(NamedTuple):
         )
 
     def within(self, other: "Box") -> "Box":
-        """Return the same rectangle, counted from the corner of another one."""
+        """Return the same rectangle relative to the corner of another box."""
         return Box(self.top - other.top, self.bottom - other.top, self.left - other.left, self.right - other.left)

@@ -1,4 +1,4 @@
-"""Label images: at each pixel the number of a region, -1 where there is none."""
+"""Process label images, which have the number of a region at each pixel, or -1 for none."""
 # mypy: allow-untyped-defs
 
 from itertools import pairwise
@@ -18,14 +18,14 @@ def count_pixels(labels: Array, count: int) -> Array:
 
 
 def mean_colors(labels: Array, image: Array, count: int) -> Array:
-    """Average an image (H, W, 3) over each of ``count`` regions: (count, 3), and 0 for a region without pixels."""
+    """Average an image (H, W, 3) over each of ``count`` regions (count, 3), with 0 for a region without pixels."""
     inside = labels >= 0
     sums = [np.bincount(labels[inside], image[..., channel][inside], count) for channel in range(3)]
     return np.stack(sums, 1) / np.maximum(count_pixels(labels, count), 1)[:, None]
 
 
 def group_pixels(labels: Array, count: int) -> list[Array]:
-    """List the flat indices, int32, of the pixels of each of ``count`` regions."""
+    """List the flat indices (int32) of the pixels of each of ``count`` regions."""
     flat = labels.ravel()
     sizes = np.zeros(count + 1, np.int64)
     _count_into(flat, sizes)
@@ -45,7 +45,7 @@ def _count_into(labels, sizes):
 
 @function
 def _group_into(labels, place, order):
-    """Write the indices of the pixels (P,), region by region from ``place`` (N,) on, which moves along."""
+    """Write the indices of the pixels (P,) region by region, starting at ``place`` (N,), which is advanced."""
     for pixel in range(len(labels)):
         k = labels[pixel]
         if k >= 0:
@@ -54,7 +54,7 @@ def _group_into(labels, place, order):
 
 
 def color_labels(labels: Array) -> Array:
-    """Draw each region in a random colour of its own, (H, W, 3) uint8, and pixels without a region in black."""
+    """Draw each region in a random colour, and pixels without a region in black: (H, W, 3) uint8."""
     colors = np.random.default_rng(0).integers(60, 256, (int(labels.max(initial=-1)) + 2, 3)).astype(np.uint8)
     colors[-1] = 0
     return colors[labels]

@@ -1,16 +1,16 @@
-"""Pairs of pixels that lie at an offset from each other."""
+"""Find pairs of pixels at a given offset from each other."""
 
 import torch
 from torch import Tensor
 
 Offset = tuple[int, int]  # rows, columns
-Slices = tuple[slice, slice]  # of rows and columns
+Slices = tuple[slice, slice]  # slices of rows and columns
 
 
 def pair_slices(size: tuple[int, ...], offset: Offset) -> tuple[Slices, Slices]:
-    """Return the part of a picture (H, W) whose pixels have a partner at an offset, and the part of the partners.
+    """Return the part of a picture (H, W) whose pixels have a partner at an offset, and their partners' part.
 
-    The offset does not lead upwards. Both parts are empty if it leads out of the picture.
+    The offset must not point upwards. Both parts are empty if it exceeds the picture.
     """
     (height, width), (dy, dx) = size, offset
     bottom = max(height - dy, 0)
@@ -20,7 +20,7 @@ def pair_slices(size: tuple[int, ...], offset: Offset) -> tuple[Slices, Slices]:
 
 
 def shift(values: Tensor, dy: int, dx: int) -> Tensor:
-    """Shift the last two axes by any offset: out[p] = values[p + (dy, dx)], and 0 where that lies outside."""
+    """Shift the last two axes by any offset: out[p] = values[p + (dy, dx)], or 0 outside."""
     out = torch.zeros_like(values)
     height, width = values.shape[-2:]
     top, bottom = max(0, -dy), height - max(0, dy)

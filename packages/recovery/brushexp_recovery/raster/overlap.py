@@ -1,4 +1,4 @@
-"""Intersection over union of the regions of two label images."""
+"""Compute the intersection over union of the regions of two label images."""
 
 from typing import Any, NamedTuple
 
@@ -9,19 +9,19 @@ from brushexp_recovery.raster.labels import count_pixels
 
 Array = NDArray[Any]
 
-MATCH_IOU = 0.5  # intersection over union from which on two regions show the same stroke
+MATCH_IOU = 0.5  # minimum intersection over union of two regions that show the same stroke
 
 
 class Overlaps(NamedTuple):
     """Pairs of regions of two label images that share pixels."""
 
     first: Array  # (P,) regions of the first image
-    second: Array  # (P,) regions of the second one
+    second: Array  # (P,) regions of the second image
     iou: Array  # (P,) intersection over union
 
 
 def overlaps_between(first: Array, second: Array, first_count: int, second_count: int) -> Overlaps:
-    """Find the regions of two label images (H, W) that overlap, and how far."""
+    """Find the overlapping regions of two label images (H, W), and their intersection over union."""
     both = (first >= 0) & (second >= 0)
     base = max(second_count, 1)
     pair, shared = np.unique(first[both].astype(np.int64) * base + second[both], return_counts=True)
@@ -31,7 +31,7 @@ def overlaps_between(first: Array, second: Array, first_count: int, second_count
 
 
 def pair_best(overlaps: Overlaps, least_iou: float) -> Overlaps:
-    """Pair regions one to one, the best first, that overlap with at least the intersection over union ``least_iou``."""
+    """Pair regions one to one, best pairs first, with an intersection over union of at least ``least_iou``."""
     with_partner: tuple[set[int], set[int]] = (set(), set())
     pairs = []
     for one, other, iou in sorted(zip(*overlaps, strict=True), key=lambda pair: -pair[2]):

@@ -1,4 +1,4 @@
-"""Pictures at another scale."""
+"""Resample pictures to another scale."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ Array = NDArray[Any]
 
 
 def resample(image: Array, zoom: float) -> Array:
-    """Enlarge a picture (H, W, 3) float32 in [0, 1] by bicubic interpolation, or reduce it by Lanczos's filter."""
+    """Enlarge a picture (H, W, 3) float32 in [0, 1] by bicubic interpolation, or reduce it with a Lanczos filter."""
     if zoom == 1:
         return image
     height, width = (max(1, round(zoom * size)) for size in image.shape[:2])
@@ -20,5 +20,5 @@ def resample(image: Array, zoom: float) -> Array:
 
 
 def nearest_pixels(size: int, other_size: int) -> Array:
-    """Return, for each of ``size`` pixels of an axis, the nearest of the ``other_size`` pixels of its zoomed copy."""
+    """Map each of an axis's ``size`` pixels to the nearest of the ``other_size`` pixels of its zoomed copy."""
     return ((np.arange(size) + 0.5) * other_size / size).astype(int).clip(0, other_size - 1)

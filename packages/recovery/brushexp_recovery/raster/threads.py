@@ -1,4 +1,4 @@
-"""Threads that share the tiles of a picture, and the memory that they free."""
+"""Process the tiles of a picture on threads, and return freed memory."""
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -9,11 +9,11 @@ import torch
 
 from brushexp.contracts.machine import give_memory_back, keep_memory
 
-Progress = Callable[[float, str], None]  # shows the share of the work that is done, and its state in words
+Progress = Callable[[float, str], None]  # shows the finished share of the work and its state in words
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-KEPT_ARRAY = 2**23  # bytes: larger arrays go back to the system when they are freed; no others fit the holes they leave
+KEPT_ARRAY = 2**23  # bytes; larger freed arrays are returned to the system, because they would fragment memory
 
 
 @contextmanager
@@ -28,9 +28,9 @@ def return_freed_memory() -> Iterator[None]:
 
 
 def map_on_threads(work: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
-    """Yield ``work`` of each item, in their order, computed on as many threads as PyTorch has.
+    """Yield the result of ``work`` for each item, in order, computed on as many threads as PyTorch uses.
 
-    Each item is computed by one thread: that is faster than to share one item, which waits for its slowest part.
+    Each item is computed by one thread, which is faster than sharing an item and waiting for its slowest part.
     """
 
     def work_and_free(item: Item) -> Result:

@@ -1,1 +1,1 @@
-"""A picture of a painting goes in; its strokes come out, as a catalogue with confidences and visible regions."""
+"""Recover the strokes of a painting from its picture as a catalogue with confidences and visible regions."""

@@ -1,4 +1,4 @@
-"""The whole way from a picture to its strokes: ``brushexp.recover``."""
+"""Run the whole pipeline from a picture to its strokes: ``brushexp.recover``."""
 
 from dataclasses import replace
 from os import PathLike
@@ -25,11 +25,11 @@ from brushexp_recovery.recover.storage import Recovered
 
 Array = NDArray[Any]
 
-COPIES = 1  # turned and mirrored copies that each look shows
-GROUND_SAMPLE = 100_000  # pixels whose colours tell that of the ground
-LEAST_GROUND = 0.01  # share of pixels without a stroke, below which all pixels tell the colour of the ground
-REGION_TIME = 0.9  # share of the time in which regions are found; in the rest their curves are fitted
-RENDERER = "analytic"  # draws a stroke as it was fitted
+COPIES = 1  # number of rotated and mirrored copies per look
+GROUND_SAMPLE = 100_000  # number of pixels from which the ground's colour is estimated
+LEAST_GROUND = 0.01  # share of pixels without a stroke below which all pixels are used for the ground's colour
+REGION_TIME = 0.9  # share of the time for finding regions; the rest is for fitting curves
+RENDERER = "analytic"  # draws strokes as fitted
 
 
 def recover(
@@ -38,20 +38,21 @@ def recover(
     """Recover the strokes of a painting from a picture of it, as ``task=recover`` does.
 
     Args:
-        image: a path, the name of a sample, or a picture: (H, W, 3) or (3, H, W) tensor, uint8 or floats in [0, 1].
-        scale: at which strokes are sought; None for one at which the middle one is 18 px wide.
-        copies: 1 to 8 turned and mirrored copies of the picture in each of four looks; more are slower and surer.
-        weights: a .safetensors file of task=train_recovery, or the name of shipped ones.
+        image: path, name of a sample, or picture: an (H, W, 3) or (3, H, W) tensor, uint8 or floats in [0, 1].
+        scale: scale at which strokes are sought; None for the scale at which the median stroke is 18 px wide.
+        copies: 1 to 8 rotated and mirrored copies of the picture in each of four looks; more are slower but more
+            certain.
+        weights: a .safetensors file of task=train_recovery, or the name of shipped weights.
 
     Returns:
-        A catalogue of the strokes that were found, the chance of each to be one, and which is seen at each pixel. What
-        is no stroke is left empty.
+        A catalogue of the strokes found, the confidence in each stroke, and the visible stroke at each pixel. Areas
+        without strokes are left empty.
 
     Raises:
-        UserError: what is wrong with the picture, the weights or another argument.
+        UserError: the picture, the weights or another argument is invalid.
     """
     options = {"image": image, "scale": scale, "copies": copies, "weights": str(weights)}
-    settings = settings_of("recover", options)  # which holds the picture
+    settings = settings_of("recover", options)  # includes the picture
     with undisturbed(), showing("finding strokes") as show:
         picture = load_picture(settings.cfg.image, None)
         return recover_with(load_model(str(weights)), picture.permute(1, 2, 0).numpy(), scale, copies, show)
@@ -68,7 +69,7 @@ def recover_with(model: RecoveryModel, image: Array, scale: float | None, copies
     order = rank_strokes(len(regions.chance), meetings.pairs, evidence)
     confidence = sigmoid(log_odds_of(model.confidence, confidence_features(regions)))
     labels, ground = regions.labels, ~regions.paint & (regions.labels < 0)
-    del regions  # with its maps of occlusion, which fill the memory
+    del regions  # frees the maps of occlusion, which fill the memory
     strokes = refine_curves(
         strokes,
         labels,
@@ -82,7 +83,7 @@ def recover_with(model: RecoveryModel, image: Array, scale: float | None, copies
 
 def catalogue_of(labels: Array, strokes: StrokeCurves, confidence: Array, order: Array, image: Array) -> Recovered:
     """Make a catalogue of strokes fitted to regions (H, W) of an image, bottom to top by ``order`` (N,)."""
-    rank = np.full(len(order) + 1, -1, np.int32)  # the last is that of -1
+    rank = np.full(len(order) + 1, -1, np.int32)  # the last entry is for -1
     rank[order] = np.arange(len(order), dtype=np.int32)
     labels = rank[labels]
     curve, width, color = (torch.as_tensor(value[order], dtype=torch.float32) for value in strokes)
@@ -97,7 +98,7 @@ def catalogue_of(labels: Array, strokes: StrokeCurves, confidence: Array, order:
 
 
 def ground_color(labels: Array, image: Array) -> Array:
-    """Guess the colour (3,) of the ground: the median of the pixels without a stroke, or of all if there are few."""
+    """Estimate the ground's colour (3,) as the median of the pixels without a stroke, or of all if these are few."""
     every = max(1, round((labels.size / GROUND_SAMPLE) ** 0.5))
     sample = image[::every, ::every].reshape(-1, 3)
     is_empty = labels[::every, ::every].ravel() < 0

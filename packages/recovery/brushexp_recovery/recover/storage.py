@@ -1,4 +1,4 @@
-"""Recovered strokes and their file: a catalogue.h5 with a group for confidences and visible regions."""
+"""Store recovered strokes in a file: a catalogue.h5 with a group for confidences and visible regions."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -29,15 +29,15 @@ class Recovered:
     """N strokes recovered from a picture (H, W): a catalogue, confidences and visible regions."""
 
     saved: Saved
-    confidence: Array  # (N,) float32 in [0, 1], of each row of the catalogue
-    labels: Array  # (H, W) int32, row of the catalogue that is seen; -1 on bare ground and where no stroke was found
+    confidence: Array  # (N,) float32 in [0, 1], for each row of the catalogue
+    labels: Array  # (H, W) int32, row of the visible stroke; -1 on bare ground and where no stroke was found
     meetings: Array = field(default_factory=lambda: np.empty((0, 2), np.int32))  # (P, 2) rows of strokes that meet
-    chance_above: Array = field(default_factory=lambda: np.empty(0, np.float32))  # (P,) that the second lies above
-    ground: Array | None = None  # (H, W) bool, no stroke was found and the ground looks bare; None if unknown
+    chance_above: Array = field(default_factory=lambda: np.empty(0, np.float32))  # (P,) of the second being above
+    ground: Array | None = None  # (H, W) bool, whether no stroke was found and the ground looks bare; None if unknown
 
 
 def write_recovered(path: Path, recovered: Recovered) -> None:
-    """Write a catalogue with the group ``recovered``, whole or not at all."""
+    """Write a catalogue with the group ``recovered``, either completely or not at all."""
     with replacing(path) as temporary:
         save_catalogue(temporary, recovered.saved)
         with h5py.File(temporary, "a", libver=(HDF5, HDF5)) as file:
@@ -56,7 +56,7 @@ def write_recovered(path: Path, recovered: Recovered) -> None:
 
 
 def read_recovered(path: Path) -> Recovered:
-    """Read a file of `write_recovered`, given its path or folder; raise a UserError for any other file."""
+    """Read a file of `write_recovered`, given its path or folder; raise UserError for any other file."""
     saved = load_catalogue(path)
     path, cure = path / CATALOGUE_NAME if path.is_dir() else path, "give the catalogue.h5 of task=recover"
     with opened(path, cure) as file, explaining(path, cure):
@@ -65,7 +65,7 @@ def read_recovered(path: Path) -> Recovered:
         confidence = numbers_of(dataset_of(file, f"{GROUP}/confidence", np.float32, (len(saved.strokes),)))
         labels = numbers_of(dataset_of(file, f"{GROUP}/labels", np.int32, saved.size))
         meetings, above = np.empty((0, 2), np.int32), np.empty(0, np.float32)
-        if f"{GROUP}/meetings" in file:  # files of earlier versions have none
+        if f"{GROUP}/meetings" in file:  # missing in files of earlier versions
             above = numbers_of(dataset_of(file, f"{GROUP}/chance_above", np.float32, None))
             meetings = numbers_of(dataset_of(file, f"{GROUP}/meetings", np.int32, (len(above), 2)))
         ground = None

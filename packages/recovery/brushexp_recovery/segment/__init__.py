@@ -1,1 +1,1 @@
-"""A picture goes in; the network's maps of it, and superpixels between the predicted borders, come out."""
+"""Predict maps of a picture with the network, and divide it into superpixels along the predicted borders."""

@@ -1,4 +1,4 @@
-"""The network's maps of a picture: the mean over turned and mirrored copies, turned back."""
+"""Predict the network's maps of a picture, averaged over rotated and mirrored copies."""
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -26,7 +26,7 @@ Array = NDArray[Any]
 
 
 class Copy(NamedTuple):
-    """A copy of a picture: turned anticlockwise by quarters, then mirrored."""
+    """A copy of a picture, rotated anticlockwise by quarter turns and then mirrored."""
 
     quarters: int
     mirrored: bool
@@ -56,15 +56,15 @@ class StrokeMaps:
 
 @torch.no_grad()
 def predict_maps(network: StrokeNetwork, image: Array, copies: int = 2, first: int = 0) -> StrokeMaps:
-    """Predict the maps of a picture (H, W, 3) float32 in [0, 1]: the mean over some of its `COPIES`.
+    """Predict the maps of a picture (H, W, 3) float32 in [0, 1] as the mean over some of its `COPIES`.
 
-    ``first`` is the number of the first copy, after which the others follow. The network computes in 16 bits where
-    that is faster.
+    ``first`` is the number of the first copy; the others follow in order. The network computes in 16 bits where this is
+    faster.
     """
     height, width = image.shape[:2]
     x = torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1), np.float32))[None]
     x = pad(x, (0, -width % STRIDE, 0, -height % STRIDE), mode="replicate")
-    total = torch.from_numpy(np.zeros((1, CHANNELS, *x.shape[2:]), np.float32))  # takes no memory until it is written
+    total = torch.from_numpy(np.zeros((1, CHANNELS, *x.shape[2:]), np.float32))  # uses no memory until it is written
     has_bfloat16 = torch.cpu._is_avx512_bf16_supported()  # without it 16 bits take six to twelve times as long
     for number in range(first, first + copies):
         copy = COPIES[number % len(COPIES)]
@@ -78,9 +78,9 @@ def predict_maps(network: StrokeNetwork, image: Array, copies: int = 2, first: i
 
 
 def _add_turned_back(total: Tensor, output: Tensor, copy: Copy) -> None:
-    """Add the maps of a copy to ``total``, turned back: places, offsets and directions.
+    """Add the maps of a copy to ``total`` with places, offsets and directions turned back.
 
-    Affinities become probabilities.
+    Affinities are converted to probabilities.
     """
     output = output.flip(3) if copy.mirrored else output
     output = torch.rot90(output, -copy.quarters, (2, 3))
@@ -112,5 +112,5 @@ def _add_by_offset(total: Tensor, values: Tensor, offsets: tuple[Offset, ...], c
             row, column = column, -row
         if (row, column) in offsets:
             total[:, offsets.index((row, column))] += values[:, channel]
-        else:  # stored at the pixel that it leads to
+        else:  # stored at the pixel to which it points
             total[:, offsets.index((-row, -column))] += sign * shift(values[:, channel], -row, -column)

@@ -1,4 +1,4 @@
-"""Sums over the pixels of a region that add up when regions are merged."""
+"""Sum moments over the pixels of a region, which add up when regions are merged."""
 
 from enum import IntEnum
 from typing import Any
@@ -14,26 +14,26 @@ Array = NDArray[Any]
 
 
 class Moment(IntEnum):
-    """Sums over the pixels of a region; divided by the area, they are means."""
+    """Sums over the pixels of a region, which become means when divided by the area."""
 
     AREA = 0  # pixels
     X = 1  # pixels from the left
     Y = 2
-    XX = 3  # squares and product of the places
+    XX = 3  # squares and product of the coordinates
     XY = 4
     YY = 5
-    LIGHTNESS = 6  # CIELAB
+    LIGHTNESS = 6  # lightness in CIELAB
     A = 7
     B = 8
     LIGHTNESS_SQUARED = 9
     A_SQUARED = 10
     B_SQUARED = 11
-    CENTRE_X = 12  # predicted, of the stroke; pixels
+    CENTRE_X = 12  # predicted centre of the stroke in pixels
     CENTRE_Y = 13
     CENTRE_SQUARED = 14  # squared distance of the centre from the picture's corner
-    COSINE = 15  # of twice the predicted direction
+    COSINE = 15  # cosine of twice the predicted direction
     SINE = 16
-    LOG_WIDTH = 17  # predicted, of pixels
+    LOG_WIDTH = 17  # predicted logarithm of pixels
     LOG_LENGTH = 18
     VISIBLE = 19  # predicted share of the stroke that is visible
     PAINT = 20  # predicted chance that the pixel is paint
@@ -49,7 +49,7 @@ PREDICTED_DIRECTION = slice(Moment.COSINE, Moment.SINE + 1)
 
 
 def sum_moments(labels: Array, image: Array, maps: StrokeMaps) -> Array:
-    """Sum each `Moment` over each region (H, W) of a picture (H, W, 3) in [0, 1]: (S, len(Moment))."""
+    """Sum each `Moment` (S, len(Moment)) over each region (H, W) of a picture (H, W, 3) in [0, 1]."""
     from skimage.color import rgb2lab  # noqa: PLC0415
 
     height, width = labels.shape

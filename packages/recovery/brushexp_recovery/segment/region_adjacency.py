@@ -1,4 +1,4 @@
-"""The region adjacency graph: which regions are neighbours, and how strong their affinity is."""
+"""Build the region adjacency graph, which lists neighbouring regions and their affinities."""
 # mypy: allow-untyped-defs
 
 from enum import IntEnum
@@ -14,13 +14,13 @@ Array = NDArray[Any]
 
 
 class AffinityColumn(IntEnum):
-    """Sums over pairs of pixels, by the distance of their offset in pixels."""
+    """Sums over pairs of pixels, by the length of their offset in pixels."""
 
-    SUM_ADJACENT = 0  # of affinities
+    SUM_ADJACENT = 0  # sum of affinities
     SUM_3 = 1
     SUM_8 = 2
     SUM_20 = 3
-    PAIRS_ADJACENT = 4  # how many pairs there are
+    PAIRS_ADJACENT = 4  # number of pairs
     PAIRS_3 = 5
     PAIRS_8 = 6
     PAIRS_20 = 7
@@ -31,20 +31,20 @@ GROUP_OF_OFFSET = np.array([0, 0, *np.repeat([1, 2, 3], 4)])
 SUMS = slice(AffinityColumn.SUM_ADJACENT, AffinityColumn.SUM_20 + 1)
 PAIRS = slice(AffinityColumn.PAIRS_ADJACENT, AffinityColumn.PAIRS_20 + 1)
 
-FIRST_ROOM = 32  # places for pairs of each region, at first
-HASH = 0x9E3779B97F4A7C1  # spreads numbers of pairs over a table (Knuth, 1973)
+FIRST_ROOM = 32  # initial number of slots for pairs per region
+HASH = 0x9E3779B97F4A7C1  # spreads the numbers of pairs over a table (Knuth, 1973)
 
 
 class Adjacency(NamedTuple):
-    """Affinities in S regions, and between P pairs of them."""
+    """Affinities within S regions, and between P pairs of them."""
 
     within: Array  # (S, len(AffinityColumn))
-    pairs: Array  # (P, 2) regions, the lower number first
+    pairs: Array  # (P, 2) regions, lower number first
     between: Array  # (P, len(AffinityColumn))
 
 
 def adjacency_of(labels: Array, affinity: Array) -> Adjacency:
-    """Sum affinities (len(AFFINITY_OFFSETS), H, W) within regions (H, W), and between those pairs that have any."""
+    """Sum affinities (len(AFFINITY_OFFSETS), H, W) within regions (H, W) and between neighbouring regions."""
     count = int(labels.max()) + 1
     room = 2 ** (FIRST_ROOM * count).bit_length()
     within = np.empty((count, len(AffinityColumn)))
@@ -60,9 +60,9 @@ def adjacency_of(labels: Array, affinity: Array) -> Adjacency:
 
 @function
 def _sum_affinities(labels, affinity, offsets, group_of_offset, within, keys, between):
-    """Write sums and numbers of affinities; False if the pairs fill more than half of their table.
+    """Write sums and numbers of affinities; return False if the pairs fill more than half of their table.
 
-    ``keys`` (R,) are -1 and get the pairs, smaller x S + larger, each near its hash; R is a power of 2.
+    ``keys`` (R,) are -1 at first and receive the pairs, smaller x S + larger, near their hashes; R is a power of 2.
     """
     height, width = labels.shape
     count, room, filled, key, place = len(within), len(keys), 0, -1, 0
@@ -78,7 +78,7 @@ def _sum_affinities(labels, affinity, offsets, group_of_offset, within, keys, be
                     within[here, AffinityColumn.PAIRS_ADJACENT + group] += 1
                     continue
                 pair = min(here, there) * count + max(here, there)
-                if pair != key:  # mostly it is that of the pixel before
+                if pair != key:  # usually the same as for the previous pixel
                     key, place = pair, (pair * HASH >> 20) & (room - 1)
                     while keys[place] != key and keys[place] >= 0:
                         place = (place + 1) & (room - 1)

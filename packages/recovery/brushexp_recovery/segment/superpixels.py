@@ -1,4 +1,4 @@
-"""Superpixels: small regions of a picture without a border through them, with their moments and affinities."""
+"""Divide a picture into superpixels, small regions not crossed by borders, with moments and affinities."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -19,13 +19,13 @@ class Superpixels:
 
     labels: Array  # (H, W) int32, 0 to S - 1
     moments: Array  # (S, len(Moment))
-    within: Array  # (S, len(AffinityColumn)) affinities in a region
+    within: Array  # (S, len(AffinityColumn)) affinities within a region
     pairs: Array  # (P, 2)
     between: Array  # (P, len(AffinityColumn)) affinities between two regions
 
 
 def superpixels_of(maps: StrokeMaps, image: Array) -> Superpixels:
-    """Split a picture (H, W, 3) in [0, 1] along the borders that its maps show."""
+    """Split a picture (H, W, 3) in [0, 1] along the borders in its maps."""
     labels = flood_basins(border_strength(maps.affinity))
     adjacency = adjacency_of(labels, maps.affinity)
     moments = sum_moments(labels, image, maps)

@@ -1,4 +1,4 @@
-"""Borders between strokes, and the basins between them."""
+"""Find borders between strokes and the basins between borders."""
 
 from typing import Any
 
@@ -12,14 +12,14 @@ from brushexp_recovery.raster.offsets import shift
 
 Array = NDArray[Any]
 
-ADJACENT_OFFSETS = 2  # of the `AFFINITY_OFFSETS` are of 1 pixel, the first ones
-BORDER_OFFSETS = 6  # the first ones, of 1 and 3 pixels, say where borders are
-FAR_WEIGHT = 0.35  # weight of an offset of 3 pixels; that of an adjacent pixel is 1
-BORDER_BLUR = 0.6  # pixels: sigma by which borders are blurred
+ADJACENT_OFFSETS = 2  # number of the first `AFFINITY_OFFSETS`, which have a length of 1 pixel
+BORDER_OFFSETS = 6  # number of the first offsets, of 1 and 3 pixels, from which borders are computed
+FAR_WEIGHT = 0.35  # weight of offsets of 3 pixels; adjacent pixels have weight 1
+BORDER_BLUR = 0.6  # standard deviation in pixels of the blur of borders
 
 
 def border_strength(affinity: Array) -> Array:
-    """Compute how strong a border (H, W) goes through each pixel, 0 to 1: the mean lack of affinity on both sides."""
+    """Compute the strength (H, W) of the border through each pixel, 0 to 1: the mean lack of affinity on both sides."""
     total, weights = np.zeros(affinity.shape[1:], np.float32), 0.0
     for channel, (dy, dx) in enumerate(AFFINITY_OFFSETS[:BORDER_OFFSETS]):
         weight = 1.0 if channel < ADJACENT_OFFSETS else FAR_WEIGHT
@@ -33,7 +33,7 @@ def border_strength(affinity: Array) -> Array:
 
 
 def flood_basins(borders: Array) -> Array:
-    """Flood the basins between borders (H, W) from their local minima, by watershed: labels (H, W) int32 from 0."""
+    """Flood the basins between borders (H, W) from local minima by a watershed; return labels (H, W) int32 from 0."""
     from scipy.ndimage import label, minimum_filter  # noqa: PLC0415
     from skimage.segmentation import watershed  # noqa: PLC0415
 

@@ -1,1 +1,1 @@
-"""A seed and a subject go in; a painting comes out, with the truth about its strokes."""
+"""Synthesise paintings with known strokes from a seed and a subject."""

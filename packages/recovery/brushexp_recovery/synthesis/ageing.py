@@ -1,4 +1,4 @@
-"""What time, light and the camera do to a picture of a painting."""
+"""Simulate the effects of time, light and the camera on a picture of a painting."""
 
 from typing import Any
 
@@ -12,11 +12,11 @@ from brushexp_recovery.synthesis.hand import Random
 
 Array = NDArray[Any]
 
-VARNISH = (0.2, 0.4, 1.0)  # how much of red, green and blue it takes, in proportion
+VARNISH = (0.2, 0.4, 1.0)  # relative absorption of red, green and blue by varnish
 
 
 def smudge(image: Array, random: Random) -> Array:
-    """Blend the paint of neighbours, here more and there less: a picture (H, W, 3), float32 in [0, 1]."""
+    """Blend neighbouring paint by a varying amount in a picture (H, W, 3), float32 in [0, 1]."""
     size = image.shape[:2]
     noise = gaussian_blur(random.standard_normal(size).astype(np.float32), random.uniform(8, 30))
     share = np.clip(0.5 + noise / max(noise.std(), 1e-6), 0, 1)[..., None] * np.float32(random.uniform(0.3, 1))
@@ -25,14 +25,14 @@ def smudge(image: Array, random: Random) -> Array:
 
 
 def shine(image: Array, height: Array, random: Random) -> Array:
-    """Light the relief of the paint from anywhere."""
+    """Light the relief of the paint from a random direction."""
     light = Light(random.uniform(0, 360), random.uniform(25, 70), 1.0, random.uniform(0, 0.5))
     bumps = gaussian_blur(height, random.uniform(0.4, 1.0)) * random.uniform(0.3, 2.5)
     return np.clip(shade_picture(image.transpose(2, 0, 1), normals_of(bumps), light), 0, 1).transpose(1, 2, 0)
 
 
 def crack(image: Array, random: Random) -> Array:
-    """Draw a net of fine cracks, the borders of irregular cells."""
+    """Draw a net of fine cracks along the borders of irregular cells."""
     from scipy.spatial import cKDTree  # noqa: PLC0415
 
     height, width = image.shape[:2]
@@ -53,7 +53,7 @@ def crack(image: Array, random: Random) -> Array:
 
 
 def weather(image: Array, random: Random, strength: float = 1.0) -> Array:
-    """Add what a scan of a canvas adds: blur, weave, grain, noise, varnish, JPEG, each of random strength.
+    """Add the effects of scanning a canvas: blur, weave, grain, noise, varnish and JPEG, each of random strength.
 
     Weave, grain and noise are ``strength`` times as strong as usual.
     """
@@ -63,7 +63,7 @@ def weather(image: Array, random: Random, strength: float = 1.0) -> Array:
     if random.random() < 0.8:
         depth = np.float32(strength * random.uniform(0.005, 0.045))
         image = image * (1 + depth * _weave(height, width, random)[..., None])
-    if random.random() < 0.2:  # varnish: yellow, and darker
+    if random.random() < 0.2:  # varnish is yellow and darkens
         image = image * (1 - random.uniform(0, 0.3) * np.array(VARNISH, np.float32))
     noise = random.standard_normal(image.shape, np.float32)
     image = image + noise * np.float32(strength * random.uniform(0, 0.012))

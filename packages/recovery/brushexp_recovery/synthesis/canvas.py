@@ -1,4 +1,4 @@
-"""Strokes composited on a canvas, with the truth about which stroke is visible where."""
+"""Composite strokes on a canvas, and compute the visible stroke at each pixel."""
 # mypy: allow-untyped-defs
 
 from dataclasses import dataclass
@@ -18,40 +18,40 @@ from brushexp_recovery.synthesis.windows import StrokeWindows, Texel
 Array = NDArray[Any]
 F = np.float32
 
-COUNTED_REACH = 1.6  # half chords to either side of the middle, within which the paint of a stroke is counted
-BINS = 64  # along them, to find where its paint begins and ends
-FIRST_PAINT, LAST_PAINT = 0.03, 0.97  # shares of the paint between which a stroke is said to extend
-DIAGONAL = 1.42  # sides of a square
-FAINT = F(1e-4)  # opacity that is left out
+COUNTED_REACH = 1.6  # distance from the middle, in half chords, within which the paint of a stroke is counted
+BINS = 64  # number of bins along this distance for finding where the paint begins and ends
+FIRST_PAINT, LAST_PAINT = 0.03, 0.97  # quantiles of the paint that define the extent of a stroke
+DIAGONAL = 1.42  # diagonal of a square, in sides
+FAINT = F(1e-4)  # opacity below which paint is ignored
 RELIEF = F(1.2)  # height of full paint
-LEVELLING = F(0.7)  # share of the height below that paint fills
-NARROWEST = 0.5  # pixels
-DRAG_STEPS, DRAG_TRACKS = 24, 12  # along and across a stroke, at which its bristles take up paint
-DRAG_MEMORY = F(0.8)  # share of its paint that a bristle still carries after a step
+LEVELLING = F(0.7)  # share of the relief below that paint fills
+NARROWEST = 0.5  # smallest width in pixels
+DRAG_STEPS, DRAG_TRACKS = 24, 12  # number of steps along and tracks across a stroke at which bristles take up paint
+DRAG_MEMORY = F(0.8)  # share of its paint that a bristle keeps after a step
 
 
 @dataclass(frozen=True)
 class Mixing:
-    """How the paint of N strokes mixes with what lies below."""
+    """How the paint of N strokes mixes with the paint below."""
 
     coats: float
     opacity: Array  # (N,)
-    wet: Array  # (N,) share of the colour below that a stroke takes up on its way
-    drag: Array  # (N,) share of the colour that each bristle takes up where it passes and lays down further on
+    wet: Array  # (N,) share of the colour below that a stroke takes up along its way
+    drag: Array  # (N,) share of the colour that each bristle takes up and deposits further along
 
 
 def opaque_mixing(n: int, coats: float) -> Mixing:
-    """Mix nothing: ``n`` strokes cover what lies below."""
+    """Return no mixing: ``n`` strokes that cover the paint below."""
     return Mixing(coats, opacity=np.ones(n), wet=np.zeros(n), drag=np.zeros(n))
 
 
 class Extent(IntEnum):
-    """Where the paint of a stroke lies, hidden or not; the last column is of what is seen."""
+    """The extent of a stroke's paint, including hidden parts; only the last column is for its visible part."""
 
     AREA = 0  # pixels
-    X = 1  # mean place, pixels
+    X = 1  # mean position in pixels
     Y = 2
-    FIRST = 3  # parameter of the chord, -1 to 1 from start to end, at which paint begins
+    FIRST = 3  # parameter on the chord, from -1 (start) to 1 (end), at which paint begins
     LAST = 4
     VISIBLE = 5  # pixels
 
@@ -62,18 +62,18 @@ class StrokeGeometry(IntEnum):
     CENTRE_X = 0  # pixels
     CENTRE_Y = 1
     ANGLE = 2  # radians
-    LOG_WIDTH = 3  # of pixels
+    LOG_WIDTH = 3  # logarithm of pixels
     LOG_LENGTH = 4
-    VISIBLE = 5  # share of the stroke that is seen
+    VISIBLE = 5  # visible share of the stroke
 
 
 class Placement(IntEnum):
-    """Where the window of a stroke lies on the canvas, and how it is bent."""
+    """The position of a stroke's window on the canvas, and its bend."""
 
-    X = 0  # centre, pixels
+    X = 0  # centre in pixels
     Y = 1
     SIDE = 2  # pixels
-    COSINE = 3  # of the chord
+    COSINE = 3  # cosine of the chord's direction
     SINE = 4
     HALF_CHORD = 5  # pixels
     SWAY = 6  # pixels
@@ -85,13 +85,13 @@ class Canvas:
     """A canvas with strokes."""
 
     image: Array  # (H, W, 3)
-    height: Array  # (H, W) of the paint
-    labels: Array  # (H, W) int32, stroke that is seen, -1 the ground
+    height: Array  # (H, W) height of the paint
+    labels: Array  # (H, W) int32, visible stroke, or -1 for the ground
     extent: Array  # (N, len(Extent))
 
 
 def compose(windows: StrokeWindows, layout: StrokeLayout, mixing: Mixing, ground: Array) -> Canvas:
-    """Composite strokes over a ``ground`` (H, W, 3), the first lowest."""
+    """Composite strokes, bottom to top, over a ``ground`` (H, W, 3)."""
     places = _placements(windows, layout)
     image, height = ground.astype(F), np.zeros(ground.shape[:2], F)
     coats, opacity = F(mixing.coats), mixing.opacity.astype(F)
@@ -113,7 +113,7 @@ def compose(windows: StrokeWindows, layout: StrokeLayout, mixing: Mixing, ground
 
 
 def _placements(windows: StrokeWindows, layout: StrokeLayout) -> Array:
-    """Place each window: (N, len(Placement)) float32."""
+    """Compute the placement of each window: (N, len(Placement)) float32."""
     chord = chords_of(windows.curve)
     length = np.maximum(np.linalg.norm(chord, axis=1), 1e-3)
     places = np.empty((len(length), len(Placement)), F)
@@ -128,7 +128,7 @@ def _placements(windows: StrokeWindows, layout: StrokeLayout) -> Array:
 
 @inline
 def _box(place, height, width):
-    """First and last rows and columns that a window may touch."""
+    """Return the first and last rows and columns that a window may touch."""
     sway, taper = place[Placement.SWAY], place[Placement.TAPER]
     reach = 0.5 * place[Placement.SIDE] * DIAGONAL * (1 + abs(taper)) + abs(sway) + 1
     if sway == 0 and taper == 0:
@@ -140,7 +140,7 @@ def _box(place, height, width):
 
 @inline
 def _texel_place(x, y, place, side):
-    """Row and column in the window, and parameter along the chord, of a pixel centre; bends are undone."""
+    """Map a pixel centre to a row and a column of the unbent window, and to a parameter along the chord."""
     cosine, sine, sway = place[Placement.COSINE], place[Placement.SINE], place[Placement.SWAY]
     dx, dy = x - place[Placement.X], y - place[Placement.Y]
     along, across = dx * cosine + dy * sine, dy * cosine - dx * sine
@@ -155,7 +155,7 @@ def _texel_place(x, y, place, side):
 
 @inline
 def _look_up(texels, first, side, row, column, channel):
-    """Interpolate a channel of a window; it is 0 outside."""
+    """Interpolate a channel of a window, which is 0 outside."""
     top, left = int(np.floor(row)), int(np.floor(column))
     total = F(0)
     for i in range(2):
@@ -169,7 +169,7 @@ def _look_up(texels, first, side, row, column, channel):
 
 @function
 def _paint(texels, first, side, places, brush_width, coats, opacity, wet, drag, image, height):
-    """Lay strokes over an image (H, W, 3), and raise the height (H, W) of the paint."""
+    """Lay strokes over an image (H, W, 3) and raise the height (H, W) of the paint."""
     rows, columns = height.shape
     carried = np.zeros((DRAG_STEPS, DRAG_TRACKS, 4), F)
     for n in range(len(first)):
@@ -194,7 +194,7 @@ def _paint(texels, first, side, places, brush_width, coats, opacity, wet, drag, 
                     continue
                 bump = _look_up(texels, first[n], side[n], row, column, Texel.HEIGHT)
                 alpha = opacity[n] * (1 - (1 - min(raw, F(1))) ** coats)
-                taken = wet[n] * (F(0.5) + F(0.5) * min(max(t, F(-1)), F(1)))  # more towards the end
+                taken = wet[n] * (F(0.5) + F(0.5) * min(max(t, F(-1)), F(1)))  # increases towards the end
                 step, track = 0, 0
                 if drag[n] > 0:
                     step, track = _drag_cell(x + F(0.5), y + F(0.5), t, place, brush_width[n])
@@ -209,7 +209,7 @@ def _paint(texels, first, side, places, brush_width, coats, opacity, wet, drag, 
 
 @inline
 def _drag_cell(x, y, t, place, width):
-    """Step along the chord and track across it in which a pixel centre lies."""
+    """Return the step along the chord and the track across it that contain a pixel centre."""
     across = (y - place[Placement.Y]) * place[Placement.COSINE] - (x - place[Placement.X]) * place[Placement.SINE]
     step = int((min(max(t, F(-1)), F(1)) + 1) * F(0.5) * (DRAG_STEPS - 1) + F(0.5))
     track = int(min(max(across / max(width, F(1)) + F(0.5), F(0)), F(0.999)) * DRAG_TRACKS)
@@ -218,9 +218,9 @@ def _drag_cell(x, y, t, place, width):
 
 @inline
 def _take_up(texels, first, side, place, width, image, box, carried):
-    """Compute what the bristles of a stroke carry, (`DRAG_STEPS`, `DRAG_TRACKS`, colour and weight).
+    """Compute the paint that a stroke's bristles carry, (`DRAG_STEPS`, `DRAG_TRACKS`, colour and weight).
 
-    Each bristle is a leaky memory of the colours that it passes, from the start of the stroke to its end.
+    Each bristle is a leaky memory of the colours that it passes from the start of the stroke to its end.
     """
     carried[:] = 0
     for y in range(box[0], box[1]):
@@ -249,7 +249,7 @@ def _take_up(texels, first, side, place, width, image, box, carried):
 
 @function
 def _see(texels, first, side, places, coats, opacity, shape):
-    """Find the visible stroke at each pixel, which is the one that adds most to it, and how far each stroke extends."""
+    """Find the visible stroke at each pixel, which contributes most to it, and the extent of each stroke."""
     rows, columns = shape
     light, best = np.ones((rows, columns), F), np.zeros((rows, columns), F)
     labels = np.full((rows, columns), -1, np.int32)
@@ -286,7 +286,7 @@ def _see(texels, first, side, places, coats, opacity, shape):
 
 @inline
 def _uncover_ground(light, best, labels, extent):
-    """Label pixels to which the ground adds most, and count the visible pixels of strokes."""
+    """Label the pixels to which the ground contributes most, and count the visible pixels of strokes."""
     for y in range(labels.shape[0]):
         for x in range(labels.shape[1]):
             if light[y, x] > best[y, x]:
@@ -297,7 +297,7 @@ def _uncover_ground(light, best, labels, extent):
 
 @inline
 def _quantile(bins, count):
-    """Return the parameter of the chord before which ``count`` pixels of paint lie."""
+    """Return the parameter on the chord before which ``count`` pixels of paint lie."""
     total = 0.0
     for i in range(BINS):
         if total + bins[i] >= count and bins[i] > 0:
@@ -309,7 +309,7 @@ def _quantile(bins, count):
 def geometry_of(windows: StrokeWindows, canvas: Canvas) -> Array:
     """Compute the true attributes of N strokes: (N, len(StrokeGeometry)) float32.
 
-    Width and length are those of a round-ended line with as much paint as the stroke.
+    Width and length are those of a round-ended line with the same amount of paint.
     """
     import torch  # noqa: PLC0415
 

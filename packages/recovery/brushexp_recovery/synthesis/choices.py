@@ -1,4 +1,4 @@
-"""Random choices of looks, hands, mixtures of paint and grounds."""
+"""Choose random looks, hands, mixtures of paint and grounds."""
 
 from typing import Any
 
@@ -13,18 +13,18 @@ from brushexp_recovery.synthesis.windows import BrushLook
 Array = NDArray[Any]
 
 OCHRE = (0.66, 0.56, 0.42)  # sRGB
-WASH_BLUR = 40  # pixels: sigma by which a subject is blurred to a wash
+WASH_BLUR = 40  # standard deviation in pixels of the blur that turns a subject into a wash
 LAYERS = (
     (Layer(0.20, 1.0), Layer(0.35, 0.62), Layer(0.45, 0.40)),
     (Layer(1.0, 1.0),),
     (Layer(0.4, 1.0), Layer(0.6, 0.6)),
     (Layer(0.1, 1.0), Layer(0.2, 0.7), Layer(0.3, 0.5), Layer(0.4, 0.3)),
 )
-LOOKS = {"textured": 0.32, "bristles": 0.2, "fluid": 0.06, "disc": 0.12, "wash": 0.1, "analytic": 0.2}  # their chances
+LOOKS = {"textured": 0.32, "bristles": 0.2, "fluid": 0.06, "disc": 0.12, "wash": 0.1, "analytic": 0.2}  # probabilities
 
 
 def choose_plain_look(random: Random) -> BrushLook:
-    """Choose bristles: those of the textured renderer, or those of the simulator."""
+    """Choose between bristles of the textured renderer and of the simulator."""
     if random.random() < 0.65:
         return BrushLook("renderer", "textured", {})
     return BrushLook("engine", "fluid", {"brushes": 8, "supersample": int(random.integers(1, 3))})
@@ -36,7 +36,7 @@ def choose_look(random: Random) -> BrushLook:
     kind = random.choice(list(LOOKS), p=list(LOOKS.values()))
     if kind == "textured":
         return BrushLook("renderer", "textured", {}, coats)
-    if kind == "bristles":  # drawn at random
+    if kind == "bristles":  # random options
         return BrushLook("renderer", "textured", {"checkpoint": None, "variants": 16}, coats)
     if kind == "fluid":
         options = {"load": random.uniform(0.5, 1), "bristles": int(random.integers(40, 200)), "brushes": 8}
@@ -50,7 +50,7 @@ def choose_look(random: Random) -> BrushLook:
 
 
 def choose_hand(random: Random) -> Hand:
-    """Choose how strokes are laid."""
+    """Choose the hand that lays the strokes."""
     aspect = np.exp(random.uniform(np.log(1.6), np.log(22)))
     return Hand(
         layers=LAYERS[int(random.integers(len(LAYERS)))],
@@ -72,7 +72,7 @@ def choose_hand(random: Random) -> Hand:
 
 
 def choose_mixing(n: int, coats: float, is_plain: bool, random: Random) -> Mixing:
-    """Choose how the paint of ``n`` strokes mixes with paint."""
+    """Choose how the paint of ``n`` strokes mixes with the paint below."""
     if is_plain:
         return opaque_mixing(n, coats)
     least = random.choice([1.0, 0.85, 0.7])
@@ -81,7 +81,7 @@ def choose_mixing(n: int, coats: float, is_plain: bool, random: Random) -> Mixin
 
 
 def choose_ground(picture: Array, is_plain: bool, random: Random) -> Array:
-    """Prime a canvas: any even colour, with some of the picture, and grain; now and then it is the whole picture."""
+    """Prime a canvas with an even colour, a trace of the picture and grain, or sometimes with the whole picture."""
     if not is_plain and random.random() < 0.1:
         return picture
     usual = is_plain and random.random() < 0.4

@@ -1,4 +1,4 @@
-"""The colours of strokes, picked from the picture that is painted."""
+"""Pick the colours of strokes from the painted picture."""
 
 import warnings
 from typing import Any
@@ -11,14 +11,14 @@ from brushexp_recovery.synthesis.hand import Hand, Random
 
 Array = NDArray[Any]
 
-BLURS = np.array([0.5, 1, 2, 4, 8, 16])  # pixels: the picture at these is what colours are picked from
-BLUR_OF_WIDTH = 0.35  # widths of a stroke
-COLOR_SPREAD = (5.0, 3.5, 3.5)  # CIELAB: standard deviation between strokes of one paint
+BLURS = np.array([0.5, 1, 2, 4, 8, 16])  # blurs in pixels of the pictures from which colours are picked
+BLUR_OF_WIDTH = 0.35  # blur in widths of a stroke
+COLOR_SPREAD = (5.0, 3.5, 3.5)  # standard deviation in CIELAB between strokes of one paint
 DARKEST, BRIGHTEST = 0.01, 0.99  # sRGB
 
 
 def pick_colors(picture: Array, places: Array, width: Array, hand: Hand, random: Random) -> Array:
-    """Pick colours (n, 3) from a picture as blurred as the strokes are wide; the same paint is never mixed twice."""
+    """Pick colours (n, 3) from a picture blurred according to the strokes' widths; every mixture differs slightly."""
     from skimage.color import lab2rgb, rgb2lab  # noqa: PLC0415
 
     levels = np.stack([rgb2lab(gaussian_blur(picture, (sigma, sigma, 0))) for sigma in BLURS])
@@ -29,5 +29,5 @@ def pick_colors(picture: Array, places: Array, width: Array, hand: Hand, random:
         paints = color[random.integers(0, len(color), hand.palette)]
         color = paints[((color[:, None] - paints[None]) ** 2).sum(-1).argmin(1)]
     color = color + random.normal(size=color.shape) * COLOR_SPREAD * np.array(hand.color)
-    with warnings.catch_warnings(action="ignore"):  # of colours that no screen shows
+    with warnings.catch_warnings(action="ignore"):  # warns about colours outside sRGB
         return np.clip(lab2rgb(color[None])[0], DARKEST, BRIGHTEST)

@@ -1,4 +1,4 @@
-"""The directions in which a picture is painted, and how much detail it has."""
+"""Compute the directions in which a picture is painted, and its amount of detail."""
 
 from typing import Any
 
@@ -10,14 +10,14 @@ from brushexp_recovery.synthesis.hand import Random
 
 Array = NDArray[Any]
 
-FEWEST_PATCHES, MOST_PATCHES = 3, 30  # that are hatched in one direction each
-PATCH_STEP = 4  # pixels: patches are as exact as that
+FEWEST_PATCHES, MOST_PATCHES = 3, 30  # range of the number of patches hatched in one direction each
+PATCH_STEP = 4  # resolution of patches in pixels
 
 
 def edge_directions(picture: Array, sigma: float) -> Array:
-    """Compute the direction (H, W) along the edges of a picture, radians, smooth where it says little.
+    """Compute the direction (H, W) in radians along the edges of a picture, smooth where edges are weak.
 
-    That of the structure tensor, blurred by ``sigma`` pixels and, weakly, by four times as many.
+    It comes from the structure tensor, blurred by ``sigma`` pixels and, with a low weight, by four times as many.
     """
     gy, gx = np.gradient(gaussian_blur(picture, (1, 1, 0)), axis=(0, 1))
     products = ((a * b).sum(-1) for a, b in ((gx, gx), (gx, gy), (gy, gy)))
@@ -26,13 +26,13 @@ def edge_directions(picture: Array, sigma: float) -> Array:
 
 
 def detail_of(picture: Array, pitch: float) -> Array:
-    """Measure how much detail (H, W) a picture has at about ``pitch`` pixels."""
+    """Measure the amount of detail (H, W) of a picture at a scale of about ``pitch`` pixels."""
     down, right = np.gradient(gaussian_blur(picture, (1.5, 1.5, 0)), axis=(0, 1))
     return gaussian_blur(np.sqrt((down**2 + right**2).sum(-1)), 0.5 * pitch)
 
 
 def add_hatching(angles: Array, share: float, random: Random) -> Array:
-    """Replace a ``share`` of a field (H, W) of directions by patches of one direction each."""
+    """Replace a ``share`` of a field (H, W) of directions with patches of one direction each."""
     if share == 0:
         return angles
     height, width = angles.shape

@@ -1,4 +1,4 @@
-"""Layouts of strokes that paint a picture: their curves, widths and colours, bottom to top."""
+"""Lay out strokes that paint a picture: curves, widths and colours, bottom to top."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -14,22 +14,22 @@ from brushexp_recovery.synthesis.streamlines import curves_along
 
 Array = NDArray[Any]
 
-ROUND_AREA = 0.8  # squared widths: area of the round ends of a stroke, about
-DETAIL_WEIGHT = 0.6  # by which each finer layer has more strokes where there is detail
-ROW_PITCH = (0.7, 1.05)  # widths between neighbours of a row
-ROW_SCATTER = 0.5  # widths by which they are moved along the row's direction
-MOST_TAPER = 0.6  # share of the width
+ROUND_AREA = 0.8  # approximate area of the round ends of a stroke in squared widths
+DETAIL_WEIGHT = 0.6  # weight of detail in the density of each finer layer
+ROW_PITCH = (0.7, 1.05)  # range of the distance between neighbours in a row, in widths
+ROW_SCATTER = 0.5  # displacement of neighbours along the strokes, in widths
+MOST_TAPER = 0.6  # maximum taper as a share of the width
 
 
 @dataclass(frozen=True)
 class StrokeLayout:
     """N strokes on a canvas, bottom to top."""
 
-    curve: Array  # (N, 3, 2) control points, pixels, x to the right, y down
+    curve: Array  # (N, 3, 2) control points in pixels, x to the right, y down
     width: Array  # (N,) pixels
     color: Array  # (N, 3) sRGB
-    sway: Array  # (N,) pixels to which side, half-way to either end, an S bends
-    taper: Array  # (N,) change of width from the middle to an end, as a share
+    sway: Array  # (N,) sideways displacement of an S-bend in pixels, half-way to each end
+    taper: Array  # (N,) relative change of width from the middle to an end
 
     def __len__(self) -> int:
         return len(self.width)
@@ -48,7 +48,7 @@ def lay_strokes(picture: Array, n: int, hand: Hand, random: Random) -> StrokeLay
     pitch = np.sqrt(area / n)
     angles = add_hatching(edge_directions(picture, max(3.0, 0.45 * pitch)), hand.hatch, random)
     places = _place_layers(picture, counts, pitch, hand, random)
-    painted = places  # where the picture tells the colour
+    painted = places  # where colours are picked
     if hand.row > 1:
         painted, places = _line_up(places, angles, width, hand.row, random)
     curve = curves_along(angles, picture, places, 0.5 * aspect * width, hand, random)
@@ -61,7 +61,7 @@ def lay_strokes(picture: Array, n: int, hand: Hand, random: Random) -> StrokeLay
 def _line_up(places: Array, angles: Array, width: Array, most: int, random: Random) -> tuple[Array, Array]:
     """Move strokes into rows of up to ``most``, side by side across a field (H, W) of directions.
 
-    Returns the first place of the row of each stroke, and its own place, (n, 2) each.
+    Returns the first place in each stroke's row, and its own place, (n, 2) each.
     """
     n = len(places)
     size = np.array(angles.shape[::-1])
@@ -78,7 +78,7 @@ def _line_up(places: Array, angles: Array, width: Array, most: int, random: Rand
 
 
 def _place_layers(picture: Array, counts: Array, pitch: float, hand: Hand, random: Random) -> Array:
-    """Place the strokes of each layer, (n, 2): the finer ones mostly where there is detail."""
+    """Place the strokes (n, 2) of each layer, with finer strokes mostly where there is detail."""
     size = picture.shape[:2]
     if hand.even:
         return np.concatenate([on_grid(count, size, random) for count in counts])

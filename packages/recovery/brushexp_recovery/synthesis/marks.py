@@ -1,4 +1,4 @@
-"""Marks of paint by a formula with many random parts, so that the network learns from more than our own brushes."""
+"""Draw marks of paint by a formula with many random parameters, for training on more than our own brushes."""
 # mypy: allow-untyped-defs
 
 from typing import Any, NamedTuple
@@ -17,39 +17,39 @@ from brushexp_recovery.synthesis.windows import StrokeWindows, Texel, close_gaps
 Array = NDArray[Any]
 F = np.float32
 
-POINTS = 25  # of a curve, the ends of its straight pieces
-SAMPLES = 48  # of what changes along a stroke
-MARGIN = 3.0  # pixels around a stroke
-CLOSED_GAP = 5  # pixels: gaps between specks of paint so narrow are of the stroke's region
-VARIETY = (0.8, 1.2)  # by which each stroke departs from the marks of its painting
+POINTS = 25  # number of points on a curve, the ends of its straight pieces
+SAMPLES = 48  # number of samples of properties that vary along a stroke
+MARGIN = 3.0  # margin around a stroke in pixels
+CLOSED_GAP = 5  # maximum width in pixels of gaps between specks of paint that belong to the stroke's region
+VARIETY = (0.8, 1.2)  # range of factors by which each stroke varies from the marks of its painting
 
 
 class Marks(NamedTuple):
-    """How the strokes of one painting look; each departs from it a little (domain randomisation, Tobin et al., 2017).
+    """The look of one painting's strokes, each with small variations (domain randomisation, Tobin et al., 2017).
 
-    Paint lies where what the brush holds exceeds what the bristle and the grain of the canvas take from it. It runs out
-    along the stroke, so a late part breaks up into streaks where ``bristle`` is large and into specks where ``grain``
-    is. The unseen brushes of the benchmark differ: their outlines are smooth and their ends straight, their knife is
-    of one thickness, and their dry brush fades by streaks of a fixed formula, with no grain of the canvas and no rim.
+    Paint is deposited where the brush holds more than the bristle and the grain of the canvas require. It runs out
+    along the stroke, so its end breaks up into streaks if ``bristle`` is large and into specks if ``grain`` is large.
+    The unseen brushes of the benchmark differ: they have smooth outlines and straight ends, the knife has a constant
+    thickness, and the dry brush fades by streaks of a fixed formula, without canvas grain or rim.
     """
 
-    rough: float = 0.0  # of the outline, in half widths
-    ends: float = 0.5  # half widths over which an end becomes narrow
-    ragged: float = 0.0  # half widths by which bristles begin and end apart
-    tracks: int = 24  # bristles side by side
+    rough: float = 0.0  # roughness of the outline in half widths
+    ends: float = 0.5  # length over which an end narrows, in half widths
+    ragged: float = 0.0  # spread of the bristles' start and end in half widths
+    tracks: int = 24  # number of bristles side by side
     full: float = 4.0  # paint held at the start
-    dry: float = 0.0  # paint lost on the way
-    bristle: float = 0.0  # deviation between bristles of what they need
-    grain: float = 0.0  # and between places of the canvas
-    sharp: float = 1.0  # of the change from paint to no paint
-    rim: float = 0.0  # change of tone where paint gathers at the rim (less than 0) or is scraped away (more)
+    dry: float = 0.0  # paint lost along the way
+    bristle: float = 0.0  # deviation of the required paint between bristles
+    grain: float = 0.0  # deviation of the required paint between places of the canvas
+    sharp: float = 1.0  # sharpness of the transition from paint to no paint
+    rim: float = 0.0  # change of tone where paint gathers at the rim (below 0) or is scraped away (above 0)
     streak: float = 0.1  # change of tone between bristles
-    load: float = 0.0  # difference of the colours at either side of the brush, sRGB
+    load: float = 0.0  # colour difference between the sides of the brush in sRGB
     thin: float = 0.0  # share of the paint that is missing at the start
 
 
 def choose_marks(random: Random) -> Marks:
-    """Choose how strokes look, from even and smooth to broken up."""
+    """Choose the look of strokes, from even and smooth to broken up."""
     is_dry = bool(random.random() < 0.4)
     return Marks(
         rough=float(random.choice([0.0, 0.08, 0.15, 0.3])),
@@ -69,7 +69,7 @@ def choose_marks(random: Random) -> Marks:
 
 
 def draw_marks(layout: StrokeLayout, marks: Marks, size: tuple[int, int], random: Random) -> StrokeWindows:
-    """Draw strokes on a canvas (H, W) in windows as large as they are, a texel a pixel."""
+    """Draw strokes on a canvas (H, W), each in a window of its own size, one texel per pixel."""
     reach = 0.5 * layout.width * (1 + marks.rough) * (1.2 + 0.5 * marks.ragged) + MARGIN
     corner, side = place_windows(layout, reach)
     grain = standardise(gaussian_blur(random.normal(size=size), random.uniform(0.5, 1.6)))
@@ -84,7 +84,7 @@ def draw_marks(layout: StrokeLayout, marks: Marks, size: tuple[int, int], random
 def _draw_mark(
     points: Array, width: float, color: Array, side: int, corner: Array, grain: Array, marks: Marks, random: Random
 ) -> Array:
-    """Draw one stroke along points (POINTS, 2) of its window: texels (side * side, len(Texel))."""
+    """Draw one stroke along points (POINTS, 2) in its window; return texels (side * side, len(Texel))."""
     bristles = _draw_bristles(random, marks.tracks)
     outline = _draw_outline(random)
     own_marks = Marks(*(np.array(marks, F) * random.uniform(*VARIETY, len(marks)).astype(F)))
@@ -106,24 +106,24 @@ def _draw_mark(
 
 
 def standardise(noise: Array) -> Array:
-    """Give noise mean 0 and deviation 1."""
+    """Scale noise to mean 0 and standard deviation 1."""
     return ((noise - noise.mean()) / max(noise.std(), 1e-6)).astype(F)
 
 
 def _draw_bristles(random: Random, tracks: int) -> Array:
-    """Draw how bristles (`SAMPLES`, ``tracks``) differ: each from the others, and each slowly along the stroke."""
+    """Draw variations of bristles (`SAMPLES`, ``tracks``), from bristle to bristle and slowly along each bristle."""
     slow = gaussian_blur(random.normal(size=(SAMPLES, tracks)), (random.uniform(3, 20), 0.3))
     return standardise(standardise(slow) + random.uniform(0.3, 1.5) * random.normal(size=tracks))
 
 
 def _draw_outline(random: Random) -> Array:
-    """Draw how either side (`SAMPLES`, 2) departs from a smooth one."""
+    """Draw the deviation of both sides (`SAMPLES`, 2) from smooth outlines."""
     return standardise(gaussian_blur(random.normal(size=(SAMPLES, 2)), (random.uniform(0.8, 6), 0)))
 
 
 @function
 def _stamp(points, width, color, corner, grain, bristles, outline, marks, load, texels):
-    """Draw one stroke along ``points`` (P, 2) into texels (side, side, len(Texel)), which are 0: all but `CLOSED`."""
+    """Draw one stroke along ``points`` (P, 2) into empty texels (side, side, len(Texel)), except `CLOSED`."""
     half, side = F(0.5) * width, len(texels)
     length = length_of_line(points)
     reach = half * (1 + F(2.5) * marks.rough) + 2

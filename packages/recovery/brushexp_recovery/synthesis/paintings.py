@@ -1,6 +1,6 @@
-"""Paintings with known strokes, any number of them; each depends on a seed, its number and its family of paint.
+"""Make any number of paintings with known strokes, each determined by a seed, its number and its family of paint.
 
-Those without a family are drawn by engines and renderers of the program.
+Paintings without a family are drawn by engines and renderers of the program.
 """
 
 from collections.abc import Sequence
@@ -29,18 +29,18 @@ from brushexp_recovery.synthesis.windows import draw_strokes
 
 Array = NDArray[Any]
 
-PAINTING_SIDE = 512  # pixels of a painting
-STROKES = (120, 2600)  # fewest and most of a painting
-FAMILY_SHARE = 0.5  # of the paintings are of a family of paint, where there are families
-FAMILY_STREAM = 61  # of random numbers that choose it
-FAMILY_STROKES = (25, 1500)  # fewest and most of a painting of a family: some are 100 pixels wide
-PLAIN_SHARE = 0.55  # of the other paintings are by a plain hand
-BARE_SHARE = 0.05  # share of paintings without a stroke
-MARKS_SHARE = 0.5  # share of the looks that are marks by a formula, where the hand is not plain
+PAINTING_SIDE = 512  # side of a painting in pixels
+STROKES = (120, 2600)  # range of the number of strokes
+FAMILY_SHARE = 0.5  # share of paintings of a family of paint, if there are families
+FAMILY_STREAM = 61  # stream of random numbers that choose the family
+FAMILY_STROKES = (25, 1500)  # range of the number of strokes for families, some of which are 100 pixels wide
+PLAIN_SHARE = 0.55  # share of the other paintings by a plain hand
+BARE_SHARE = 0.05  # share of paintings without strokes
+MARKS_SHARE = 0.5  # share of looks that are marks by a formula if the hand is not plain
 FIRST_PLAIN = 900_046  # paintings from this number on are plain
-CRACKED_SHARE = 0.12  # of the paintings that are not plain
-MOST_FLUID = 400  # strokes beyond which the simulator of bristles takes too long
-PICTURES = (  # that come with scikit-image and matplotlib
+CRACKED_SHARE = 0.12  # share of the paintings that are not plain
+MOST_FLUID = 400  # number of strokes above which the bristle simulator takes too long
+PICTURES = (  # shipped with scikit-image and Matplotlib
     "astronaut",
     "brick",
     "chelsea",
@@ -58,16 +58,16 @@ PICTURES = (  # that come with scikit-image and matplotlib
 
 @dataclass(frozen=True)
 class KnownPainting:
-    """A painting whose N strokes are known."""
+    """A painting with N known strokes."""
 
     image: Array  # (H, W, 3) uint8
-    labels: Array  # (H, W) int16, the stroke that is seen, numbered from the bottom; -1 is the ground
+    labels: Array  # (H, W) int16, visible stroke, numbered from the bottom; -1 is the ground
     geometry: Array  # (N, len(StrokeGeometry)) float32
 
 
 @cache
 def family_of(seed: int, number: int) -> str | None:
-    """Return the family of paint of painting ``number``, which its seed and number decide; None means engines."""
+    """Return the family of paint of painting ``number``, determined by seed and number; None means engines."""
     random = np.random.default_rng([seed, number, FAMILY_STREAM])
     if number >= FIRST_PLAIN or random.random() >= FAMILY_SHARE:
         return None
@@ -75,7 +75,7 @@ def family_of(seed: int, number: int) -> str | None:
 
 
 def paint(seed: int, number: int, pictures: Sequence[str], family: str | None = None) -> KnownPainting:
-    """Make painting ``number``: of a family of paint, or by engines; from `FIRST_PLAIN` on by a plain hand."""
+    """Make painting ``number`` with a family of paint or with engines; from `FIRST_PLAIN` on, with a plain hand."""
     random = np.random.default_rng([seed, number])
     picture = cut_square(pictures[int(random.integers(len(pictures)))], random)
     if family is not None:
@@ -112,7 +112,7 @@ def age(image: Array, height: Array, random: Random) -> Array:
 
 
 def make_bare(picture: Array, random: Random) -> KnownPainting:
-    """Make a picture without strokes: a photograph or bare ground, sometimes cracked."""
+    """Make a picture without strokes, a photograph or bare ground, sometimes cracked."""
     image = picture if random.random() < 0.6 else choose_ground(picture, False, random)
     image = crack(image, random) if random.random() < 0.3 else image
     labels = np.full(picture.shape[:2], -1, np.int16)
@@ -125,7 +125,7 @@ def as_bytes(image: Array) -> Array:
 
 
 def cut_square(name: str, random: Random) -> Array:
-    """Cut a square out of a picture, (S, S, 3) float32, turned and mirrored; a small part of a large picture."""
+    """Cut a square (S, S, 3) float32, only a small part if the picture is large, and randomly rotate and mirror it."""
     from skimage.transform import resize  # noqa: PLC0415
 
     whole = load_picture(name, None).permute(1, 2, 0).numpy()

@@ -1,4 +1,4 @@
-"""A pool of paintings on disk, which a process of its own fills while a network learns from it."""
+"""Fill a pool of paintings on disk in a separate process while a network learns from it."""
 
 import os
 import sys
@@ -10,7 +10,7 @@ import numpy as np
 from brushexp_recovery.raster.npz import write_npz
 from brushexp_recovery.synthesis.paintings import KnownPainting, family_of, paint
 
-NICENESS = 10  # the pool leaves the processor to the training
+NICENESS = 10  # gives the training priority
 
 
 def fill_pool(
@@ -21,14 +21,14 @@ def fill_pool(
     pictures: Sequence[str],
     families: Collection[str] = (),
 ) -> None:
-    """Paint those of ``numbers`` that the pool lacks, for as long as the process ``parent`` lives.
+    """Paint the ``numbers`` that the pool lacks, as long as the process ``parent`` lives.
 
-    Half of the paintings are of families of paint: only those of ``families`` are made. Without families, engines make
-    every painting.
+    Half of the paintings are of families of paint, and only those of ``families`` are made. Without families, engines
+    make every painting.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for number in numbers:
-        if os.getppid() != parent:  # the training is over, however it ended
+        if os.getppid() != parent:  # the training has ended
             return
         path = path_of(folder, seed, number, families)
         if is_made(seed, number, families) and not path.is_file():
@@ -41,38 +41,38 @@ def family_among(seed: int, number: int, families: Collection[str]) -> str | Non
 
 
 def is_made(seed: int, number: int, families: Collection[str]) -> bool:
-    """Tell whether a pool with ``families`` has painting ``number``."""
+    """Check whether a pool with ``families`` includes painting ``number``."""
     family = family_among(seed, number, families)
     return family is None or family in families
 
 
 def path_of(folder: Path, seed: int, number: int, families: Collection[str]) -> Path:
-    """Return the file of painting ``number``, whose name says its family, so that a folder serves every pool."""
+    """Return the file of painting ``number``, whose name includes its family, so that all pools can share a folder."""
     family = family_among(seed, number, families)
     return folder / f"{number:06d}{f'-{family}' if family else ''}.npz"
 
 
 def save_painting(path: Path, painting: KnownPainting) -> None:
-    """Write a painting whole or not at all."""
+    """Write a painting either completely or not at all."""
     write_npz(path, image=painting.image, labels=painting.labels, geometry=painting.geometry)
 
 
 def load_painting(path: Path) -> KnownPainting:
-    """Read a painting of the pool."""
+    """Read a painting from the pool."""
     with np.load(path) as file:
         return KnownPainting(file["image"], file["labels"], file["geometry"])
 
 
 def main(parent: str, folder: str, seed: str, families: str, first: str, end: str, step: str, *pictures: str) -> None:
-    """Fill a pool, as a process of its own, with the paintings ``range(first, end, step)``.
+    """Fill a pool with the paintings ``range(first, end, step)`` in a separate process.
 
-    ``families`` names families of paint, with commas between; empty means none.
+    ``families`` lists families of paint, separated by commas; empty means none.
     """
     import torch  # noqa: PLC0415
 
     from brushexp.contracts.runs import load_plugins  # noqa: PLC0415
 
-    if hasattr(os, "nice"):  # Windows has no such function
+    if hasattr(os, "nice"):  # missing on Windows
         os.nice(NICENESS)
     torch.set_num_threads(1)
     load_plugins(Path("plugins"), warns=False)

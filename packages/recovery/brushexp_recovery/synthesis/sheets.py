@@ -1,4 +1,4 @@
-"""Straight pictures of strokes, and strokes drawn by bending them along curves."""
+"""Draw strokes by bending straight pictures of strokes along curves."""
 # mypy: allow-untyped-defs
 
 from collections.abc import Callable
@@ -20,25 +20,25 @@ from brushexp_recovery.synthesis.windows import StrokeWindows, Texel, close_gaps
 Array = NDArray[Any]
 F = np.float32
 
-BEYOND_ENDS = 0.3  # widths that a sheet shows beyond either end of a stroke
-BEYOND_SIDES = 0.15  # widths that it shows beyond either side
-COLUMNS = 36  # of a sheet that is drawn by a formula
+BEYOND_ENDS = 0.3  # extent of a sheet beyond each end of a stroke in widths
+BEYOND_SIDES = 0.15  # extent of a sheet beyond each side of a stroke in widths
+COLUMNS = 36  # columns of a sheet drawn by a formula
 MOST_ROWS = 320
-MARGIN = 2.0  # pixels around a stroke
-GAP_SHARE = 0.15  # of the width: gaps between specks of paint so narrow are of the stroke's region
-NARROWEST_GAP = 5  # pixels
+MARGIN = 2.0  # margin around a stroke in pixels
+GAP_SHARE = 0.15  # maximum width, as a share of the stroke's, of gaps between specks that belong to its region
+NARROWEST_GAP = 5  # lower bound of this width in pixels
 
 
 @dataclass(frozen=True)
 class Sheet:
-    """A straight stroke: rows run along it, from `BEYOND_ENDS` before its start; columns across it."""
+    """A picture of a straight stroke, with rows along it, starting `BEYOND_ENDS` before it, and columns across it."""
 
-    cover: Array  # (A, C) in [0, 1], the coverage of paint
-    tint: Array  # (A, C, 3) by which the colour of the stroke is multiplied
-    height: Array  # (A, C) of the paint; 1 is full
+    cover: Array  # (A, C) coverage of paint in [0, 1]
+    tint: Array  # (A, C, 3) factor of the stroke's colour
+    height: Array  # (A, C) height of the paint; 1 is full
 
     def reduce(self, width: float) -> "Sheet":
-        """Average blocks of a sheet until it is about as fine as the pixels of a stroke of a ``width``; float32."""
+        """Average blocks of a sheet until its resolution is close to that of a stroke of ``width`` pixels; float32."""
         cover, tint, height = (np.ascontiguousarray(each, F) for each in (self.cover, self.tint, self.height))
         while cover.shape[1] > 2.6 * max(width, 4.0) and min(cover.shape) >= 4:
             cover, tint, height = _halve(cover), _halve(tint), _halve(height)
@@ -46,7 +46,7 @@ class Sheet:
 
 
 def _halve(values: Array) -> Array:
-    """Average blocks of two by two."""
+    """Average blocks of 2 x 2."""
     rows, columns = (size // 2 * 2 for size in values.shape[:2])
     blocks = [values[i:rows:2, j:columns:2] for i in range(2) for j in range(2)]
     mean: Array = np.mean(blocks, 0)
@@ -54,23 +54,23 @@ def _halve(values: Array) -> Array:
 
 
 def places_across(columns: int) -> Array:
-    """Return where the columns of a sheet lie, in half widths from the middle of the stroke."""
+    """Return the positions of a sheet's columns in half widths from the middle of the stroke."""
     return np.linspace(-1 - 2 * BEYOND_SIDES, 1 + 2 * BEYOND_SIDES, columns)
 
 
 def ends_of(rows: int, length: float) -> Array:
-    """Return how far the rows of a sheet lie within a stroke ``length`` widths long, in widths from its nearer end."""
+    """Return the distance of a sheet's rows from the nearer end of a stroke ``length`` widths long, in widths."""
     along = np.linspace(-BEYOND_ENDS, length + BEYOND_ENDS, rows)
     return np.minimum(along, length - along)
 
 
 def smooth_noise(random: Random, size: tuple[int, ...], sigma: Any) -> Array:
-    """Draw smooth noise of mean 0 and deviation 1."""
+    """Draw smooth noise with mean 0 and standard deviation 1."""
     return standardise(gaussian_blur(random.normal(size=size), sigma))
 
 
 def draw_bristles(random: Random, rows: int, columns: int) -> Array:
-    """Draw how the bristles of a brush differ, (A, C): each from the others, and each slowly along the stroke."""
+    """Draw variations (A, C) of a brush's bristles, from bristle to bristle and slowly along each bristle."""
     slow = smooth_noise(random, (rows, columns), (0.01 * rows * random.uniform(2, 25), random.uniform(0.3, 1.2)))
     own = smooth_noise(random, (1, columns), (0, random.uniform(0.3, 1.5)))
     share = random.uniform(0.2, 0.9)
@@ -80,7 +80,7 @@ def draw_bristles(random: Random, rows: int, columns: int) -> Array:
 def draw_outline(random: Random, rows: int, columns: int, length: float, rough: float, ends: float) -> Array:
     """Draw the coverage (A, C) of a brush with rough sides whose ends narrow over ``ends`` widths.
 
-    ``rough`` is the deviation of the sides, in half widths, and of the ends between bristles, in widths.
+    ``rough`` is the deviation of the sides in half widths, and of the ends between bristles in widths.
     """
     across = places_across(columns)
     ragged = rough * smooth_noise(random, (2, columns), (0, random.uniform(0.4, 2)))
@@ -94,19 +94,19 @@ def draw_outline(random: Random, rows: int, columns: int, length: float, rough: 
 
 
 def grey_tint(tone: Array) -> Array:
-    """Make a tint (A, C, 3) that changes lightness alone."""
+    """Make a tint (A, C, 3) that changes only lightness."""
     return np.repeat(tone[..., None], 3, 2)
 
 
 def rows_for(length: float) -> int:
-    """Return how many rows a sheet of a stroke of a ``length`` in widths needs."""
+    """Return the number of rows of a sheet for a stroke of a given ``length`` in widths."""
     return int(np.clip(COLUMNS * (length + 2 * BEYOND_ENDS), 16, MOST_ROWS))
 
 
 def draw_sheets(layout: StrokeLayout, draw: Callable[[float], Sheet]) -> StrokeWindows:
-    """Draw each stroke with a sheet of its own, in windows as large as they are, a texel a pixel.
+    """Draw each stroke with a separate sheet in a window of its own size, one texel per pixel.
 
-    ``draw`` makes a sheet for a stroke from its length in widths.
+    ``draw`` makes the sheet of a stroke, given its length in widths.
     """
     corner, side = place_windows(layout, layout.width * (0.5 + BEYOND_SIDES + BEYOND_ENDS) + MARGIN)
     points = points_on(layout.curve - corner[:, None], POINTS).astype(F)
@@ -123,7 +123,7 @@ def draw_sheets(layout: StrokeLayout, draw: Callable[[float], Sheet]) -> StrokeW
 
 @function
 def _bend(points, width, color, cover, tint, height, texels):
-    """Draw a sheet along ``points`` (P, 2) into texels (S, S, len(Texel)), which are 0: all but `CLOSED`."""
+    """Draw a sheet along ``points`` (P, 2) into empty texels (S, S, len(Texel)), except `CLOSED`."""
     side, rows, columns = len(texels), cover.shape[0], cover.shape[1]
     length = length_of_line(points)
     reach = (F(0.5) + F(BEYOND_SIDES)) * width

@@ -1,4 +1,4 @@
-"""Curves along a field of directions."""
+"""Trace curves along a field of directions."""
 
 from typing import Any
 
@@ -9,11 +9,11 @@ from brushexp_recovery.synthesis.hand import TRACE_STEPS, Hand, Random
 
 Array = NDArray[Any]
 
-SURE_STEPS = 4  # are gone whatever lies on the way
+SURE_STEPS = 4  # number of steps that are always taken
 
 
 def curves_along(angles: Array, picture: Array, places: Array, half: Array, hand: Hand, random: Random) -> Array:
-    """Make curves (n, 3, 2) along a field of directions, through ``places`` and ``half`` pixels to either side."""
+    """Trace curves (n, 3, 2) along a field of directions, through ``places`` and ``half`` pixels to each side."""
     n = len(places)
     x, y = places.astype(int).T
     angle = angles[y, x]
@@ -32,7 +32,7 @@ def _rotate(vectors: Array, turn: Array) -> Array:
 
 
 def _trace(angles: Array, picture: Array, places: Array, angle: Array, half: Array, hand: Hand) -> Array:
-    """Go ``half`` (n,) pixels along the field from ``places`` (n, 2), towards ``angle`` (n,) at first."""
+    """Follow the field for ``half`` (n,) pixels from ``places`` (n, 2), starting towards ``angle`` (n,)."""
     height, width = angles.shape
     step = np.maximum(half / TRACE_STEPS, 1e-3)[:, None]
     place = places.copy()

@@ -1,4 +1,4 @@
-"""Strokes drawn one by one in windows of their own, by any engine or renderer of the program."""
+"""Draw strokes one by one in separate windows with any engine or renderer of the program."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,21 +17,21 @@ from brushexp_recovery.synthesis.layout import StrokeLayout
 
 Array = NDArray[Any]
 
-SIDES = (32, 48, 64, 96, 128, 192, 256, 384)  # pixels of windows that renderers draw in; engines have one size
-SMALLEST_ENGINE_SIDE, LARGEST_ENGINE_SIDE = 48, 104  # pixels of the windows of an engine
-SHEET_STROKES = 256  # that a renderer draws at once
-CLOSED_GAP = 3  # pixels: gaps between bristles so narrow are of the stroke's region
+SIDES = (32, 48, 64, 96, 128, 192, 256, 384)  # sides in pixels of windows for renderers; engines have one size
+SMALLEST_ENGINE_SIDE, LARGEST_ENGINE_SIDE = 48, 104  # range of the side of an engine's windows in pixels
+SHEET_STROKES = 256  # number of strokes that a renderer draws at once
+CLOSED_GAP = 3  # maximum width in pixels of gaps between bristles that belong to the stroke's region
 
 
 class Texel(IntEnum):
     """Channels of a texel of a window."""
 
-    RED = 0  # times alpha
+    RED = 0  # multiplied by alpha
     GREEN = 1
     BLUE = 2
     ALPHA = 3
-    CLOSED = 4  # alpha with its gaps closed
-    HEIGHT = 5  # of the paint, 1 where it is full
+    CLOSED = 4  # alpha with closed gaps
+    HEIGHT = 5  # height of the paint; 1 is full
 
 
 @dataclass(frozen=True)
@@ -41,31 +41,31 @@ class BrushLook:
     family: str
     name: str
     options: Mapping[str, Any]
-    coats: float = 4.0  # paint is thick: alpha becomes 1 - (1 - alpha)^coats
+    coats: float = 4.0  # number of coats of paint, which give an alpha of 1 - (1 - alpha)^coats
 
 
 @dataclass(frozen=True)
 class StrokeWindows:
-    """N strokes in windows of their own, on the canvas that their places are of."""
+    """N strokes in separate windows, with their positions on a canvas."""
 
     texels: Array  # (T, len(Texel)) float32, window after window
     first: Array  # (N,) first texel of each window
-    side: Array  # (N,) texels on a side
-    position: Array  # (N, 2) centres of the windows, pixels
-    scale: Array  # (N,) their sides, pixels
-    curve: Array  # (N, 3, 2) as it was really drawn, pixels
+    side: Array  # (N,) side of each window in texels
+    position: Array  # (N, 2) centres of the windows in pixels
+    scale: Array  # (N,) sides of the windows in pixels
+    curve: Array  # (N, 3, 2) actually drawn curves in pixels
     width: Array  # (N,)
 
 
 def first_texels(side: Array) -> Array:
-    """Return the first texel (N,) of windows of sides (N,) that follow each other."""
+    """Return the first texel (N,) of consecutive windows with sides (N,)."""
     return np.concatenate([[0], np.cumsum(side**2)[:-1]])
 
 
 def place_windows(layout: StrokeLayout, reach: Array) -> tuple[Array, Array]:
-    """Place square windows on whole pixels around strokes that ``reach`` (N,) pixels beyond their control points.
+    """Place square windows at whole pixels around strokes that ``reach`` (N,) pixels beyond their control points.
 
-    Returns their upper left corners (N, 2) and their sides (N,).
+    Returns the windows' upper left corners (N, 2) and sides (N,).
     """
     low, high = layout.curve.min(1) - reach[:, None], layout.curve.max(1) + reach[:, None]
     side = np.ceil((high - low).max(1)).astype(int)
@@ -73,7 +73,7 @@ def place_windows(layout: StrokeLayout, reach: Array) -> tuple[Array, Array]:
 
 
 def close_gaps(window: Array, gap: int) -> Array:
-    """Complete texels (S, S, len(Texel)) with their alpha without gaps up to ``gap`` pixels: (S * S, len(Texel))."""
+    """Add to texels (S, S, len(Texel)) the alpha with gaps up to ``gap`` pixels closed; return (S * S, len(Texel))."""
     from scipy.ndimage import grey_closing  # noqa: PLC0415
 
     window[..., Texel.CLOSED] = grey_closing(window[..., Texel.ALPHA], size=gap)
@@ -81,7 +81,7 @@ def close_gaps(window: Array, gap: int) -> Array:
 
 
 def join_windows(texels: Sequence[Array], side: Array, position: Array, layout: StrokeLayout) -> StrokeWindows:
-    """Join the texels of windows of sides (N,) around their centres ``position`` (N, 2), a texel a pixel."""
+    """Join the texels of windows with sides (N,) around their centres ``position`` (N, 2), one texel per pixel."""
     return StrokeWindows(
         texels=np.concatenate(texels).astype(np.float32, copy=False),
         first=first_texels(side),
@@ -94,7 +94,7 @@ def join_windows(texels: Sequence[Array], side: Array, position: Array, layout: 
 
 
 def draw_strokes(layout: StrokeLayout, look: BrushLook, seed: int) -> StrokeWindows:
-    """Draw strokes in windows; a stroke that an engine cannot draw becomes the nearest one that it can."""
+    """Draw strokes in windows; a stroke that an engine cannot draw is replaced by the nearest one that it can."""
     parts = (layout.curve, layout.width, layout.color)
     curve, width, color = (torch.as_tensor(part, dtype=torch.float32) for part in parts)
     window = torch.maximum((curve.amax(1) - curve.amin(1)).amax(1) / 0.7, width / 0.2)
@@ -128,7 +128,7 @@ def engine_pictures(strokes: Strokes, look: BrushLook, seed: int) -> list[Tensor
 
 @torch.no_grad()
 def renderer_pictures(strokes: Strokes, look: BrushLook) -> list[Tensor]:
-    """Draw each stroke (4, S, S) with a renderer, in windows of the `SIDES` that are as large as the strokes."""
+    """Draw each stroke (4, S, S) with a renderer, in the smallest window of the `SIDES` that fits."""
     renderer = build_named(look.family, look.name, {**look.options}).requires_grad_(False)
     sides = torch.tensor(SIDES)
     group = torch.bucketize(strokes.scale, sides[:-1])
@@ -141,7 +141,7 @@ def renderer_pictures(strokes: Strokes, look: BrushLook) -> list[Tensor]:
 
 
 def _draw_sheet(renderer: Renderer, strokes: Strokes, side: int) -> Tensor:
-    """Draw strokes (n, 4, side, side) on a sheet, each in its square, on black and on white to find their alpha."""
+    """Draw strokes (n, 4, side, side) in the squares of a sheet, on black and on white to find their alpha."""
     n, across = len(strokes), int(np.ceil(np.sqrt(len(strokes))))
     place = torch.stack([torch.arange(n) % across, torch.arange(n) // across], 1)
     layers = renderer(replace(strokes, position=(place + 0.5) * side, scale=torch.full_like(strokes.scale, side)))
@@ -154,7 +154,7 @@ def _draw_sheet(renderer: Renderer, strokes: Strokes, side: int) -> Tensor:
 
 
 def _texels(picture: Tensor) -> Array:
-    """Make texels (S * S, len(Texel)) of a picture (4, S, S), RGBA."""
+    """Convert a picture (4, S, S), RGBA, to texels (S * S, len(Texel))."""
     color, alpha = picture[:3].clamp(0, 1), picture[3:].clamp(0, 1)
     grown = torch.nn.functional.max_pool2d(alpha[None], CLOSED_GAP, 1, CLOSED_GAP // 2)
     closed = -torch.nn.functional.max_pool2d(-grown, CLOSED_GAP, 1, CLOSED_GAP // 2)[0]

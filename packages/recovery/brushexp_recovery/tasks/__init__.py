@@ -1,1 +1,1 @@
-"""What the command line starts: one module per task, and the keys of all tasks."""
+"""The tasks of this package, one module each, and their keys."""

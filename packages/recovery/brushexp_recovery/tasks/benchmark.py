@@ -1,4 +1,4 @@
-"""``task=benchmark``: paintings with known strokes, methods that look for them, scores."""
+"""``task=benchmark``: make paintings with known strokes, find the strokes by several methods, and score them."""
 
 import logging
 import time
@@ -30,12 +30,12 @@ from brushexp_recovery.synthesis.families.family import find_families
 log = logging.getLogger(__name__)
 
 Array = NDArray[Any]
-SUFFIXES = (".png", ".npy", ".npz", ".h5", ".json")  # of strokes by others
+SUFFIXES = (".png", ".npy", ".npz", ".h5", ".json")  # suffixes of files with strokes by other methods
 
 
 @dataclass(frozen=True)
 class Case:
-    """A picture whose strokes are to be found."""
+    """A picture in which methods find strokes."""
 
     scene: Scene
     look: str  # clean or hard
@@ -44,12 +44,12 @@ class Case:
 
     @property
     def name(self) -> str:
-        """The name of its files, without suffix."""
+        """Name of the case's files without suffix."""
         return self.scene.name + "-hard" * (self.look == "hard")
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Paint, look for strokes, and write ``paintings/``, ``figures.csv``, ``summary.md`` and plots into the folder."""
+    """Paint, find strokes, and write ``paintings/``, ``figures.csv``, ``summary.md`` and plots into the folder."""
     (folder / PAINTINGS).mkdir(exist_ok=True)
     seen = (*SEEN, *families_learnt(cfg.weights))
     scenes = list_scenes(choose_kinds(cfg, seen), cfg.counts, cfg.repeats)
@@ -63,26 +63,26 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
             if cfg.add is not None:
                 prediction = read_strokes_of_others(Path(cfg.add), case)
                 rows.append(score_case(case, "add", prediction, float("nan"), folder / PAINTINGS, seen))
-            write_figures(folder, rows)  # now: the next painting may take minutes
+            write_figures(folder, rows)  # already now, because the next painting may take minutes
         log.info("%d of %d paintings: %s", number, len(scenes), scene.name)
     log.info("%s: %s", as_shown(folder), ", ".join(path.name for path in write_report(folder, rows)))
     return mean_scores(rows)
 
 
 def choose_kinds(cfg: DictConfig, seen: Collection[str]) -> list[str]:
-    """Choose the requested kinds of paintings, without the ``seen`` ones if only unseen ones are requested."""
+    """Choose the requested kinds of paintings, without the ``seen`` kinds if only unseen kinds are requested."""
     kinds = cfg.kinds or ([*KINDS, *sorted(find_families())] if cfg.unseen else KINDS)
     chosen = [kind for kind in kinds if not (cfg.unseen and kind in seen)]
     if not chosen:
         raise UserError(
-            f"{cfg.weights} has learnt from all kinds of kinds=; train with families=true leave_out=[{kinds[0]}], or "
+            f"{cfg.weights} was trained on all kinds in kinds=; train with families=true leave_out=[{kinds[0]}], or "
             "set unseen=false"
         )
     return chosen
 
 
 def choose_methods(cfg: DictConfig) -> dict[str, Method]:
-    """Return the requested methods, or all; trained ones get their weights."""
+    """Return the requested methods, or all methods; trained methods get their weights."""
     names = list(METHODS) if cfg.methods is None else list(cfg.methods)
     return {name: partial(METHODS[name], weights=cfg.weights) if name in TRAINED else METHODS[name] for name in names}
 
@@ -99,7 +99,7 @@ def paint_cases(scene: Scene, cfg: DictConfig, folder: Path) -> Iterator[Case]:
 
 
 def time_method(method: Method, case: Case) -> tuple[Prediction, float]:
-    """Find strokes by a method that is told their number, and measure its seconds."""
+    """Find strokes with a method, given their true number, and measure its time in seconds."""
     begin = time.perf_counter()
     torch.manual_seed(0)
     prediction = method(case.image, len(case.truth))
@@ -107,7 +107,7 @@ def time_method(method: Method, case: Case) -> tuple[Prediction, float]:
 
 
 def read_strokes_of_others(folder: Path, case: Case) -> Prediction:
-    """Read the strokes that another method found in a painting, or raise a UserError."""
+    """Read the strokes that another method found in a painting; raise UserError if there are none."""
     for suffix in SUFFIXES:
         if (path := folder / f"{case.name}{suffix}").is_file():
             return read_prediction(path, case.image.shape[:2], case.image, "add")
@@ -119,7 +119,7 @@ def read_strokes_of_others(folder: Path, case: Case) -> Prediction:
 def score_case(
     case: Case, method: str, prediction: Prediction, seconds: float, folder: Path, seen: Collection[str]
 ) -> Row:
-    """Score the strokes of a method, and keep its regions in a folder; recovery has learnt from the kinds ``seen``."""
+    """Score the strokes of a method and store its regions in a folder; recovery was trained on the kinds ``seen``."""
     figures = score(case.truth, prediction)
     write_npz(folder / f"{case.name}-{method}.npz", labels=prediction.labels)
     log.info("%s, %s: F1 %.3f in %.1f s", case.name, method, figures["f1"], seconds)
@@ -136,7 +136,7 @@ def score_case(
 
 
 def mean_scores(rows: list[Row]) -> dict[str, object]:
-    """Average the F1 of recovery over clean and over hard pictures, where there are any."""
+    """Average the F1 of recovery separately over clean and hard pictures, if there are any."""
     means: dict[str, object] = {}
     for look in ("clean", "hard"):
         values = [row["f1"] for row in rows if row["method"] == "recovery" and row["look"] == look]

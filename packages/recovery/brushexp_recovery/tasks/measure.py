@@ -1,4 +1,4 @@
-"""``task=measure``: recover the strokes of a photograph, and measure them with intervals."""
+"""``task=measure``: recover the strokes of a photograph and measure them with intervals."""
 
 import logging
 import time
@@ -32,19 +32,19 @@ from brushexp_recovery.recover.storage import Recovered, read_recovered, write_r
 log = logging.getLogger(__name__)
 
 Array = NDArray[Any]
-LOGGED = ("strokes", "length", "width", "direction")  # of the measures
+LOGGED = ("strokes", "length", "width", "direction")  # logged measures
 
 
 class Comparison(NamedTuple):
-    """How a painting differs from another one."""
+    """The differences between two paintings."""
 
     title: str
     differences: Mapping[str, Interval]
-    mm: float | None  # millimetres of a pixel of the first, if the scales of both are known
+    mm: float | None  # millimetres per pixel of the first, if the scales of both are known
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Measure ``cfg.image``, and ``cfg.against`` if there is one, into the run's folder."""
+    """Measure ``cfg.image`` and, if given, ``cfg.against``, and write the results into the run's folder."""
     image, name = read_photograph(cfg.image), Path(cfg.image).name
     size = image.shape[:2]
     width_cm = cfg.width_cm if cfg.sizes is None else width_in_table(find_path(cfg.sizes), cfg.image)
@@ -69,13 +69,13 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def read_photograph(path: str, key: str = "image") -> Array:
-    """Read a photograph (H, W, 3) in [0, 1] at its full size."""
+    """Read a photograph (H, W, 3) in [0, 1] at full size."""
     picture: Array = load_picture(path, None, key).permute(1, 2, 0).numpy()
     return picture
 
 
 def read_for(path: Path, size: tuple[int, int]) -> Recovered:
-    """Read recovered strokes; raise a UserError if they belong to a picture of another size."""
+    """Read recovered strokes; raise UserError if they belong to a picture of a different size."""
     recovered = read_recovered(path)
     if recovered.saved.size != size:
         raise UserError(
@@ -86,7 +86,7 @@ def read_for(path: Path, size: tuple[int, int]) -> Recovered:
 
 
 def recover_photograph(cfg: DictConfig, image: Array, name: str) -> Recovered:
-    """Recover the strokes of a photograph, and say how long its views will take."""
+    """Recover the strokes of a photograph, and log how long its views will take."""
     begin = time.monotonic()
     with showing(f"finding strokes in {name}") as show:
         recovered = recover_picture(image, show)
@@ -104,7 +104,7 @@ def recover_picture(image: Array, show: Progress) -> Recovered:
 
 
 def sight_views(cfg: DictConfig, image: Array, name: str, recovered: Recovered) -> Iterator[Sighting]:
-    """Recover the strokes of all views one after the other; those of the photograph itself are ``recovered``."""
+    """Recover the strokes of all views one after another; ``recovered`` has those of the photograph itself."""
     original, *changes = choose_views(cfg.views, cfg.seed)
     yield sight(image, original, lambda _: recovered)
     if not changes:
@@ -115,7 +115,7 @@ def sight_views(cfg: DictConfig, image: Array, name: str, recovered: Recovered) 
 
 
 def sight_change(image: Array, view: View, number: int, count: int, show: Progress) -> Sighting:
-    """Recover the strokes of one of ``count`` changes of a photograph."""
+    """Recover the strokes of one of ``count`` changed views of a photograph."""
 
     def show_part(share: float, state: str) -> None:
         show((number + share) / count, f"change {number + 1} of {count}, {state}")
@@ -124,7 +124,7 @@ def sight_change(image: Array, view: View, number: int, count: int, show: Progre
 
 
 def compare(cfg: DictConfig, draws: Draws, mm: float | None, name: str) -> Comparison:
-    """Measure the photograph ``cfg.against``, and compare the draws of a painting with it."""
+    """Measure the photograph ``cfg.against``, and compare it with the draws of a painting."""
     image, other_name = read_photograph(cfg.against, "against"), Path(cfg.against).name
     size = image.shape[:2]
     other_mm = millimetres_per_pixel(size, cfg.against_width_cm, cfg.against_size_cm, "against_")
@@ -136,7 +136,7 @@ def compare(cfg: DictConfig, draws: Draws, mm: float | None, name: str) -> Compa
 
 
 def log_figures(folder: Path, paths: Sequence[Path], figures: Mapping[str, Interval], mm: float | None) -> None:
-    """Log the files that were written, and the most telling figures."""
+    """Log the written files and the most informative figures."""
     log.info("%s: %s", as_shown(folder), ", ".join(path.name for path in paths))
     for measure in LOGGED:
         value, low, high = map(format_number, (figures[measure].value, figures[measure].low, figures[measure].high))

@@ -1,4 +1,4 @@
-"""``task=recover``: the strokes of a painting, from a photograph of it."""
+"""``task=recover``: recover the strokes of a painting from a photograph."""
 
 import logging
 import time
@@ -31,7 +31,7 @@ log = logging.getLogger(__name__)
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Write catalogue.h5, the recovered painting, its regions, table and page into the run's folder, and figures."""
+    """Write catalogue.h5, the recovered painting, regions, table, page and figures into the run's folder."""
     picture = load_picture(cfg.image, None)
     model = load_model(cfg.weights)
     image = picture.permute(1, 2, 0).numpy()
@@ -43,7 +43,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         words = (
             "do not learn from the marks, which would not improve them" if fitted is model else "learn from the marks"
         )
-        log.info("looking for strokes at %.2f times the size of the photograph; the judges %s", scale, words)
+        log.info("finding strokes at %.2f times the size of the photograph; the judges %s", scale, words)
         model = fitted
     with showing("finding strokes") as show:
         recovered = recover_with(model, image, scale, cfg.copies, show)
@@ -52,7 +52,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
         recovered = correct(recovered, marks, image)
         log.info("%d strokes were found; the corrections leave %d", before, len(recovered.confidence))
     pixels = to_bytes(picture)
-    del picture, image  # which is four times as large
+    del picture, image  # frees copies that are four times as large
     with showing("writing files") as show:
         strokes = write_files(cfg, folder, pixels, recovered, show)
     covered = float((recovered.labels >= 0).mean())
@@ -75,7 +75,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 @return_freed_memory()
 def write_files(cfg: DictConfig, folder: Path, pixels: Array, recovered: Recovered, show: Progress) -> StrokeTable:
-    """Write what was recovered from a photograph (H, W, 3) uint8, and return the table of its strokes."""
+    """Write the strokes recovered from a photograph (H, W, 3) uint8, and return their table."""
     saved = recovered.saved
     show(0.0, "catalogue.h5")
     write_recovered(folder / "catalogue.h5", recovered)

@@ -12,8 +12,8 @@ from brushexp.contracts import FILE, FOLDER, Rule, UserError, above, at_least, b
 from brushexp.contracts.tasks import CATALOGUE, PICTURE, Task, key
 from brushexp_recovery.find.photograph import size_of_photograph
 
-WIDTH_HELP = "width of the painting between the edges of the photograph, in cm; null = measures in pixels only"
-SIZE_HELP = "width and height of the painting in cm, such as 92x73, instead of its width alone"
+WIDTH_HELP = "width of the painting from edge to edge of the photograph, in cm; null = measures in pixels only"
+SIZE_HELP = "width and height of the painting in cm, such as 92x73, instead of only its width"
 
 
 def _check_path(path: str, option: str) -> None:
@@ -26,7 +26,7 @@ FILE_OR_FOLDER = Rule(_check_path)
 
 @dataclass
 class RecoverTask(Task):
-    """Recover the strokes of a painting from a photograph of it: a catalogue that other tasks take."""
+    """Recover the strokes of a painting from a photograph, as a catalogue for other tasks."""
 
     module = "brushexp_recovery.tasks.recover"
     alone = "image"
@@ -36,10 +36,10 @@ class RecoverTask(Task):
         None, "width of the painting in the picture, in cm, to measure strokes in mm", above(0)
     )
     scale: float | None = key(
-        None, "scale of the photograph in which to find strokes; null = so that they are 18 px wide", between(0.05, 8)
+        None, "scale of the photograph for finding strokes; null = strokes are about 18 px wide", between(0.05, 8)
     )
     copies: int = key(
-        1, "number of turned and mirrored copies per look; more are slower but more certain", between(1, 8)
+        1, "number of rotated and mirrored copies per look; more are slower but more certain", between(1, 8)
     )
     weights: str = key("strokes", "shipped weights, or the .safetensors of task=train_recovery")
     marks: str | None = key(None, "file of corrections saved by the page of strokes; null = none", FILE)
@@ -57,7 +57,7 @@ class RecoverTask(Task):
 class MeasureTask(Task):
     """Measure the brushwork of a photograph of a painting: strokes, figures with intervals, a page, tables.
 
-    ``task=analyse`` of a picture is this task, too.
+    ``task=analyse`` with a picture is also this task.
     """
 
     module = "brushexp_recovery.tasks.measure"
@@ -74,9 +74,9 @@ class MeasureTask(Task):
     against_width_cm: float | None = key(None, WIDTH_HELP, above(0))
     against_size_cm: str | None = key(None, SIZE_HELP)
     region: list[str] | None = key(None, "parts to measure: left,top,width,height in pixels, or masks, bright inside")
-    views: int = key(6, "number of views behind the intervals: the photograph and small changes of it", between(1, 50))
-    draws: int = key(40, "number of draws of strokes by their confidence, from each view", between(1, 1000))
-    threshold: float = key(0.5, "lowest confidence of strokes that the page shows at first", between(0, 1))
+    views: int = key(6, "number of views used for intervals: the photograph and small changes of it", between(1, 50))
+    draws: int = key(40, "number of samples of strokes by their confidence from each view", between(1, 1000))
+    threshold: float = key(0.5, "minimum confidence of the strokes that the page shows at first", between(0, 1))
     seed: int = key(0, "seed of views and draws", at_least(0))
 
     @staticmethod
@@ -106,20 +106,20 @@ class MeasureTask(Task):
 
 @dataclass
 class BenchmarkTask(Task):
-    """Find the strokes of paintings whose strokes are known, by recovery and by other methods, and score them."""
+    """Find the strokes in paintings with known strokes, by recovery and by other methods, and score them."""
 
     is_research = True
     module = "brushexp_recovery.tasks.benchmark"
 
     kinds: list[str] | None = key(None, "kinds of paintings: the six kinds, or families of paint; null = the six kinds")
     unseen: bool = key(
-        False, "whether to leave out kinds that the weights have learnt from; kinds=null then includes families"
+        False, "whether to leave out kinds on which the weights were trained; kinds=null then includes families"
     )
     counts: list[int] = key([150, 500, 1500], "numbers of strokes, each for every kind", at_least(1))
-    repeats: int = key(1, "paintings of each kind and number", at_least(1))
+    repeats: int = key(1, "number of paintings of each kind and number of strokes", at_least(1))
     side: int = key(512, "side of a painting in pixels", between(64, 4096))
     methods: list[str] | None = key(None, "methods that find strokes; null = all; [] = only write the paintings")
-    weights: str = key("strokes", "weights of recovery: shipped ones, or the .safetensors of task=train_recovery")
+    weights: str = key("strokes", "weights of recovery: shipped weights, or the .safetensors of task=train_recovery")
     hard: bool = key(True, "whether to also score a photograph of each painting: canvas, blur, noise, JPEG")
     add: str | None = key(None, "folder of strokes by another method: NAME.png, .npy, .npz or .h5; null = none", FOLDER)
     seed: int = key(20_251_125, "seed of the paintings; another seed makes another benchmark", at_least(0))
@@ -138,7 +138,7 @@ class BenchmarkTask(Task):
 
 @dataclass
 class ScoreTask(Task):
-    """Score strokes that somebody found in a painting against the known ones, or against marks that people drew."""
+    """Score strokes found in a painting against the known strokes, or against marks drawn by people."""
 
     is_research = True
     module = "brushexp_recovery.tasks.score"
@@ -153,20 +153,20 @@ class ScoreTask(Task):
 
 @dataclass
 class TrainRecoveryTask(NetworkTask):
-    """Train what task=recover finds strokes with, on paintings made meanwhile."""
+    """Train the models of task=recover on paintings that are made during the training."""
 
     module = "brushexp_recovery.tasks.train"
     presets: ClassVar[dict[str, str]] = {"trainer": "network"}
 
-    subjects: list[str] | None = key(None, "pictures to paint, or folders of them; null = those of scikit-image")
+    subjects: list[str] | None = key(None, "pictures to paint, or folders of them; null = pictures of scikit-image")
     start: str | None = key(None, "initial weights of the network, shipped or a .safetensors file; null = random")
-    sets: str = key("data/recovery", "folder for the paintings; existing ones are used again")
+    sets: str = key("data/recovery", "folder for the paintings; existing paintings are reused")
     paintings: int = key(400, "number of paintings to learn from", at_least(1))
     painters: int = key(1, "number of processes that make paintings during the training", at_least(1))
     families: bool = key(
-        True, "whether families of paint make half of the paintings; otherwise engines and renderers make all of them"
+        True, "whether half of the paintings are of families of paint; otherwise engines and renderers make all of them"
     )
-    leave_out: list[str] = key([], "families of paint not to learn from; task=benchmark unseen=true then measures them")
+    leave_out: list[str] = key([], "families of paint to hold out; task=benchmark unseen=true then measures them")
     batch_size: int = key(5, "crops per gradient step", at_least(1))
     minutes: float | None = key(100, "wall time limit, over which the learning rate decays; null = none", at_least(0))
     lr: float = key(3.0e-3, "peak learning rate", above(0, 1))
@@ -180,4 +180,4 @@ class TrainRecoveryTask(NetworkTask):
         if unknown := [name for name in cfg.leave_out if name not in find_families()]:
             raise UserError(f"leave_out has no {unknown[0]!r}; choose from: {', '.join(sorted(find_families()))}")
         if cfg.leave_out and not cfg.families:
-            raise UserError("leave_out= leaves families of paint out, but families=false has none; add families=true")
+            raise UserError("leave_out= holds out families of paint, but families=false has none; add families=true")

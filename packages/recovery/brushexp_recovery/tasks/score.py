@@ -1,4 +1,4 @@
-"""``task=score``: anybody's strokes against the truth of a painting, or against marks that people drew."""
+"""``task=score``: score any strokes against the truth of a painting, or against marks drawn by people."""
 
 import logging
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Compare strokes with marks that people drew, for one picture or a folder of them."""
+"""Compare strokes with marks drawn by people, for one picture or a folder of pictures."""
 
 import logging
 from collections.abc import Sequence
@@ -34,18 +34,18 @@ log = logging.getLogger(__name__)
 
 Array = NDArray[Any]
 
-STROKES = (".json", ".h5", ".npz", ".npy", ".png")  # of a picture, in a folder of strokes
-ALL = "all"  # name of the row of all pictures
+STROKES = (".json", ".h5", ".npz", ".npy", ".png")  # suffixes of files in a folder of strokes
+ALL = "all"  # name of the row for all pictures
 MEANING = (
     "A mark is found if a stroke overlaps it with an intersection over union of at least 0.5 (at .3: 0.3). A stroke "
-    "without a mark is extra if it lies mostly on marks, or where every stroke is marked; between two people, every "
-    "one is extra. The intervals are 95 % bootstrap intervals over strokes."
+    "without a mark is extra if it lies mostly on marks, or where every stroke is marked; between two people, all such "
+    "strokes are extra. The intervals are 95 % bootstrap intervals over strokes."
 )
 
 
 @dataclass(frozen=True)
 class Case:
-    """The marks of a picture, and the strokes that are compared with them."""
+    """The marks of a picture, and the strokes to compare with them."""
 
     name: str
     marks: Marks
@@ -68,7 +68,7 @@ class Comparison:
 
 
 def score_all_marks(truth: Path, strokes: Path, folder: Path, seed: int) -> dict[str, object]:
-    """Compare strokes with marks, files or folders of them, and write tables and pages into a folder."""
+    """Compare files or folders of strokes and marks, and write tables and pages into a folder."""
     cases = list_cases(truth, strokes)
     comparisons = [compare(case, folder, f"{case.name}.html") for case in cases]
     rows = [row_of(one.case.name, [one], seed) for one in comparisons]
@@ -84,7 +84,7 @@ def score_all_marks(truth: Path, strokes: Path, folder: Path, seed: int) -> dict
 
 
 def list_cases(truth: Path, strokes: Path) -> list[Case]:
-    """Pair files of marks and strokes, in folders by name; raise a UserError if one is missing."""
+    """Pair files of marks and strokes, in folders by name; raise UserError if a file is missing."""
     if not truth.is_dir():
         return [_case_of(truth, strokes / CATALOGUE_NAME if strokes.is_dir() else strokes)]
     files = [path for path in sorted(truth.glob(f"*{MARKS_SUFFIX}")) if is_marks(path)]
@@ -121,7 +121,7 @@ def _case_of(truth: Path, strokes: Path) -> Case:
 
 
 def compare(case: Case, folder: Path, page: str) -> Comparison:
-    """Compare the strokes of a case with its marks, and write the page that shows both into a folder."""
+    """Compare the strokes of a case with its marks, and write a page that shows both into a folder."""
     between_people = is_marks(case.strokes)
     marks = [pixels_of_mark(mark, case.size) for mark in case.marks.strokes]
     others = read_marks(case.strokes).strokes if between_people else []
@@ -152,7 +152,7 @@ def compare(case: Case, folder: Path, page: str) -> Comparison:
 
 
 def found_regions(case: Case) -> list[Array]:
-    """Read the visible regions of recovered strokes, as flat indices."""
+    """Read the visible regions of recovered strokes as flat indices."""
     prediction = read_prediction(case.strokes, case.size)
     return [pixels.astype(np.int64) for pixels in group_pixels(prediction.labels, len(prediction))]
 
@@ -169,14 +169,14 @@ def _outlines_for(size: tuple[int, int]) -> Any:
 def _outlines_of_strokes(
     others: Sequence[Mark], strokes: Sequence[Array], size: tuple[int, int]
 ) -> list[Sequence[Array]]:
-    """Trace the outlines of strokes, which are the marks of another person or flat indices."""
+    """Trace the outlines of strokes, given as the marks of another person or as flat indices."""
     if others:
         return [_outlines_for(size)(mark) for mark in others]
     return [[_outline_of(pixels, size)] for pixels in strokes]
 
 
 def _outline_of(pixels: Array, size: tuple[int, int]) -> Array:
-    """Trace the largest part of a region of flat indices: places (P, 2)."""
+    """Trace the largest part of a region of flat indices as places (P, 2)."""
     if not len(pixels):
         return np.empty((0, 2))
     rows, columns = np.divmod(pixels, size[1])
@@ -187,7 +187,7 @@ def _outline_of(pixels: Array, size: tuple[int, int]) -> Array:
 
 
 def mark_rows(names: Sequence[str], agreement: Agreement) -> list[dict[str, Any]]:
-    """List the marks of a picture, with the overlap of the best stroke and whether the mark is found."""
+    """List the marks of a picture, each with the overlap of the best stroke and whether it is found."""
     columns = [agreement.scores[end].marks for end in LEVELS]
     return [
         {"mark": name, "best_iou": float(best), "at_5": str(hard), "at_3": str(soft)}
@@ -196,7 +196,7 @@ def mark_rows(names: Sequence[str], agreement: Agreement) -> list[dict[str, Any]
 
 
 def row_of(name: str, comparisons: Sequence[Comparison], seed: int) -> dict[str, Any]:
-    """Compute all figures of one picture, or of the strokes of several together."""
+    """Compute all figures of one picture, or of several pictures together."""
     best = np.concatenate([one.agreement.best_iou for one in comparisons])
     states = [state for one in comparisons for state in one.agreement.scores[""].strokes]
     row: dict[str, Any] = {
@@ -214,7 +214,7 @@ def row_of(name: str, comparisons: Sequence[Comparison], seed: int) -> dict[str,
 
 
 def round_row(row: dict[str, Any]) -> dict[str, Any]:
-    """Format the figures of a row for readers: a rate and its interval in one cell."""
+    """Format the figures of a row for readers, with a rate and its interval in one cell."""
     short = {name: row[name] for name in ("picture", "between", "truth", "predicted", "unjudged")}
     for end, words in zip(LEVELS, ("", " at .3"), strict=True):
         for name in ("recall", "precision", "f1"):

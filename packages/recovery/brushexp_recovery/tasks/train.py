@@ -24,16 +24,16 @@ from brushexp_recovery.train.data import HELD_OUT_COUNT, VALIDATED, RecoveryData
 from brushexp_recovery.train.module import RecoveryModule
 from brushexp_recovery.train.order_and_confidence import fit_order_and_confidence
 
-FOR_CONFIDENCE = 34  # held-out paintings from here on are for order and confidence, those before for classifiers
+FOR_CONFIDENCE = 34  # held-out paintings from this one on are for order and confidence, earlier ones for classifiers
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Train, write weights and figures into the run's folder, and return those of metrics.json."""
+    """Train, write weights and figures into the run's folder, and return the values of metrics.json."""
     return train_network(RecoveryJob, cfg, folder, start)
 
 
 class RecoveryJob(NetworkJob):
-    """Train a network on paintings that are made meanwhile, then fit the models that judge regions."""
+    """Train a network on paintings that are made during training, then fit the models that judge regions."""
 
     module: RecoveryModule
     data: RecoveryData
@@ -63,7 +63,7 @@ class RecoveryJob(NetworkJob):
         model = RecoveryModel()
         model.network.load_state_dict(self.module.network.state_dict())
         model.eval()
-        self._save(model, {})  # whatever may fail below
+        self._save(model, {})  # before anything below can fail
         self.data.start_painting()
         with showing("learning to judge") as show:
             held_out = self.data.held_out(FOR_CONFIDENCE, VALIDATED)
@@ -94,6 +94,6 @@ class RecoveryJob(NetworkJob):
 
 
 def recipe_of(checkpoint: str) -> dict[str, object]:
-    """Return what identifies weights, and how they were trained."""
+    """Return the hash of weights and the recipe of their training."""
     recipe = CHECKPOINTS.read_recipe(CHECKPOINTS.path_of(checkpoint))
     return {"hash": recipe["hash"], **recipe["training"]}

@@ -1,1 +1,1 @@
-"""Paintings with known strokes go in; a trained `RecoveryModel` comes out."""
+"""Train a `RecoveryModel` on paintings with known strokes."""

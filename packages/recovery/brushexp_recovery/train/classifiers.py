@@ -1,4 +1,4 @@
-"""Fit of the perceptrons of pairs and of nodes to paintings that the network has not seen."""
+"""Fit the perceptrons for pairs and nodes to paintings on which the network was not trained."""
 
 from collections.abc import Iterable
 
@@ -19,15 +19,15 @@ from brushexp_recovery.train.merge_examples import (
 )
 from brushexp_recovery.train.parts import cut_part
 
-FIRST_PAIR_STEPS = 1500  # by pairs that merging by affinity leads to
-PAIR_STEPS = 3000  # by pairs that merging by the first perceptron leads to, too
+FIRST_PAIR_STEPS = 1500  # number of steps on pairs from merging by affinity
+PAIR_STEPS = 3000  # number of steps on pairs that also come from merging by the first perceptron
 NODE_STEPS = 5000
 
 
 def fit_classifiers(
     model: RecoveryModel, paintings: Iterable[KnownPainting], seed: int, show: Progress
 ) -> dict[str, float]:
-    """Fit the perceptrons of a model to paintings, clean and weathered; returns the losses."""
+    """Fit the perceptrons of a model to clean and weathered paintings; return the losses."""
     random = np.random.default_rng(seed)
     parts = [
         segment_part(model.network, cut_part(painting, is_weathered, random))

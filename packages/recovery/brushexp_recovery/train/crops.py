@@ -1,4 +1,4 @@
-"""Crops of paintings, zoomed, turned, recoloured and weathered, with the true attributes at each pixel."""
+"""Cut crops of paintings, zoomed, rotated, recoloured and weathered, with the true attributes at each pixel."""
 
 from typing import Any, NamedTuple
 
@@ -17,13 +17,13 @@ from brushexp_recovery.synthesis.paintings import KnownPainting
 
 Array = NDArray[Any]
 
-CROP_SIDE = 160  # pixels
-ZOOMS = (0.15, 3.0)  # smallest and largest: strokes of 100 pixels become as wide as the network knows them
-WIDTH_SPREAD = 0.35  # of the logarithm of widths around the one of training
+CROP_SIDE = 160  # side in pixels
+ZOOMS = (0.15, 3.0)  # smallest and largest zoom, which bring strokes of 100 pixels to the width used in training
+WIDTH_SPREAD = 0.35  # spread of the logarithm of widths around the training width
 WIDE_SHARE = 0.25  # share of the crops whose widths are spread evenly over a wide range
-WIDE_RANGE = (-1.4, 1.0)  # of the logarithm of their widths
-WEATHERED_SHARE = 0.6  # of the crops: half of them as the painting is photographed, half as the network sees it
-STRENGTH = (0.6, 1.5)  # of weathering
+WIDE_RANGE = (-1.4, 1.0)  # range of the logarithm of their widths
+WEATHERED_SHARE = 0.6  # share of weathered crops, half at the photograph's scale and half at the network's
+STRENGTH = (0.6, 1.5)  # range of the strength of weathering
 LEAST_VISIBLE = 0.3  # visible share of a stroke, above which its width counts
 CENTRE_COLUMNS = [StrokeGeometry.CENTRE_X, StrokeGeometry.CENTRE_Y]
 SIZE_COLUMNS = [StrokeGeometry.LOG_WIDTH, StrokeGeometry.LOG_LENGTH]
@@ -34,7 +34,7 @@ class Crop(NamedTuple):
 
     image: Array  # (3, S, S) float32 in [0, 1]
     labels: Array  # (S, S) int64, numbered from the bottom; -1 is the ground
-    attributes: Array  # (len(StrokeAttribute), S, S) float32 of the stroke at each pixel, as in the maps of the network
+    attributes: Array  # (len(StrokeAttribute), S, S) float32, of the stroke at each pixel, as in the network's maps
 
 
 class Crops(NamedTuple):
@@ -53,7 +53,7 @@ def typical_width(painting: KnownPainting) -> float:
 
 
 def cut_crop(painting: KnownPainting, random: Random, side: int = CROP_SIDE) -> Crop:
-    """Cut a crop out of a painting, at about the scale at which pictures are shown to the network."""
+    """Cut a crop out of a painting at approximately the scale of the network's inputs."""
     height, width = painting.labels.shape
     part = min(round(side / _choose_zoom(painting, random)), height, width)
     zoom = side / part
@@ -77,14 +77,14 @@ def cut_crop(painting: KnownPainting, random: Random, side: int = CROP_SIDE) -> 
 
 
 def _choose_zoom(painting: KnownPainting, random: Random) -> float:
-    """Choose the scale of a crop: that of training, more or less."""
+    """Choose a random scale for a crop around the training scale."""
     is_wide = random.random() < WIDE_SHARE
     spread = random.uniform(*WIDE_RANGE) if is_wide else random.normal(0, WIDTH_SPREAD)
     return float(np.clip(TRAINED_WIDTH * np.exp(spread) / typical_width(painting), *ZOOMS))
 
 
 def recolor(image: Array, random: Random) -> Array:
-    """Exchange channels, and change light and contrast."""
+    """Randomly swap channels, and change light and contrast."""
     image = image[..., random.permutation(3)] if random.random() < 0.5 else image
     if random.random() < 0.7:
         gain, lift = random.uniform(0.75, 1.15, 3).astype(np.float32), random.uniform(-0.05, 0.08)
@@ -93,9 +93,9 @@ def recolor(image: Array, random: Random) -> Array:
 
 
 def turn_and_mirror(image: Array, labels: Array, geometry: Array, random: Random) -> Crop:
-    """Turn a square by quarters and mirror it, and write the maps of the attributes of its strokes.
+    """Rotate a square by quarter turns and mirror it, and write the attribute maps of its strokes.
 
-    ``image`` is (S, S, 3), ``labels`` (S, S), and ``geometry`` (N, len(StrokeGeometry)) in pixels of them.
+    ``image`` is (S, S, 3), ``labels`` (S, S), and ``geometry`` (N, len(StrokeGeometry)) in the same pixels.
     """
     side, quarters = len(labels), int(random.integers(4))
     x, y = geometry[:, StrokeGeometry.CENTRE_X], geometry[:, StrokeGeometry.CENTRE_Y]
@@ -117,7 +117,7 @@ def turn_and_mirror(image: Array, labels: Array, geometry: Array, random: Random
 
 
 def _map_attributes(table: Array, labels: Array) -> Array:
-    """Write the attributes (7, N) of strokes at each pixel (S, S), centres as offsets from it: (7, S, S)."""
+    """Map the attributes (7, N) of strokes to each pixel (7, S, S), with centres as offsets from the pixel."""
     rows, columns = np.mgrid[: labels.shape[0], : labels.shape[1]].astype(np.float32) + 0.5
     maps = table[:, np.maximum(labels, 0)] if table.size else np.zeros((len(table), *labels.shape), np.float32)
     maps[StrokeAttribute.CENTRE_X] = (maps[StrokeAttribute.CENTRE_X] - columns) / CENTRE_UNIT
@@ -126,5 +126,5 @@ def _map_attributes(table: Array, labels: Array) -> Array:
 
 
 def batch_of(crops: list[Crop]) -> Crops:
-    """Put crops together."""
+    """Stack crops into a batch."""
     return Crops(*(torch.from_numpy(np.stack(parts)) for parts in zip(*crops, strict=True)))

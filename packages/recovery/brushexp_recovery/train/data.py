@@ -1,4 +1,4 @@
-"""Crops of paintings that are made while the network learns from them."""
+"""Provide crops of paintings that are made while the network learns from them."""
 
 import os
 import subprocess
@@ -19,22 +19,22 @@ from brushexp_recovery.synthesis.paintings import KnownPainting
 from brushexp_recovery.synthesis.pool import is_made, load_painting, path_of
 from brushexp_recovery.train.crops import Crops, batch_of, cut_crop
 
-FIRST_PAINTINGS = 8  # that must be there before learning begins
-AHEAD = 1  # batches that are cut in advance
-RELOAD_STEPS = 20  # after which new paintings are looked for
-FIRST_HELD_OUT = 900_000  # number of the first painting that the network does not learn from
+FIRST_PAINTINGS = 8  # number of paintings that must exist before training begins
+AHEAD = 1  # number of batches cut in advance
+RELOAD_STEPS = 20  # number of steps between checks for new paintings
+FIRST_HELD_OUT = 900_000  # number of the first held-out painting
 HELD_OUT_COUNT = 56
-VALIDATED = 6  # of the held-out paintings are for validation, the first ones
-VALIDATION_CROPS = 4  # of each of them
-PAINTINGS = "[0-9]*.npz"  # in the folder of the pool
-WAIT = 0.5  # seconds between looks for paintings that are not there yet
+VALIDATED = 6  # number of the first held-out paintings, which are used for validation
+VALIDATION_CROPS = 4  # crops per validation painting
+PAINTINGS = "[0-9]*.npz"  # pattern of files in the pool's folder
+WAIT = 0.5  # seconds between checks for paintings that do not exist yet
 
 
 class RecoveryData(L.LightningDataModule):
-    """Crops of a pool of paintings, which processes of their own go on filling.
+    """Crops from a pool of paintings that separate processes keep filling.
 
     Painting k depends on the seed, k and its family; the crops of a step depend on the seed, the step and the paintings
-    that are there.
+    that exist.
     """
 
     def __init__(
@@ -47,10 +47,10 @@ class RecoveryData(L.LightningDataModule):
         painters: int,
         families: Iterable[str] = (),
     ) -> None:
-        """Learn from the paintings of ``pictures`` numbered below ``paintings``, made by ``painters`` processes.
+        """Use the paintings of ``pictures`` with numbers below ``paintings``, made by ``painters`` processes.
 
-        Half of them are of families of paint, and only those of ``families`` are made and learnt from. Without
-        families, engines make every painting.
+        Half of them are of families of paint, and only those of ``families`` are made and used. Without families,
+        engines make every painting.
         """
         super().__init__()
         self.families = frozenset(families)
@@ -72,9 +72,9 @@ class RecoveryData(L.LightningDataModule):
         self.processes = []
 
     def start_painting(self) -> None:
-        """Begin to make the paintings that are not there yet, in processes of their own."""
+        """Start separate processes that make the missing paintings."""
         command = [sys.executable, "-m", "brushexp_recovery.synthesis.pool"]
-        command += [str(os.getpid()), str(self.folder), str(self.seed)]  # it sees by the number when this process ends
+        command += [str(os.getpid()), str(self.folder), str(self.seed)]  # it watches this process by its number
         command.append(",".join(sorted(self.families)))
         held_out = range(FIRST_HELD_OUT, self.held_out_numbers[-1] + 1)
         parts = [range(first, self.paintings, self.painters) for first in range(self.painters)]
@@ -89,7 +89,7 @@ class RecoveryData(L.LightningDataModule):
         return StrokeLoader(lambda _epoch, _first: self._validation_batches(), VALIDATED)
 
     def held_out(self, end: int, first: int = 0) -> list[KnownPainting]:
-        """Return paintings ``first`` to ``end - 1`` of those that the network does not learn from."""
+        """Return the held-out paintings ``first`` to ``end - 1``."""
         self._wait(self._held_out_paths, end)
         return [load_painting(path) for path in self._held_out_paths()[first:end]]
 
@@ -108,7 +108,7 @@ class RecoveryData(L.LightningDataModule):
             yield batch_of([cut_crop(painting, random) for _ in range(VALIDATION_CROPS)])
 
     def _batches(self, epoch: int, first: int) -> Iterator[Crops]:
-        """Cut each batch in a thread of its own while the network learns from the one before."""
+        """Cut each batch in a separate thread while the network learns from the previous batch."""
         with ThreadPoolExecutor(1) as cutter:
             steps = range(epoch * EPOCH_STEPS + first, (epoch + 1) * EPOCH_STEPS)
             waiting = deque[Future[Crops]]()
@@ -129,13 +129,13 @@ class RecoveryData(L.LightningDataModule):
         return [path for path in paths if path.is_file()]
 
     def _has(self, path: Path, number: int) -> bool:
-        """Tell whether a file is painting ``number`` of this pool, and not of one with other families."""
+        """Check whether a file is painting ``number`` of this pool, and not of a pool with other families."""
         is_own = path == path_of(self.folder, self.seed, number, self.families)
         return is_own and is_made(self.seed, number, self.families)
 
     def _wait(self, paths: Callable[[], list[Path]], count: int) -> None:
-        """Wait for this many paintings; raise a UserError if no process makes them any more."""
+        """Wait for ``count`` paintings; raise UserError if no process makes them any more."""
         while len(paths()) < count:
             if self.processes and all(process.poll() is not None for process in self.processes):
-                raise UserError("no paintings can be made for training; the error of their process is above")
+                raise UserError("no paintings can be made for training; the error is reported above")
             time.sleep(WAIT)

@@ -1,4 +1,4 @@
-"""Losses between the network's maps and the truth about paintings."""
+"""Compute losses between the network's maps and the truth about paintings."""
 
 import torch
 from torch import Tensor
@@ -18,7 +18,7 @@ from brushexp_recovery.model.channels import (
 )
 from brushexp_recovery.raster.offsets import pair_slices
 
-APART_WEIGHTS = (4.0,) * 2 + (1.5,) * 4 + (1.0,) * 8  # of pairs of different strokes, by offset
+APART_WEIGHTS = (4.0,) * 2 + (1.5,) * 4 + (1.0,) * 8  # weights of pairs of different strokes, by offset
 
 
 def losses_of(maps: Tensor, labels: Tensor, attributes: Tensor) -> dict[str, Tensor]:
@@ -43,7 +43,7 @@ def losses_of(maps: Tensor, labels: Tensor, attributes: Tensor) -> dict[str, Ten
 
 
 def affinity_loss(affinity: Tensor, labels: Tensor) -> Tensor:
-    """Compute the mean over offsets of the weighted logistic loss of "the same stroke as here"."""
+    """Compute the weighted logistic loss of "the same stroke as here", averaged over offsets."""
     losses = []
     for channel, (offset, weight) in enumerate(zip(AFFINITY_OFFSETS, APART_WEIGHTS, strict=True)):
         here, there, logit = pairs_at(labels, affinity[:, channel], offset)
@@ -54,7 +54,7 @@ def affinity_loss(affinity: Tensor, labels: Tensor) -> Tensor:
 
 
 def occlusion_loss(occlusion: Tensor, labels: Tensor) -> Tensor:
-    """Compute the logistic loss of "the stroke there is above the one here", over pairs of different strokes."""
+    """Compute the logistic loss of "the stroke there is above the stroke here" over pairs of different strokes."""
     total, count = occlusion.new_zeros(()), 0
     for channel, offset in enumerate(OCCLUSION_OFFSETS):
         here, there, logit = pairs_at(labels, occlusion[:, channel], offset)
@@ -65,6 +65,6 @@ def occlusion_loss(occlusion: Tensor, labels: Tensor) -> Tensor:
 
 
 def pairs_at(labels: Tensor, logits: Tensor, offset: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:
-    """Return labels here, labels at an offset, and logits here, where both are in the picture."""
+    """Return labels here, labels at an offset, and logits here, where both pixels are in the picture."""
     here, there = pair_slices(labels.shape[1:], offset)
     return labels[:, *here], labels[:, *there], logits[:, *here]

@@ -1,7 +1,7 @@
-"""Fit the judges of regions to one painting by the marks of a person in it.
+"""Fit the judges of regions to one painting, using a person's marks in it.
 
-Only the last layers of the perceptrons change, and a penalty keeps them close to what they were, because a person draws
-only about twenty marks.
+Only the last layers of the perceptrons change, and a penalty keeps them close to their initial weights, because a
+person draws only about twenty marks.
 """
 
 import copy
@@ -37,17 +37,17 @@ from brushexp_recovery.train.merge_examples import (
 
 Array = NDArray[Any]
 
-FEWEST_MARKS = 5  # by hand: with fewer, neither the scale nor the judges follow the marks
-NEAR = 1.4  # ratio to the scale of the marks, up to which the scale of the painting alone is kept
-ON_MARKS = 0.5  # share of a region on marks, from which on they decide whether it is a stroke
+FEWEST_MARKS = 5  # minimum number of hand-drawn marks for adapting scale and judges
+NEAR = 1.4  # maximum ratio to the scale of the marks at which the scale chosen without marks is kept
+ON_MARKS = 0.5  # share of a region on marks above which they decide whether it is a stroke
 RIDGE = 0.03  # weight of the squared changes of a last layer in the loss, divided by the number of marks
 
 
 class MarkedPart(NamedTuple):
-    """A part of a painting in superpixels, with the marks of a person."""
+    """A part of a painting, divided into superpixels, with the marks of a person."""
 
-    segmented: SegmentedPart  # the labels are those of marks by hand; -1 is unknown
-    deleted: Array  # (h, w) recovered strokes that the person has deleted; -1 is none
+    segmented: SegmentedPart  # with hand-drawn marks as labels; -1 is unknown
+    deleted: Array  # (h, w) recovered strokes that the person has deleted, or -1 for none
 
 
 def marks_by_hand(marks: Marks) -> list[Mark]:
@@ -56,7 +56,7 @@ def marks_by_hand(marks: Marks) -> list[Mark]:
 
 
 def scale_for(marks: Marks) -> float:
-    """Compute the scale at which marks by hand have the width of strokes that the network knows best."""
+    """Compute the scale at which hand-drawn marks have the width of the training strokes."""
     width = float(np.median([mark.width.mean() for mark in marks_by_hand(marks)]))
     return float(np.clip(BEST_WIDTH / width, *SCALES))
 
@@ -64,8 +64,8 @@ def scale_for(marks: Marks) -> float:
 def choose_scale(model: RecoveryModel, image: Array, marks: Marks) -> float:
     """Choose the scale for an image (H, W, 3) with marks.
 
-    The scale chosen without marks is kept, unless that of the marks is far from it and a look at it agrees more with
-    them.
+    The scale chosen without marks is kept unless the scale of the marks is very different and a look at it agrees
+    better with the marks.
     """
     classifiers = model.classifiers()
     by_marks, alone = scale_for(marks), find_zoom(model, classifiers, image)
@@ -81,8 +81,8 @@ def choose_scale(model: RecoveryModel, image: Array, marks: Marks) -> float:
 def fit_judges(model: RecoveryModel, image: Array, marks: Marks, scale: float, seed: int) -> RecoveryModel:
     """Fit the judges of a copy of a model to the marks in an image (H, W, 3) at a scale.
 
-    The copy is returned if judges that learn from one half of the marks agree more with the other half than those of
-    the model, and the model itself otherwise.
+    The copy is returned if judges fitted to one half of the marks agree better with the other half than the judges of
+    the model; otherwise the model itself is returned.
     """
     parts = segment_marked_parts(model, image, marks, scale)
     if not parts:
@@ -112,13 +112,13 @@ def fit_to(model: RecoveryModel, parts: Sequence[MarkedPart], seed: int) -> Reco
 
 
 def marks_in_half(part: MarkedPart, half: int) -> MarkedPart:
-    """Keep every other mark of a part, from mark ``half`` on; pixels of the others become unknown."""
+    """Keep every other mark of a part, starting at mark ``half``; pixels of other marks become unknown."""
     labels = part.segmented.labels
     return part._replace(segmented=part.segmented._replace(labels=np.where(labels % 2 == half, labels, -1)))
 
 
 def agreement_with(parts: Sequence[MarkedPart], classifiers: Classifiers) -> float:
-    """Compute the mean intersection over union of each mark with the best region that one look chooses."""
+    """Compute the mean intersection over union of each mark with the best region chosen by one look."""
     best = []
     for (superpixels, labels), _ in parts:
         look = join_superpixels(superpixels, classifiers)
@@ -131,7 +131,7 @@ def agreement_with(parts: Sequence[MarkedPart], classifiers: Classifiers) -> flo
 
 
 def segment_marked_parts(model: RecoveryModel, image: Array, marks: Marks, scale: float) -> list[MarkedPart]:
-    """Split the tiles of an image (H, W, 3) with marks by hand into superpixels."""
+    """Split the tiles of an image (H, W, 3) that have hand-drawn marks into superpixels."""
     height, width = image.shape[:2]
     by_hand, deleted = (label_image(some, (height, width)) for some in (marks_by_hand(marks), marks.deleted))
     parts = []
@@ -147,7 +147,7 @@ def segment_marked_parts(model: RecoveryModel, image: Array, marks: Marks, scale
 
 
 def label_image(marks: Sequence[Mark], size: tuple[int, int]) -> Array:
-    """Draw the numbers of marks on a canvas (H, W), -1 where there is none; later marks lie on top."""
+    """Draw the numbers of marks on a canvas (H, W), later marks on top, with -1 for none."""
     labels = np.full(size, -1)
     for number, mark in enumerate(marks):
         labels.flat[pixels_of_mark(mark, size)] = number
@@ -155,7 +155,7 @@ def label_image(marks: Sequence[Mark], size: tuple[int, int]) -> Array:
 
 
 def marked_nodes(part: MarkedPart, tree: MergeTree) -> Examples:
-    """Make examples of the nodes that lie mostly on marks, or match a mark or a stroke that the person has deleted."""
+    """Make examples of the nodes that lie mostly on marks, or that match a mark or a deleted stroke."""
     (superpixels, labels), deleted = part
     overlap, wrong = (
         node_overlaps(tree, superpixels.labels, regions, int(regions.max()) + 1).max(1, initial=0)
@@ -177,6 +177,6 @@ def share_on(mask: Array, superpixels: Array, tree: MergeTree) -> Array:
 
 
 def _fit(perceptron: Perceptron, examples: Iterable[Examples], marks: int) -> None:
-    """Fit the last layer of a perceptron to examples from a number of ``marks``."""
+    """Fit the last layer of a perceptron to examples from ``marks`` marks."""
     features, goals, weights = join_examples(examples)
     fit_last_layer(perceptron, features, goals, weights, RIDGE / marks)

@@ -1,4 +1,4 @@
-"""Training examples for the perceptrons: pairs of regions and nodes of merge trees, with their goals."""
+"""Make training examples for the perceptrons: pairs of regions and nodes of merge trees, with their goals."""
 
 from collections.abc import Iterable
 from typing import Any, NamedTuple
@@ -24,21 +24,21 @@ from brushexp_recovery.train.parts import PaintingPart
 
 Array = NDArray[Any]
 
-COPIES = 2  # turned and mirrored copies of which the maps are the mean
-CLEAR_SHARE = 0.6  # of a region that one stroke has, for it to be an example
-MOST_PAIRS = 9000  # examples of one part of a painting and one stage of merging
-AREA_POWER = 0.35  # of the smaller area, by which an example of a pair is weighted
-FAR_WEIGHT = 0.3  # of a pair of pixels 8 or 20 pixels apart; that of a nearer one is 1
-LEAST_CONTACT = 1.0  # weighted pairs of pixels
-BEFORE_MERGING = 1.1  # a chance that no merge has
-STAGES = (BEFORE_MERGING, 0.9, 0.75, 0.5, 0.3)  # chances down to which regions are merged before pairs are looked at
+COPIES = 2  # number of rotated and mirrored copies over which maps are averaged
+CLEAR_SHARE = 0.6  # minimum share of one stroke in a region used as an example
+MOST_PAIRS = 9000  # maximum number of examples from one part of a painting and one stage of merging
+AREA_POWER = 0.35  # power of the smaller area in the weight of a pair
+FAR_WEIGHT = 0.3  # weight of pairs of pixels 8 or 20 pixels apart; closer pairs have weight 1
+LEAST_CONTACT = 1.0  # minimum weighted number of pairs of pixels
+BEFORE_MERGING = 1.1  # exceeds the chance of any merge
+STAGES = (BEFORE_MERGING, 0.9, 0.75, 0.5, 0.3)  # chances down to which regions are merged before pairs are taken
 
 
 class SegmentedPart(NamedTuple):
-    """A part of a painting in superpixels, and the stroke that is seen at each pixel."""
+    """A part of a painting, divided into superpixels, with the visible stroke at each pixel."""
 
     superpixels: Superpixels
-    labels: Array  # (H, W), -1 is the ground
+    labels: Array  # (H, W), -1 for the ground
 
 
 class Examples(NamedTuple):
@@ -50,22 +50,22 @@ class Examples(NamedTuple):
 
 
 class RegionGraph(NamedTuple):
-    """Superpixels merged to N regions, and P pairs of these with affinities."""
+    """Superpixels merged into N regions, and P pairs of regions with affinities."""
 
-    region: Array  # (S,) of each superpixel
+    region: Array  # (S,) region of each superpixel
     moments: Array  # (N, len(Moment))
     pairs: Array  # (P, 2)
     between: Array  # (P, len(AffinityColumn))
 
 
 def join_examples(examples: Iterable[Examples]) -> Examples:
-    """Put examples together."""
+    """Concatenate examples."""
     features, goals, weights = (np.concatenate(column) for column in zip(*examples, strict=True))
     return Examples(features, goals, weights)
 
 
 def segment_part(network: StrokeNetwork, part: PaintingPart) -> SegmentedPart:
-    """Split a part of a painting into superpixels, at about the scale that suits its strokes."""
+    """Split a part of a painting into superpixels at approximately the best scale for its strokes."""
     image = resample(part.image, part.zoom)
     rows, columns = (nearest_pixels(size, own) for size, own in zip(image.shape[:2], part.labels.shape, strict=True))
     maps = predict_maps(network, image, COPIES)
@@ -73,9 +73,9 @@ def segment_part(network: StrokeNetwork, part: PaintingPart) -> SegmentedPart:
 
 
 def pair_examples(part: SegmentedPart, tree: MergeTree, random: Random, knows_ground: bool = True) -> Examples:
-    """Make examples of the pairs that are there at each of the `STAGES` of merging.
+    """Make examples of the pairs that exist at each of the `STAGES` of merging.
 
-    Without ``knows_ground``, -1 in the labels means unknown, and pairs of two unknown regions are no examples.
+    Without ``knows_ground``, -1 in the labels means unknown, and pairs of two unknown regions are excluded.
     """
     return join_examples([_pairs_at(part, tree, stage, random, knows_ground) for stage in STAGES])
 
@@ -83,7 +83,7 @@ def pair_examples(part: SegmentedPart, tree: MergeTree, random: Random, knows_gr
 def _pairs_at(
     part: SegmentedPart, tree: MergeTree, least_chance: float, random: Random, knows_ground: bool
 ) -> Examples:
-    """Make examples of the pairs that are left after all merges with a chance of ``least_chance`` or more."""
+    """Make examples of the pairs that remain after all merges with a chance of at least ``least_chance``."""
     graph = merge_superpixels(part.superpixels, roots_at(tree, least_chance))
     stroke, share = majority(graph.region[part.superpixels.labels], part.labels, len(graph.moments))
     first, second = graph.pairs.T
@@ -101,7 +101,7 @@ def _pairs_at(
 
 
 def roots_at(tree: MergeTree, least_chance: float) -> Array:
-    """Find the node that each superpixel (S,) is in after all merges with a chance of ``least_chance`` or more."""
+    """Find the node of each superpixel (S,) after all merges with a chance of at least ``least_chance``."""
     roots = np.arange(len(tree.moments))
     for number in range(len(tree.children) - 1, -1, -1):
         node = tree.leaves + number
@@ -111,7 +111,7 @@ def roots_at(tree: MergeTree, least_chance: float) -> Array:
 
 
 def merge_superpixels(superpixels: Superpixels, roots: Array) -> RegionGraph:
-    """Merge the superpixels that have the same root (S,)."""
+    """Merge the superpixels with the same root (S,)."""
     regions, region = np.unique(roots, return_inverse=True)
     count = len(regions)
     moments = np.stack([np.bincount(region, column, minlength=count) for column in superpixels.moments.T], 1)
@@ -125,7 +125,7 @@ def merge_superpixels(superpixels: Superpixels, roots: Array) -> RegionGraph:
 
 
 def majority(regions: Array, labels: Array, count: int) -> tuple[Array, Array]:
-    """Find the stroke that covers most of each of ``count`` regions, and its share; -1 is the ground."""
+    """Find the stroke, or -1 for the ground, that covers most of each of ``count`` regions, and its share."""
     base = int(labels.max()) + 2
     key, number = np.unique(regions.ravel().astype(np.int64) * base + labels.ravel() + 1, return_counts=True)
     region, stroke = key // base, key % base - 1
@@ -145,7 +145,7 @@ def node_examples(part: SegmentedPart, tree: MergeTree) -> Examples:
 
 
 def examples_of_nodes(tree: MergeTree, chosen: Array, iou: Array) -> Examples:
-    """Make examples of the ``chosen`` nodes (nodes,) by their intersection over union (nodes,) with a stroke."""
+    """Make examples of the ``chosen`` nodes (nodes,) from their intersection over union (nodes,) with a stroke."""
     goals = np.empty((int(chosen.sum()), len(NodeScore)))
     goals[:, NodeScore.MATCH] = iou[chosen] >= MATCH_IOU
     goals[:, NodeScore.IOU] = iou[chosen]

@@ -1,4 +1,4 @@
-"""Training of the network on crops of paintings."""
+"""Train the network on crops of paintings."""
 
 import torch
 from brushexp_training.fitting.network_module import NetworkModule
@@ -11,10 +11,11 @@ from brushexp_recovery.train.data import VALIDATED
 from brushexp_recovery.train.losses import losses_of
 from brushexp_recovery.train.validation import Counts, count_strokes
 
-LOSS_WEIGHTS = {"order": 1.5, "ground": 0.3, "centre": 0.1, "turn": 0.1, "size": 0.1, "share": 0.05}  # others: 1
+LOSS_WEIGHTS = {"order": 1.5, "ground": 0.3, "centre": 0.1, "turn": 0.1, "size": 0.1, "share": 0.05}  # 1 for others
 WEIGHT_DECAY = 1e-4
-SETTLED = 0.4  # share of a training after which normalisations keep their statistics: those of a few crops of unlike
-# paintings tell the network what it will not be told when it looks at one
+# Share of a training after which normalisations keep their statistics, because the statistics of a few crops of
+# different paintings give the network information that is not available for a single painting.
+SETTLED = 0.4
 
 
 class RecoveryModule(NetworkModule):
@@ -24,7 +25,7 @@ class RecoveryModule(NetworkModule):
     clip_norm = 2.0
 
     def __init__(self, network: StrokeNetwork, lr: float, is_trained: bool = False) -> None:
-        """Train a network; one that is trained keeps the statistics of its normalisations from the first step."""
+        """Train a network; if it is already trained, its normalisations keep their statistics from the first step."""
         super().__init__()
         self.network, self.lr, self.counts = network.train(), lr, Counts(0, 0, 0)
         self.settled = 0.0 if is_trained else SETTLED
@@ -42,7 +43,7 @@ class RecoveryModule(NetworkModule):
 
     def training_step(self, batch: Crops, batch_idx: int) -> Tensor:
         maps = self.network(batch.image.contiguous(memory_format=torch.channels_last))
-        maps = maps.float().contiguous()  # channel by channel: the losses are twice as fast
+        maps = maps.float().contiguous()  # channel by channel, which makes the losses twice as fast
         self.seen += int(sum(len(labels.unique()) for labels in batch.labels))
         terms = losses_of(maps, batch.labels, batch.attributes)
         self.terms = {f"loss/{name}": term.detach() for name, term in terms.items()}

@@ -1,4 +1,4 @@
-"""Fit of the logistic models of order and confidence to held-out paintings that nothing else has learned from."""
+"""Fit the logistic models of order and confidence to held-out paintings that are used for nothing else."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -24,19 +24,19 @@ Array = NDArray[Any]
 
 
 class LabelledRegions(NamedTuple):
-    """N regions found in a painting and P meetings of them, with the truth about both."""
+    """N regions found in a painting and P pairs of regions that meet, with the truth about both."""
 
     confidence: Array  # (N, len(ConfidenceFeature))
     is_stroke: Array  # (N,)
-    order: Array  # (P, len(OrderFeature)) of pairs that are strokes
-    is_above: Array  # (P,) whether the second lies above
-    strokes: int  # that there are
+    order: Array  # (P, len(OrderFeature)), for pairs of strokes
+    is_above: Array  # (P,) whether the second stroke lies above the first
+    strokes: int  # number of strokes in the truth
 
 
 def fit_order_and_confidence(model: RecoveryModel, paintings: Sequence[KnownPainting], seed: int) -> dict[str, float]:
-    """Fit the order and the confidence of a model to paintings; returns F1 and precision.
+    """Fit the order and confidence of a model to paintings; return F1 and precision.
 
-    They are found as `recover` finds them, in paintings clean and weathered.
+    Strokes are found as in `recover`, in clean and weathered paintings.
     """
     random = np.random.default_rng(seed)
     looks = [(painting, is_weathered) for painting in paintings for is_weathered in (False, True)]

@@ -1,4 +1,4 @@
-"""Parts of held-out paintings, to which classifiers are fitted."""
+"""Cut parts out of held-out paintings for fitting classifiers."""
 
 from typing import Any, NamedTuple
 
@@ -13,16 +13,16 @@ from brushexp_recovery.train.crops import ZOOMS, typical_width
 
 Array = NDArray[Any]
 
-PART_SIDE = 640  # pixels, zoomed
-ZOOM_SPREAD = 0.15  # of the logarithm of their scales
+PART_SIDE = 640  # side in pixels after zooming
+ZOOM_SPREAD = 0.15  # spread of the logarithm of scales
 
 
 class PaintingPart(NamedTuple):
     """A part of a painting."""
 
     image: Array  # (H, W, 3) float32 in [0, 1]
-    labels: Array  # (H, W) the stroke that is seen, -1 is the ground
-    zoom: float  # at which its strokes are about as wide as in training
+    labels: Array  # (H, W) visible stroke, or -1 for the ground
+    zoom: float  # scale at which its strokes are about as wide as in training
 
 
 def cut_part(painting: KnownPainting, is_weathered: bool, random: Random) -> PaintingPart:

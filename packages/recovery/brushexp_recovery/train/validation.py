@@ -1,4 +1,4 @@
-"""Validation during training: regions merged by affinity alone are compared with the known strokes."""
+"""Validate during training: compare regions, merged by affinity alone, with the known strokes."""
 
 from typing import Any, NamedTuple
 
@@ -26,13 +26,13 @@ LEAST_AFFINITY = 0.5  # mean affinity down to which regions are merged
 class Counts(NamedTuple):
     """Numbers of strokes."""
 
-    hits: int  # found ones that overlap a known one with an IoU of `MATCH_IOU` or more
+    hits: int  # found strokes that overlap a known stroke with an IoU of at least `MATCH_IOU`
     found: int
     known: int
 
     @property
     def f1(self) -> float:
-        """The harmonic mean of precision and recall."""
+        """Harmonic mean of precision and recall."""
         return 2 * self.hits / max(self.found + self.known, 1)
 
     def plus(self, other: "Counts") -> "Counts":
@@ -41,7 +41,7 @@ class Counts(NamedTuple):
 
 
 def count_strokes(output: Tensor, crops: Crops) -> Counts:
-    """Count the strokes that maps (B, `CHANNELS`, H, W) find in crops, by merging regions of high mean affinity."""
+    """Count the strokes found by maps (B, `CHANNELS`, H, W) in crops by merging regions of high mean affinity."""
     total = Counts(0, 0, 0)
     images = crops.image.numpy().transpose(0, 2, 3, 1)
     for maps, image, labels in zip(output.numpy(), images, crops.labels.numpy(), strict=True):
@@ -50,12 +50,12 @@ def count_strokes(output: Tensor, crops: Crops) -> Counts:
 
 
 def _count_in(channels: Array, image: Array, labels: Array) -> Counts:
-    """Count the strokes that maps (`CHANNELS`, H, W) find in a picture (H, W, 3)."""
+    """Count the strokes found by maps (`CHANNELS`, H, W) in a picture (H, W, 3)."""
     maps = StrokeMaps(sigmoid(channels[AFFINITY]), channels[PAINT], channels[ATTRIBUTES], channels[OCCLUSION])
     superpixels = superpixels_of(maps, image)
     tree = grow_tree(superpixels, None, LEAST_AFFINITY)
     area, paint = tree.moments[:, Moment.AREA], tree.moments[:, Moment.PAINT]
-    value = np.where(paint < PAINTED * area, -1.0, area**2)  # squares: the largest nodes
+    value = np.where(paint < PAINTED * area, -1.0, area**2)  # squares favour the largest nodes
     regions = best_cut(tree, value)[superpixels.labels]
     iou = overlaps_between(labels, regions, int(labels.max()) + 1, len(area)).iou
     hits = int((iou >= MATCH_IOU).sum())

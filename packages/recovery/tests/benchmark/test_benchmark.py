@@ -1,4 +1,4 @@
-"""The benchmark: paintings by seed with their truth, baselines on plain scenes, reports."""
+"""The benchmark makes paintings with truth from seeds, baselines work on plain scenes, and reports are written."""
 
 import json
 
@@ -20,7 +20,7 @@ SIZE = (90, 120)
 
 
 def clear_scene() -> tuple[Truth, np.ndarray]:
-    """Strokes of different colours that do not touch."""
+    """Draw strokes of different colours that do not touch."""
     curve = straight(*(((x - 12, y - 3), (x + 12, y + 3)) for y in range(12, 84, 20) for x in range(20, 110, 36)))
     color = np.random.default_rng(0).uniform(0, 0.6, (len(curve), 3))
     return draw_truth(curve, np.full(len(curve), 8.0), color, SIZE, np.ones(3))
@@ -76,7 +76,7 @@ def test_a_painting_is_decided_by_its_seed_and_its_truth_is_that_of_its_strokes(
     assert (lower < upper).all()
     largest = truth.counts & (truth.share > 0.8)
     near = np.abs(truth.seen - truth.color)[largest].mean()
-    assert near < 0.2  # what is seen of a stroke has the colour of its paint
+    assert near < 0.2  # visible parts have the colour of the paint
     assert 0 < np.abs(painting.hard - painting.clean).mean() < 0.28
 
 
@@ -106,4 +106,4 @@ def test_reports_join_the_reliability_of_recovery(tmp_path, monkeypatch):
     assert "| recovery | – | 0.500 | 0.500 | 0.500 |" in summary
     for line in ("unseen, hard | 10 | 0.50 | 0.50 | 0.00", "seen, hard | 20 | 0.80 | 0.50 | 0.30"):
         assert f"| {line} |" in summary
-    assert "| all, hard | 30 | 0.70 | 0.50 | 0.20 |" in summary  # 15 at 0.5 of which 0.4 are right, and 15 at 0.9
+    assert "| all, hard | 30 | 0.70 | 0.50 | 0.20 |" in summary  # 15 at 0.5, of which 0.4 are right, and 15 at 0.9

@@ -1,4 +1,4 @@
-"""Scores of small scenes that were computed by hand, files of anybody's strokes, and a round trip of the truth."""
+"""Scores of small scenes agree with hand calculations, and files of strokes and of the truth can be read."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ SIZE = (40, 60)
 
 
 def scene() -> tuple[Truth, np.ndarray]:
-    """Four level strokes, of which the bottom one is hidden but for a little."""
+    """Draw four horizontal strokes, the bottom one almost completely hidden."""
     curve = straight(((10, 10), (50, 10)), ((20, 20), (40, 20)), ((10, 30), (50, 30)), ((20, 19), (40, 19)))
     color = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0]], float)
     order = [1, 0, 2, 3]
@@ -28,7 +28,7 @@ def scene() -> tuple[Truth, np.ndarray]:
 
 
 def as_found(truth: Truth, **changes) -> Prediction:
-    """The known strokes as somebody found them, but for some changes."""
+    """Predict the known strokes with some changes."""
     found = Prediction(truth.labels, truth.curve, truth.width, truth.seen, truth.area)
     return replace(found, **changes)
 
@@ -58,18 +58,18 @@ def test_halves_joins_misses_and_strokes_on_the_ground_count_as_they_should():
     found[2:6, 2:12] = 0  # 40 of 144: an intersection over union of 0.28
     found[2:6, 12:38] = 1  # 104 of 144: 0.72, a match
     found[8:12, 2:38], found[14:18, 2:20] = 2, 2  # 144 of 216: 0.67, a match
-    found[18:20, 20:40] = 3  # 40 pixels on bare ground: not asked
+    found[18:20, 20:40] = 3  # 40 pixels on bare ground: not judged
     found[14:18, 20:23] = 4  # 12 pixels on bare ground
     confidence = np.array([0.2, 0.9, 0.8, 0.1, 0.1])
     figures = score(truth, replace(prediction_from_labels(found), confidence=confidence))
     assert (figures["truth"], figures["predicted"]) == (3, 5)
     assert figures["recall"] == pytest.approx(2 / 3)
-    assert figures["precision"] == pytest.approx(2 / 3)  # of strokes 0, 1 and 2
+    assert figures["precision"] == pytest.approx(2 / 3)  # of the strokes 0, 1 and 2
     assert figures["f1"] == pytest.approx(2 / 3)
     assert figures["iou"] == pytest.approx((104 / 144 + 144 / 216) / 2)
     assert figures["best_iou"] == pytest.approx((104 / 144 + 144 / 216 + 72 / 216) / 3)
     assert figures["recall_soft"] == pytest.approx(2 / 3)
-    assert figures["split"] == pytest.approx(1)  # of 1.67, 1 and 1
+    assert figures["split"] == pytest.approx(1)  # median of 1.67, 1 and 1
     assert figures["joined"] == pytest.approx(1)
     assert np.isnan(figures["order_tau"])  # labels have no order
     assert figures["auc"] == 1
@@ -127,7 +127,7 @@ COLORS = np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0], [0, 0, 9], [9, 9, 9]], np.ui
 
 
 def half_size(truth: Truth):
-    """A catalogue of the known strokes, on a canvas half as large."""
+    """Make a catalogue of the known strokes on a canvas of half the size."""
     return saved_strokes(0.5 * truth.curve, 0.5 * truth.width, truth.color, (20, 30))
 
 
@@ -137,7 +137,7 @@ def test_anybodys_files_are_read(name, tmp_path):
     WRITERS[name](tmp_path / name, truth)
     figures = score(truth, read_prediction(tmp_path / name, SIZE, image))
     assert figures["f1"] == 1
-    assert figures["color_de00"] < (100 if name == "c.npz" else 8)  # whose strokes are grey
+    assert figures["color_de00"] < (100 if name == "c.npz" else 8)  # strokes in c.npz are grey
 
 
 def test_strokes_of_a_catalogue_are_enlarged_to_the_canvas():

@@ -1,4 +1,4 @@
-"""What is known of a region says whether it is a stroke, and confidences are compared with what is right."""
+"""Features of a region predict whether it is a stroke, and confidences are compared with the share of right strokes."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ def test_features_say_how_sure_all_looks_are_and_what_is_seen_of_a_region():
     np.testing.assert_allclose(chance, [DOUBT, 0.5, 1 - DOUBT])
     visible = regions.attributes[:, StrokeAttribute.VISIBLE]
     np.testing.assert_allclose(features[:, ConfidenceFeature.VISIBLE], visible)
-    # 8 x 18 pixels are as many as the sides promise
+    # 8 x 18 pixels equal the area expected from the sides
     np.testing.assert_allclose(features[2, ConfidenceFeature.LOG_FILL], 0, atol=1e-9)
     nothing = np.empty((0, len(StrokeAttribute)))
     empty = replace(regions, labels=np.full((9, 9), -1, np.int32), chance=np.empty(0), attributes=nothing)

@@ -1,4 +1,4 @@
-"""Regions become curves, which are then fitted to what is seen of all; curves are cut to their paint."""
+"""Curves are fitted to regions, refined together to match visible parts, and cut to their paint."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ from brushexp_recovery.curves.round_line import trim_to_paint
 from brushexp_recovery.model.channels import CENTRE, DIRECTION, LOG_SIZE, StrokeAttribute
 from recovery_scenes import bars, silent, straight
 
-ROUGH = np.array([[[25.0, 40.0], [60, 50], [95, 60]], [[70, 20], [60, 45], [50, 75]]])  # curves near those of `bars`
+ROUGH = np.array([[[25.0, 40.0], [60, 50], [95, 60]], [[70, 20], [60, 45], [50, 75]]])  # close to the curves of `bars`
 
 
 def test_a_straight_region_becomes_its_stroke():
@@ -42,7 +42,7 @@ def test_refining_moves_strokes_onto_their_regions():
 
 
 def mean_iou(fitted: StrokeCurves, labels: np.ndarray) -> float:
-    """Mean IoU of what is seen of two strokes with their regions."""
+    """Compute the mean IoU of the visible parts of two strokes with their regions."""
     drawn, _ = visible_labels(cover_strokes(fitted.curve, fitted.width, labels.shape), np.ones(2), labels.shape)
     return float(np.mean([((drawn == k) & (labels == k)).sum() / ((drawn == k) | (labels == k)).sum() for k in (0, 1)]))
 

@@ -1,4 +1,4 @@
-"""Regions are merged as an obvious loop merges them, and the best of the tree is taken."""
+"""Regions are merged as in a slow, obvious loop, and the best cut of the tree is found."""
 
 from itertools import chain, combinations
 
@@ -21,7 +21,7 @@ AFFINITIES = slice(PairFeature.AFFINITY_ADJACENT, PairFeature.AFFINITY_20 + 1)
 
 
 def some_superpixels(seed: int, side: int = 5) -> Superpixels:
-    """A grid of superpixels whose moments and affinities are drawn."""
+    """Make a grid of superpixels with random moments and affinities."""
     random = np.random.default_rng(seed)
     count = side * side
     area = random.integers(5, 40, count)
@@ -58,7 +58,7 @@ def some_perceptron(seed: int) -> PerceptronWeights:
 
 
 def mean_affinity(row: np.ndarray, between: np.ndarray) -> float:
-    """The mean affinity of a pair by its features, the nearest pixels counting most."""
+    """Compute the mean affinity of a pair from its features, with most weight on the nearest pixels."""
     number = np.array([4, 2, 1, 1]) * between[PAIRS]
     return (row[AFFINITIES] * number).sum() / number.sum()
 
@@ -66,7 +66,7 @@ def mean_affinity(row: np.ndarray, between: np.ndarray) -> float:
 def merged_slowly(
     superpixels: Superpixels, perceptron: PerceptronWeights | None, least: float
 ) -> list[tuple[frozenset[int], float]]:
-    """Merge regions as sets of superpixels, looking at all pairs again each time: what is made, at which chance."""
+    """Merge regions as sets of superpixels, re-examining all pairs each time; return the merges with their chances."""
     regions, closed = [frozenset([k]) for k in range(len(superpixels.moments))], set[frozenset[int]]()
     made = []
     while True:

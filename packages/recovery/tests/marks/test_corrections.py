@@ -1,4 +1,4 @@
-"""What a person has corrected takes the place of what was recovered."""
+"""The corrections of a person replace recovered strokes."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ SIZE = (60, 80)
 
 
 def painting() -> np.ndarray:
-    """Three level dark strokes at y = 10, 30 and 50."""
+    """Draw three horizontal dark strokes at y = 10, 30 and 50."""
     image = np.ones((*SIZE, 3), np.float32)
     for y in (10, 30, 50):
         image[y - 3 : y + 3, 20:60] = (0.2, 0.1, 0.0)
@@ -27,7 +27,7 @@ def painting() -> np.ndarray:
 
 
 def level(y: float, left: float = 20, right: float = 60, by: str = "hand") -> Mark:
-    """A level mark of 6 px."""
+    """Make a horizontal mark 6 px wide."""
     return Mark(f"{y}", np.array([[left + 3, y], [right - 3, y]]), np.full(2, 6.0), (), by)
 
 
@@ -43,7 +43,7 @@ def test_deleted_strokes_go_marks_replace_them_and_the_rest_stays():
     marks = marks_of(level(30, 20, 38), level(30, 42, 60), level(50, by="recovery"), deleted=(level(10),))
     corrected = correct(found, marks, image)
     table = tabulate_strokes(corrected)
-    assert table.columns["y"] == pytest.approx([50, 30, 30], abs=0.5), "the found stroke lies below the marks"
+    assert table.columns["y"] == pytest.approx([50, 30, 30], abs=0.5), "the recovered stroke lies below the marks"
     assert table.columns["confidence"] == pytest.approx([0.6, 1, 1])
     assert table.columns["length"] == pytest.approx([40, 18, 18], rel=0.1)
     assert table.columns["width"] == pytest.approx([6, 6, 6], rel=0.15)
@@ -52,7 +52,7 @@ def test_deleted_strokes_go_marks_replace_them_and_the_rest_stays():
     assert corrected.labels[50, 40] == 0
     assert corrected.ground[5, 5]
     assert not corrected.ground[corrected.labels >= 0].any()
-    assert not len(corrected.meetings), "no pair has two strokes that stay"
+    assert not len(corrected.meetings), "no pair of remaining strokes meets"
 
 
 def test_meetings_of_strokes_that_stay_are_renumbered():

@@ -1,4 +1,4 @@
-"""Marks that people drew: their file, their regions, and how far strokes agree with them."""
+"""Marks drawn by people are read from files, converted to regions, and compared with strokes."""
 
 import csv
 import io
@@ -20,7 +20,7 @@ SIZE = (40, 60)
 
 
 def level(y: float, width: float = 6.0, left: float = 10, right: float = 50) -> dict[str, object]:
-    """A level mark as its file has it."""
+    """Make a horizontal mark in the form of the file."""
     return {"points": [[left, y], [right, y]], "width": width}
 
 
@@ -30,7 +30,7 @@ def write_marks(path, *strokes, **values):
 
 
 def rows_of(*marks: tuple[int, int]) -> list[np.ndarray]:
-    """Regions that are rows of pixels, from one to another."""
+    """Make regions that are ranges of pixel rows."""
     return [np.arange(top * SIZE[1], bottom * SIZE[1]) for top, bottom in marks]
 
 
@@ -63,7 +63,7 @@ def test_regions_of_labels_overlap_as_label_images_do():
 
 def test_what_is_found_missed_extra_and_not_judged():
     marks = rows_of((2, 6), (10, 14), (20, 24))
-    strokes = rows_of((2, 6), (10, 12), (12, 14), (30, 34))  # one is found, one is split, one lies where no mark is
+    strokes = rows_of((2, 6), (10, 12), (12, 14), (30, 34))  # one is found, one is split, one lies off the marks
     known = Marks([], [], SIZE, None, complete=False)
     judged = judged_strokes(known, marks, strokes, SIZE)
     agreement = compare_regions(marks, strokes, judged, SIZE[0] * SIZE[1])

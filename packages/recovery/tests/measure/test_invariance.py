@@ -1,4 +1,4 @@
-"""The same painting in another photograph, smaller, turned, compressed, has the same figures: with shipped weights."""
+"""A smaller, rotated and compressed photograph of a painting gives the same figures with the shipped weights."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ VIEWS, SMALLER, TURN = 3, 0.8, 2.0
 
 
 def recover(picture: np.ndarray) -> Recovered:
-    """Recover strokes, each looked at once."""
+    """Recover strokes with one copy per look."""
     return recover_with(shipped(), np.asarray(picture, np.float32), None, 1, silent)
 
 
@@ -26,7 +26,7 @@ def draws_of(image: np.ndarray) -> Draws:
 def test_a_photograph_taken_anew_gives_the_same_figures():
     image = picture_of(bristles((208, 240), 6))  # strokes of 14 pixels
     one, other = draws_of(image), draws_of(View(zoom=SMALLER, turn=TURN, quality=85).of(image))
-    scales = 1.0, 1 / SMALLER  # millimetres of a pixel
+    scales = 1.0, 1 / SMALLER  # millimetres per pixel
     figures, figures_again = (intervals_of(draws, mm) for draws, mm in zip((one, other), scales, strict=True))
     gaps = difference_of(one, other, scales, 0)
     for name in ("length", "width"):

@@ -1,4 +1,4 @@
-"""Measures have intervals in which a second photograph of the same painting lies; areas, millimetres, comparisons."""
+"""Intervals of measures contain the figures of a second photograph; areas, millimetres and comparisons work."""
 
 from functools import partial
 
@@ -23,7 +23,7 @@ recover = partial(recover_dark, confidence=0.9)
 
 
 def painting(angle: float = 20, width: float = 6.0) -> np.ndarray:
-    """Dark strokes that do not touch, on white."""
+    """Draw separate dark strokes on white."""
     random = np.random.default_rng(0)
     x, y = np.meshgrid(np.arange(18, 150, 28), np.arange(14, 110, 18))
     middle = np.stack([x.ravel(), y.ravel()], 1) + random.uniform(-2, 2, (x.size, 2))
@@ -83,9 +83,9 @@ def test_a_second_photograph_gives_the_same_figures_within_their_intervals():
     one, other = draws_of(image), draws_of(again)
     scales = tuple(millimetres_per_pixel(picture.shape[:2], 32, None) for picture in (image, again))
     apart = {name for name, gap in difference_of(one, other, scales, seed=0).items() if is_apart(gap)}
-    assert apart <= {"straightness", "curvature"}  # of straight lines, which have no spread
+    assert apart <= {"straightness", "curvature"}  # straight lines have no spread in these
     figures, figures_again = (intervals_of(x, mm) for x, mm in zip((one, other), scales, strict=True))
-    assert figures["width"].value == pytest.approx(12, rel=0.1)  # millimetres: a pixel has 2
+    assert figures["width"].value == pytest.approx(12, rel=0.1)  # a pixel is 2 mm
     assert figures_again["width"].value == pytest.approx(figures["width"].value, rel=0.05)
     different = draws_of(painting(angle=160, width=9))
     gaps = difference_of(one, different, (None, None), seed=0)
@@ -110,7 +110,7 @@ def test_strokes_of_a_view_come_back_to_their_places():
 
 @pytest.fixture
 def mask(tmp_path) -> Image.Image:
-    """A mask that is bright on the right half."""
+    """Draw a mask that is bright in the right half."""
     pixels = np.zeros(SIZE, np.uint8)
     pixels[:, 80:] = 255
     return Image.fromarray(pixels)

@@ -1,4 +1,4 @@
-"""Several measured paintings: a table with intervals, and groups compared with a correction for many measures."""
+"""Several paintings are tabulated with intervals, and groups are compared with a correction for many measures."""
 
 import csv
 import io
@@ -18,7 +18,7 @@ from brushexp_recovery.measure.several_paintings import (
 
 
 def runs_of(folder, lengths: dict[str, list[float]]) -> pd.DataFrame:
-    """Runs of task=measure of the paintings of several groups, whose lengths alone differ."""
+    """Write runs of task=measure for paintings of several groups that differ only in length."""
     rows = []
     for group, values in lengths.items():
         for number, length in enumerate(values):

@@ -1,4 +1,4 @@
-"""What is seen where strokes meet says which lies above."""
+"""The order of strokes is inferred from the pixels where they meet."""
 
 from dataclasses import replace
 from itertools import combinations
@@ -17,7 +17,7 @@ from recovery_scenes import straight
 
 @pytest.fixture
 def crossed() -> tuple[Regions, StrokeCurves]:
-    """A level stroke below one that falls, and one apart; the network says nothing of order."""
+    """Make a horizontal stroke below a falling one, and a separate one, without predicted occlusion."""
     curve = straight(((16, 30), (64, 30)), ((40, 11), (40, 49)), ((6, 54), (16, 54)))
     return crossed_regions(), StrokeCurves(curve, np.array([12.0, 12, 8]), np.zeros((3, 3)))
 
@@ -40,7 +40,7 @@ def test_evidence_is_that_of_a_slow_loop(crossed):
 
 def test_a_stroke_that_is_seen_where_two_cross_lies_above(crossed):
     (row,) = find_meetings(*crossed).features
-    assert row[OrderFeature.CROSSING] > 0.9  # all of 12 x 12 pixels
+    assert row[OrderFeature.CROSSING] > 0.9  # the second stroke owns all 12 x 12 pixels
     assert row[OrderFeature.CROSSING_PIXELS] == pytest.approx(12 * row[OrderFeature.CROSSING], rel=0.05)
 
 

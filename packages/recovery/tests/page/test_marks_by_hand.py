@@ -1,4 +1,4 @@
-"""A conservator corrects strokes on the page, by mouse and by keyboard, and saves them as marks."""
+"""A conservator corrects strokes on the page by mouse and by keyboard, and saves them as marks."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ SIZE = (60, 80)
 
 
 def dark_strokes() -> tuple[StrokeTable, np.ndarray]:
-    """Three level dark strokes of 6 px: at y = 10, from x = 20 to 60; at 30, to 36 and from 44."""
+    """Draw dark horizontal strokes 6 px wide, one at y = 10 and two at y = 30, with a gap from x = 36 to 44."""
     image = np.ones((*SIZE, 3))
     for top, left, right in ((7, 20, 60), (27, 10, 36), (27, 44, 70)):
         image[top : top + 6, left:right] = 0
@@ -20,7 +20,7 @@ def dark_strokes() -> tuple[StrokeTable, np.ndarray]:
 
 
 class Editor:
-    """The picture of a page in a browser, in its own pixels."""
+    """The picture on a page in a browser, addressed by its own pixels."""
 
     def __init__(self, watched, folder):
         self.page, self.folder = watched.page, folder
@@ -88,7 +88,7 @@ def test_strokes_are_added_deleted_split_and_joined_by_mouse(width, opened, tmp_
     assert masks[0][10, 25] != masks[1][10, 25]
     assert masks[2][50, 40]
     assert areas[2] == pytest.approx(40 * 8 + np.pi * 16, rel=0.1)
-    assert areas[3] == pytest.approx(2 * 26 * 6, rel=0.1), "both parts, and not the gap"
+    assert areas[3] == pytest.approx(2 * 26 * 6, rel=0.1), "both parts without the gap"
     assert masks[3][30, [20, 40, 60]].tolist() == [True, False, True]
     editor.do("empty")
     assert not editor.saved().strokes

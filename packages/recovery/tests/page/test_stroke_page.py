@@ -1,4 +1,4 @@
-"""The page of recovered strokes, and the files beside it: in a browser, figures are those of the strokes shown."""
+"""The page of recovered strokes and its files: in a browser, figures follow the shown strokes."""
 
 import csv
 import io
@@ -23,7 +23,7 @@ CONFIDENCE = np.array([0.2, 0.6, 0.9], np.float32)
 
 
 def recovered() -> tuple[Recovered, np.ndarray]:
-    """Three strokes: level, falling to the right, upright; the catalogue has the top one first."""
+    """Make three strokes, horizontal, falling to the right and vertical, with the top stroke first in the catalogue."""
     middle = np.array([[20.0, 10], [40, 30], [65, 30]])
     turn = np.radians([0.0, 45, 90])
     way = np.array([14.0, 10, 18])[:, None] * np.stack([np.cos(turn), np.sin(turn)], 1)
@@ -45,7 +45,7 @@ def test_rows_are_the_strokes_from_the_bottom_up_with_units():
     assert columns["stroke"].tolist() == [2, 1, 0]
     assert columns["confidence"] == pytest.approx(CONFIDENCE)
     assert columns["direction"] == pytest.approx([0, 45, 90], abs=0.01)  # clockwise: y points down
-    assert columns["length"] == pytest.approx([28 + 6, 20 + 5, 36 + 8], rel=1e-3)  # the curve, and a width
+    assert columns["length"] == pytest.approx([28 + 6, 20 + 5, 36 + 8], rel=1e-3)  # the curve plus one width
     named = columns_with_units(table)
     assert named["length [mm]"] == pytest.approx([17, 12.5, 22], rel=1e-3)
     assert named["area [mm^2]"] == pytest.approx(columns["area"] / 4)
@@ -136,11 +136,11 @@ def test_it_fits_every_screen(width, opened, tmp_path):
     nav = watched.page.evaluate(
         "(({ scrollWidth, clientWidth }) => [scrollWidth, clientWidth])(document.querySelector('.nav'))"
     )
-    assert nav[0] <= nav[1]  # no section is cut
+    assert nav[0] <= nav[1]  # no section is cut off
     assert not watched.errors
 
 
-FIFTH = SIZE[0] * SIZE[1] / 5  # of the photograph, pixels
+FIFTH = SIZE[0] * SIZE[1] / 5  # pixels in a fifth of the photograph
 
 
 @pytest.mark.parametrize(
@@ -148,7 +148,7 @@ FIFTH = SIZE[0] * SIZE[1] / 5  # of the photograph, pixels
     [
         (7.0, FIFTH, None),
         (4.0, FIFTH, "narrower than 4.0 pixels"),
-        (7.0, 50.0, "on 3 % of the photograph only"),
+        (7.0, 50.0, "on only 3 % of the photograph"),
     ],
 )
 def test_what_is_doubtful_is_said_with_what_to_do_about_it(width, seen, words):
@@ -161,7 +161,7 @@ def test_what_is_doubtful_is_said_with_what_to_do_about_it(width, seen, words):
 def test_bare_ground_is_told_from_paint_that_was_not_read():
     found, image = recovered()
     ground = np.zeros(SIZE, bool)
-    ground[:, 72:] = True  # a tenth, without strokes
+    ground[:, 72:] = True  # a tenth of the photograph, without strokes
     table = tabulate_strokes(replace(found, ground=ground))
     table = replace(table, columns={**table.columns, "seen": np.full(3, FIFTH / 3)})
     words = "10 % looks like bare ground, and 70 % like paint in which no stroke can be told apart"

@@ -1,4 +1,4 @@
-"""Loops over label images and pairs of pixels agree with slow ones."""
+"""Loops over label images and pairs of pixels agree with slow, obvious loops."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from brushexp_recovery.raster.overlap import overlaps_between
 
 @pytest.mark.parametrize("count", [0, 7])
 def test_pixels_of_regions_are_listed(count):
-    labels = np.random.default_rng(0).integers(-1, max(count - 1, 0), (20, 31)).astype(np.int32)  # the last has none
+    labels = np.random.default_rng(0).integers(-1, max(count - 1, 0), (20, 31)).astype(np.int32)  # the last is empty
     lists = group_pixels(labels, count)
     assert len(lists) == count
     for number, pixels in enumerate(lists):

@@ -1,4 +1,4 @@
-"""Tiles cover a picture, threads share them, and memory is freed in time."""
+"""Tiles cover a picture, threads share the tiles, and memory is freed in time."""
 
 import numpy as np
 import pytest

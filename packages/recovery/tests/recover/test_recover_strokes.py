@@ -1,4 +1,4 @@
-"""Strokes are found again in a small painting, any picture can be looked at, and results are stored."""
+"""The strokes of a small painting are recovered, any picture is accepted, and results can be stored."""
 
 from dataclasses import replace
 
@@ -34,7 +34,7 @@ def test_most_strokes_of_a_small_painting_are_found_again():
 
 
 def some_strokes(n: int, random: np.random.Generator) -> Recovered:
-    """Strokes that nobody has painted."""
+    """Make random recovered strokes."""
     labels = random.integers(-1, n, (20, 30)).astype(np.int32)
     fitted = StrokeCurves(random.random((n, 3, 2)) * 30, random.random(n) * 5 + 1, random.random((n, 3)))
     image = random.random((20, 30, 3)).astype(np.float32)

@@ -1,4 +1,4 @@
-"""The network's maps: copies are turned back, and what large pictures need of memory is freed."""
+"""Maps of rotated copies are turned back, and the memory of large pictures is freed."""
 
 import sys
 import weakref
@@ -24,7 +24,7 @@ from brushexp_recovery.segment.affinity_maps import predict_maps
 
 
 class Oracle(torch.nn.Module):
-    """Says what is true of a picture whose red channel is the number of the stroke / 10, in its own frame."""
+    """Return the true maps of a picture whose red channel is the number of the stroke / 10."""
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         labels = (x[0, 0] * 10).round().long()
@@ -50,7 +50,7 @@ def test_maps_of_turned_copies_say_the_same():
     labels[10:50, 10:30], labels[20:40, 25:80], labels[45:60, 50:58] = 3, 5, 2
     image = np.stack([labels.numpy() / 10] * 3, 2).astype(np.float32)
     one, eight = predict_maps(Oracle(), image, 1), predict_maps(Oracle(), image, 8)
-    inner = np.s_[..., 20:-20, 20:-20]  # at borders the oracle looks round the corner
+    inner = np.s_[..., 20:-20, 20:-20]  # the oracle wraps around at borders
     for name in ("affinity", "paint", "attributes", "occlusion"):
         np.testing.assert_allclose(getattr(eight, name)[inner], getattr(one, name)[inner], rtol=1e-3, atol=1e-3)
 
@@ -64,7 +64,7 @@ def test_the_network_frees_what_it_has_concatenated():
     assert alive == [False]
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="reads how much memory is used from /proc")
+@pytest.mark.skipif(sys.platform != "linux", reason="reads memory usage from /proc")
 def test_maps_take_no_memory_while_the_network_looks():
     def used() -> float:
         return int(Path("/proc/self/statm").read_text().split()[1]) * 4096 / 2**20
@@ -77,4 +77,4 @@ def test_maps_take_no_memory_while_the_network_looks():
     with return_freed_memory():
         before = used()
         predict_maps(look, image, 1)
-    assert grown[0] < 60  # the maps take 120
+    assert grown[0] < 60  # the maps need 120

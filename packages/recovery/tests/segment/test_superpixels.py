@@ -1,4 +1,4 @@
-"""Superpixels, their moments and the affinities between them are those of slow loops over pixels."""
+"""Superpixels, their moments and their affinities agree with slow loops over pixels."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Families of paint: each paints whole pictures with a truth, decided by its seed; sheets bend along curves."""
+"""Each family of paint makes whole pictures and their truth from a seed, and sheets bend along curves."""
 
 import numpy as np
 import pytest
@@ -82,10 +82,10 @@ def test_bristles_carry_the_colours_that_they_pass():
     ground[:30, :48] = (0, 0, 1)
     drag = Mixing(1.0, opacity=np.ones(1), wet=np.zeros(1), drag=np.full(1, 0.9))
     image = compose(windows, layout, drag, ground).image
-    upper, lower = image[25, 52], image[35, 52]  # just behind the border, each side of the brush
+    upper, lower = image[25, 52], image[35, 52]  # just beyond the border, on each side of the brush
     assert upper[2] > upper[0] + 0.1
     assert lower[0] > lower[2] + 0.1
-    assert abs(image[30, 84] - 0.4).max() > 0.05  # white is taken up, too
+    assert abs(image[30, 84] - 0.4).max() > 0.05  # white is also taken up
 
 
 def test_strokes_of_a_row_lie_side_by_side_in_one_colour():

@@ -1,4 +1,4 @@
-"""Marks by a formula: smooth ones cover their curve, dry ones break up, and all are drawn the same way twice."""
+"""Marks drawn by a formula cover their curve if smooth, break up if dry, and are reproducible."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def test_a_smooth_mark_covers_what_lies_near_its_curve():
     distance = np.hypot(columns[..., None] - points[:, 0], rows[..., None] - points[:, 1])
     near, middle = distance.min(-1), (distance.argmin(-1) > 20) & (distance.argmin(-1) < 380)
     visible = canvas.labels == 0
-    sure = middle & (abs(near - 8) > 2)  # each stroke departs from its painting's marks a little
+    sure = middle & (abs(near - 8) > 2)  # each stroke varies slightly from its painting's marks
     np.testing.assert_array_equal(visible[sure], near[sure] < 8)
     assert not visible[near > 12].any()
     np.testing.assert_allclose(canvas.image[middle & (near < 5)], 0.4, atol=0.01)

@@ -1,4 +1,4 @@
-"""Paintings are decided by their seed and number, and their truth is that of their strokes."""
+"""Paintings are determined by seed and number, and their truth describes their strokes."""
 
 import os
 
@@ -59,5 +59,5 @@ def test_a_pool_is_filled_as_long_as_the_training_lives(tmp_path, monkeypatch):
     assert len([*(tmp_path / "now").glob("*.npz")]) == 2
     again = pool.load_painting(tmp_path / "now" / "000001.npz")
     np.testing.assert_array_equal(again.geometry, bars().geometry)
-    pool.fill_pool(os.getpid(), tmp_path / "later", 0, range(2), [])  # no parent of this process
+    pool.fill_pool(os.getpid(), tmp_path / "later", 0, range(2), [])  # not the parent of this process
     assert not [*(tmp_path / "later").glob("*.npz")]

@@ -1,4 +1,4 @@
-"""Strokes are laid the same way twice, end at edges, and keep apart."""
+"""Layouts of strokes are reproducible, end at edges, and keep strokes apart."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def test_a_stroke_ends_where_the_picture_changes(clip, ends):
     hand = Hand(directions=LEVEL.directions, shaky=LEVEL.shaky, clip=clip)
     curve = curves_along(np.zeros(picture.shape[:2]), picture, places, half, hand, np.random.default_rng(0))
     step = half[0] / TRACE_STEPS
-    assert ends[1] in (40 + SURE_STEPS * step, 76)  # so far it goes in any case
+    assert ends[1] in (40 + SURE_STEPS * step, 76)  # steps that are always taken
     np.testing.assert_allclose(np.sort(curve[0, [0, 2], 0]), ends, atol=1.5 * step if clip else 1e-6)
 
 

@@ -1,4 +1,4 @@
-"""task=benchmark paints, looks and scores; task=score gives the same figures for the same strokes."""
+"""task=benchmark paints, finds strokes and scores them; task=score gives the same figures for the same strokes."""
 
 import csv
 import io
@@ -49,7 +49,7 @@ def test_strokes_of_others_are_scored_beside_methods(run_task, tmp_path):
     ("words", "message"),
     [
         (("kinds=[nope]",), "kinds has no 'nope'; choose from: textured"),
-        (("kinds=[textured]", "unseen=true"), "has learnt from all kinds"),
+        (("kinds=[textured]", "unseen=true"), "was trained on all kinds"),
         (("methods=[nope]",), "methods has no 'nope'; choose from: recovery"),
         (("methods=[recovered_curves]", "weights=mine.safetensors"), r"mine\.safetensors"),
         (("methods=[]", "add=."), r"has no strokes for knife-12; write knife-12\.npz there"),

@@ -1,4 +1,4 @@
-"""task=measure from a photograph to its page, with a second photograph beside it; what recovery finds is given."""
+"""task=measure runs from a photograph to its page, also with a second photograph, on given recovered strokes."""
 
 import json
 from functools import partial
@@ -21,7 +21,7 @@ recover = partial(recover_dark, confidence=0.8)
 
 
 def painting(width: float) -> tuple[Truth, np.ndarray]:
-    """Three dark level strokes on white."""
+    """Draw three dark horizontal strokes on white."""
     curve = straight(*(((20, y), (60, y)) for y in (10, 30, 50)))
     return draw_truth(curve, np.full(3, width), np.zeros((3, 3)), SIZE, np.ones(3))
 

@@ -31,7 +31,7 @@ def test_a_photograph_becomes_a_catalogue_with_a_page(run_task, tmp_path, caplog
     assert all(0.5 <= float(edge.findtext(f"{name}data")) <= 1 for edge in edges)
     surest = int(np.abs(found.chance_above - 0.5).argmax())
     lower, upper = found.meetings[surest][:: 1 if found.chance_above[surest] > 0.5 else -1]
-    assert lower < upper, "rows of the catalogue are bottom to top, and no evidence is against the surest pair"
+    assert lower < upper, "rows are bottom to top, and no evidence contradicts the most certain pair"
     assert (edges[surest].get("source"), edges[surest].get("target")) == (str(lower), str(upper))
     assert "length [mm]" in (tmp_path / "strokes.csv").read_text()
 

@@ -1,4 +1,4 @@
-"""What judges regions learns from paintings: perceptrons, order and confidence."""
+"""The models that judge regions learn from paintings: perceptrons, order and confidence."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ from recovery_scenes import bars, silent
 def test_perceptrons_order_and_confidence_learn_from_a_painting(monkeypatch):
     for name in ("FIRST_PAIR_STEPS", "PAIR_STEPS", "NODE_STEPS"):
         monkeypatch.setattr(classifiers, name, 20)
-    monkeypatch.setattr(regions, "find_zoom", lambda *_: 0.7)  # an untrained network sees strokes of any width
+    monkeypatch.setattr(regions, "find_zoom", lambda *_: 0.7)  # an untrained network finds strokes of any width
     model = RecoveryModel().eval()
     losses = fit_classifiers(model, [bars()], 0, silent)
     assert losses.keys() == {"pairs_first", "pairs", "nodes"}

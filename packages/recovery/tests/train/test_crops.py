@@ -1,4 +1,4 @@
-"""Crops are turned with their truth, and the losses have the gradients of their values."""
+"""Crops are rotated with their truth, and losses have correct gradients."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from recovery_scenes import bars
 def test_turned_crops_point_to_the_centre_of_their_stroke(seed):
     painting = bars(0.7)
     labels = painting.labels[:, 12:108].astype(np.int64)
-    labels[labels == 0] = -1  # the upper one is seen whole
+    labels[labels == 0] = -1  # the upper stroke is wholly visible
     geometry = painting.geometry.copy()
     geometry[:, StrokeGeometry.CENTRE_X] -= 12
     crop = turn_and_mirror(np.zeros((96, 96, 3), np.float32), labels, geometry, np.random.default_rng(seed))

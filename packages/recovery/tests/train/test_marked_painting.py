@@ -1,4 +1,4 @@
-"""Judges learn from some marks of a person, and a painting's scale follows from their widths."""
+"""Judges learn from a few marks of a person, whose widths determine a painting's scale."""
 
 import copy
 
@@ -88,7 +88,7 @@ def test_a_last_layer_learns_examples_as_far_as_the_penalty_lets_it():
 
 @pytest.fixture(scope="module")
 def parts() -> list[marked_painting.MarkedPart]:
-    """Marks of the twelve largest strokes of a painting."""
+    """Mark the twelve largest strokes of a painting."""
     painting = bristles(SIZE, 2)
     labels = painting.labels.astype(np.int32)
     largest = np.argsort(-np.bincount(labels[labels >= 0]))[:12]
@@ -100,7 +100,7 @@ def parts() -> list[marked_painting.MarkedPart]:
 def test_judges_are_fitted_in_a_copy_and_agree_more_with_the_marks(parts):
     model = copy.deepcopy(shipped())
     with torch.no_grad():
-        model.pairs.layers[-1].bias -= 6  # it hardly merges any more
+        model.pairs.layers[-1].bias -= 6  # merges almost nothing
     before = {name: value.clone() for name, value in model.state_dict().items()}
     fitted = fit_to(model, parts, 0)
     assert agreement_with(parts, fitted.classifiers()) > agreement_with(parts, model.classifiers()) + 0.05
@@ -118,7 +118,7 @@ def test_judges_are_kept_if_they_find_more_of_the_marks_that_they_have_not_seen(
 
     def agreement(some, classifiers):
         labels = np.unique(some[0].segmented.labels)
-        assert len({*(labels[labels >= 0] % 2)}) == 1, "only marks of one half are looked for"
+        assert len({*(labels[labels >= 0] % 2)}) == 1, "only marks of one half are used"
         return gain if float(classifiers.pairs.layers[-1][-1, 0]) == pytest.approx(bias) else 0.0
 
     monkeypatch.setattr(marked_painting, "agreement_with", agreement)

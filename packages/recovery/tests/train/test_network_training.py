@@ -1,4 +1,4 @@
-"""The network learns from crops of a pool of paintings, and is compared with the known strokes meanwhile."""
+"""The network learns from crops of a pool of paintings, and is validated against known strokes during training."""
 
 import os
 from types import SimpleNamespace
@@ -67,7 +67,7 @@ def test_figures_of_a_validation_are_means_over_its_batches(monkeypatch):
 
 @pytest.fixture
 def pool(tmp_path) -> RecoveryData:
-    """Crops of three paintings, and of as many held-out ones as are for validation."""
+    """Make crops of three paintings, and of the held-out paintings for validation."""
     for number in [*range(3), *range(FIRST_HELD_OUT, FIRST_HELD_OUT + VALIDATED)]:
         save_painting(tmp_path / f"{number:06d}.npz", bars(0.1 * (number % 10)))
     return RecoveryData(tmp_path, ["coffee"], 5, 2, 3, 1)
@@ -91,7 +91,7 @@ def test_the_crops_of_a_step_depend_on_the_seed_and_the_step(pool):
 def test_paintings_that_no_process_makes_are_not_waited_for(pool, monkeypatch):
     monkeypatch.setattr(data.subprocess, "Popen", lambda *_, **__: SimpleNamespace(poll=lambda: 1, terminate=int))
     pool.start_painting()
-    assert len(pool.processes) == 2  # for paintings to learn from, and held-out ones
+    assert len(pool.processes) == 2  # one for training paintings, one for held-out paintings
     assert len(pool.held_out(VALIDATED)) == VALIDATED
     with pytest.raises(UserError, match="no paintings can be made for training"):
         pool.held_out(VALIDATED + 1)
@@ -101,7 +101,7 @@ def test_paintings_that_no_process_makes_are_not_waited_for(pool, monkeypatch):
 
 @pytest.fixture
 def families_of_paintings(monkeypatch) -> list[str | None]:
-    """The families that paintings were made of, in turn; paintings 0 and 2 and the second held-out one have one."""
+    """Record the families of paintings in order; paintings 0 and 2 and the second held-out painting have one."""
     families, made = {0: "dabs", FIRST_HELD_OUT + 1: "dabs", 2: "washes"}, []
     monkeypatch.setattr(pool_of_paintings, "family_of", lambda _, number: families.get(number))
     monkeypatch.setattr(pool_of_paintings, "paint", lambda *words: made.append(words[-1]) or bars())
@@ -114,7 +114,7 @@ EVERY = (*range(3), *range(FIRST_HELD_OUT, FIRST_HELD_OUT + 3))
 def test_paintings_of_families_that_are_left_out_are_neither_made_nor_learnt_from(tmp_path, families_of_paintings):
     pool_of_paintings.fill_pool(os.getppid(), tmp_path, 5, EVERY, [], ["washes"])
     assert families_of_paintings == [None, "washes", None, None]
-    save_painting(tmp_path / "000000-dabs.npz", bars())  # of a training that did not leave it out
+    save_painting(tmp_path / "000000-dabs.npz", bars())  # made by a training that did not hold it out
     some = RecoveryData(tmp_path, ["coffee"], 5, 2, 3, 1, families=["washes"])
     some.batch(0)
     assert sorted(path.stem for path in some.loaded) == ["000001", "000002-washes"]
@@ -134,7 +134,7 @@ def test_without_families_engines_make_every_painting(tmp_path, families_of_pain
 
 
 def maps_of(labels: np.ndarray) -> torch.Tensor:
-    """Maps of a network that knows every affinity and where paint is."""
+    """Make the maps of a network that predicts every affinity and all paint correctly."""
     maps = torch.zeros(1, CHANNELS, *labels.shape)
     for channel, (dy, dx) in enumerate(AFFINITY_OFFSETS):
         there = np.roll(labels, (-dy, -dx), (0, 1))

@@ -1,1 +1,1 @@
-"""Measure the brushwork of catalogues as art historians do: strokes -> measures -> summary -> tables, figures."""
+"""Measure the brushwork of catalogues as art historians do: strokes -> measures -> summary -> tables and figures."""

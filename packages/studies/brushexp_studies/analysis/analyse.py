@@ -11,7 +11,7 @@ from brushexp_studies.analysis.summary import Analysis, analysis_of
 
 
 def analyse(painting: Painting | str | PathLike[str], *, radius: float | None = None, visible: float = 0) -> Analysis:
-    """Measure the brushwork of a painting, or of a catalogue.h5, as ``task=analyse`` does.
+    """Measure the brushwork of a painting or a catalogue.h5, as ``task=analyse`` does.
 
     Args:
         painting: painting returned by `paint`, or the path of a catalogue.

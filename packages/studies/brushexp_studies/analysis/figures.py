@@ -1,4 +1,4 @@
-"""Draw the brushwork of one painting on a sheet, or of two with the same axes."""
+"""Draw the brushwork of one painting on a sheet, or of two paintings with the same axes."""
 
 import math
 from collections.abc import Sequence
@@ -24,27 +24,27 @@ from brushexp_studies.analysis.summary import OVERALL, Analysis
 from brushexp_studies.analysis.summary_text import overall_texts, relative_unit, setters_of, strokes_in, three_digits
 from brushexp_studies.plotting import COLORS, FAINT, INK, new_figure, save_figure, tidy, without_math
 
-PRINT_DPI = 200  # dots per inch: sharp on paper
-HEIGHT = 5.2  # inches: of a painting with its rose, and of the histograms
-MAP_CELLS = 160  # places along the longer side at which coherence is computed
-DASHES = 26  # lines of flow along the longer side
-SCALE_SHARE = 0.6  # share of a colour map that is used: lines do not show on darker colours
+PRINT_DPI = 200  # dots per inch; sharp on paper
+HEIGHT = 5.2  # height in inches of a painting with its rose, and of the histograms
+MAP_CELLS = 160  # number of places along the longer side at which coherence is computed
+DASHES = 26  # number of flow lines along the longer side
+SCALE_SHARE = 0.6  # share of a colour map that is used; lines would be invisible on darker colours
 PANELS = ("length", "width", "straightness", "curvature", "elongatedness", "visible", "coherence", "homogeneity")
-FULL_RANGE = ("curvature", "visible", "coherence")  # measures whose axis has their whole range
-TAIL_SHARE = 0.02  # share of strokes that a panel may leave out at its long end
+FULL_RANGE = ("curvature", "visible", "coherence")  # measures whose axis covers their whole range
+TAIL_SHARE = 0.02  # share of strokes that a panel may leave out at its long tail
 HISTOGRAM_BINS = 32
-RINGS = (0.05, 0.1, 0.2, 0.5, 1.0)  # shares of directions
+RINGS = (0.05, 0.1, 0.2, 0.5, 1.0)  # shares of strokes by direction
 NUMBERS = ("direction", "agreement", "coherence", "disorder", "entropy", "layers", "hidden")  # below the rose
 MUTED = "#6a6a6a"
-LABEL_LENGTH = 44  # letters of the name of an axis
-STROKES_SIDE = 900  # pixels: longer side of the drawn strokes
-LEAST_AROUND = 3  # strokes within the radius of a place from which on it has a coherence
-CHROMA, LIGHTNESS, LIGHTNESS_SPAN = 32.0, 64.0, 12.0  # colours of directions in CIE LCh; more is not in sRGB
-LEVEL_HUE = math.radians(85)  # level strokes are ochre, upright ones blue
+LABEL_LENGTH = 44  # maximum length of an axis label in letters
+STROKES_SIDE = 900  # longer side of the drawn strokes in pixels
+LEAST_AROUND = 3  # minimum number of strokes around a place that define a coherence
+CHROMA, LIGHTNESS, LIGHTNESS_SPAN = 32.0, 64.0, 12.0  # colours of directions in CIE LCh; larger values leave sRGB
+LEVEL_HUE = math.radians(85)  # horizontal strokes are ochre, vertical strokes blue
 
 
 def write_figure(path: Path, analyses: Sequence[Analysis]) -> Path:
-    """Write the sheet as PNG: for each painting its strokes by direction, coherence and rose; histograms below."""
+    """Write the sheet as PNG: strokes by direction, coherence and rose of each painting, above histograms."""
     figure = new_figure(HEIGHT * (len(analyses) + 1))
     figure.set_dpi(PRINT_DPI)
     *parts, panels = figure.subfigures(len(analyses) + 1, 1, squeeze=False)[:, 0]
@@ -68,14 +68,14 @@ def _painting(part: SubFigure, analysis: Analysis, ink: str, largest: float) -> 
     )  # fmt: skip
     extent = (0, analysis.size[1], analysis.size[0], 0)
     axes["strokes"].imshow(stroke_map(analysis), extent=extent, interpolation="antialiased")
-    axes["strokes"].set_title("strokes in the colours of their directions", fontsize=10)
+    axes["strokes"].set_title("strokes coloured by direction", fontsize=10)
     _coherence(axes["coherence"], part, analysis)
     axes["coherence"].set_title(f"coherence of the directions of the {NEIGHBOURS} nearest strokes", fontsize=10)
     for picture in (axes["strokes"], axes["coherence"]):
         picture.set(xticks=[], yticks=[], anchor="N")
         picture.spines[:].set_color(ink)
     _rose(axes["rose"], analysis, largest)
-    axes["rose"].set_title("directions, clockwise; dotted: all equal", fontsize=10)
+    axes["rose"].set_title("directions, clockwise; dotted: all equally frequent", fontsize=10)
     look = {"va": "top", "fontsize": 8.5, "linespacing": 1.5, "in_layout": False}
     axes["numbers"].text(0.1, 1, "\n".join(OVERALL[key].name for key in NUMBERS), color=MUTED, **look)
     axes["numbers"].text(0.75, 1, "\n".join(overall_texts(analysis, NUMBERS)), color=INK, **look)
@@ -83,12 +83,12 @@ def _painting(part: SubFigure, analysis: Analysis, ink: str, largest: float) -> 
 
 
 def _coherence(axes: Axes, part: SubFigure, analysis: Analysis) -> None:
-    """Draw the coherence of directions as lines along the strokes, longer where these agree."""
+    """Draw the coherence of directions as lines along the strokes, longer where directions agree."""
     colors = ListedColormap(colormaps["YlGnBu"](np.linspace(0, SCALE_SHARE, 256)))
     coherence = np.linalg.norm(coherence_map(analysis, MAP_CELLS)[1], axis=-1)
     place = (0, analysis.size[1], analysis.size[0], 0)
     image = axes.imshow(coherence, extent=place, cmap=colors, vmin=0, vmax=1, interpolation="bilinear")
-    axes.set_facecolor(FAINT)  # where there are too few strokes
+    axes.set_facecolor(FAINT)  # visible where strokes are too few
     points, mean = coherence_map(analysis, DASHES)
     length = 0.94 * max(analysis.size) / DASHES * np.hypot(mean[..., 0], mean[..., 1])
     way = 0.5 * np.arctan2(mean[..., 1], mean[..., 0])
@@ -101,7 +101,7 @@ def _coherence(axes: Axes, part: SubFigure, analysis: Analysis) -> None:
 
 
 def _rose(axes: Any, analysis: Analysis, largest: float) -> None:
-    """Draw shares of directions as areas, each both ways."""
+    """Draw the share of each direction as the area of two opposite bars."""
     share = np.sqrt(direction_shares(analysis.values("orientation")))
     middle = np.arange(DIRECTION_BINS) * math.pi / DIRECTION_BINS
     look = {"color": direction_colors(middle), "edgecolor": "white", "linewidth": 0.6}
@@ -120,7 +120,7 @@ def _rose(axes: Any, analysis: Analysis, largest: float) -> None:
 
 
 def _histogram(axes: Axes, key: str, analyses: Sequence[Analysis]) -> None:
-    """Draw shares of strokes by one measure, and the median; in pitches if paintings are compared."""
+    """Draw the shares of strokes by one measure, and the median, in pitches if paintings are compared."""
     tidy(axes)
     axes.grid(axis="x", visible=False)
     axes.yaxis.set_major_formatter("{x:g} %")
@@ -147,7 +147,7 @@ def _histogram(axes: Axes, key: str, analyses: Sequence[Analysis]) -> None:
 
 
 def _range(key: str, samples: Sequence[Array]) -> tuple[float, float]:
-    """Choose the range of an axis: all strokes but the ``TAIL_SHARE`` at the long end."""
+    """Choose the range of an axis that includes all strokes except ``TAIL_SHARE`` of them at the long tail."""
     high = MEASURES[key].high
     if high < math.inf:
         low = 0.0 if key in FULL_RANGE else min(float(np.quantile(values, TAIL_SHARE)) for values in samples)
@@ -156,7 +156,7 @@ def _range(key: str, samples: Sequence[Array]) -> tuple[float, float]:
 
 
 def direction_colors(angle: Array) -> Array:
-    """Choose colours (N, 3) of directions in radians: hues go round once in half a turn; grey for NaN."""
+    """Map directions in radians to colours (N, 3), with all hues in half a turn, and grey for NaN."""
     finite, turn = np.isfinite(angle), 2 * np.nan_to_num(angle)
     lightness = LIGHTNESS + LIGHTNESS_SPAN * np.where(finite, np.cos(turn), 0.0)
     chroma = np.where(finite, CHROMA, 0.0) * np.array([np.cos(turn + LEVEL_HUE), np.sin(turn + LEVEL_HUE)])
@@ -165,7 +165,7 @@ def direction_colors(angle: Array) -> Array:
 
 @torch.no_grad()
 def stroke_map(analysis: Analysis) -> NDArray[np.float32]:
-    """Draw the strokes (H, W, 3) over each other, in the colours of their directions, on white."""
+    """Draw the strokes (H, W, 3) on white, coloured by direction."""
     zoom = STROKES_SIDE / max(analysis.size)
     size = (max(1, round(analysis.size[0] * zoom)), max(1, round(analysis.size[1] * zoom)))
     color = torch.from_numpy(direction_colors(analysis.measures.orientation)).float()
@@ -178,8 +178,8 @@ def stroke_map(analysis: Analysis) -> NDArray[np.float32]:
 def coherence_map(analysis: Analysis, cells: int) -> tuple[Array, Array]:
     """Compute places (h, w, 2) of a grid in pixels, and the mean doubled direction (h, w, 2) of the nearest strokes.
 
-    ``cells`` is the number of places on the longer side. A mean is as long as the coherence, NaN where fewer than
-    ``LEAST_AROUND`` strokes lie within the radius of the analysis.
+    ``cells`` is the number of places on the longer side. The length of a mean is the coherence. It is NaN where fewer
+    than ``LEAST_AROUND`` strokes lie within the radius of the analysis.
     """
     height, width = analysis.size
     step = max(height, width) / cells

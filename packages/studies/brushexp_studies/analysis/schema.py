@@ -10,11 +10,13 @@ from brushexp.contracts.tasks import CATALOGUE, Task, key
 
 @dataclass
 class AnalyseTask(Task):
-    """Measure the brushwork of a painting, or compare two: table, summary, figures."""
+    """Measure the brushwork of a painting, or compare two paintings: table, summary, figures."""
 
     module = "brushexp_studies.analysis.task"
     alone = "catalogue"
     catalogue: str = key(MISSING, "folder of a run, or its catalogue.h5", CATALOGUE)
-    against: str | None = key(None, "folder or catalogue.h5 of another one, to compare with", CATALOGUE)
-    radius: float | None = key(None, "pixels to neighbours; null = 4 pitches sqrt(pixels / strokes)", at_least(0))
+    against: str | None = key(None, "folder or catalogue.h5 of a painting to compare with", CATALOGUE)
+    radius: float | None = key(
+        None, "radius of a neighbourhood in pixels; null = 4 sqrt(pixels / strokes)", at_least(0)
+    )
     visible: float = key(0, "visible share below which a stroke is left out, 0 to 1", between(0, 1))

@@ -33,18 +33,18 @@ from brushexp.contracts.strokes import (
 EFFECT_SIZES = ((0.147, "negligible"), (0.33, "small"), (0.474, "medium"), (1.0, "large"))  # Romano et al., 2006
 STATISTICS = {"n": "n", "mean": "mean", "sd": "standard deviation", "q25": "25 %", "median": "median", "q75": "75 %"}
 COMPARISONS = ("difference", "standardised", "delta", "effect", "distance")
-FEW_STROKES = 400  # strokes: the pitch of a smaller catalogue would be a large share of the canvas
-HIDDEN_SHARE = 0.05  # a stroke of which no more is seen is hidden
+FEW_STROKES = 400  # minimum number of strokes; with fewer, a pitch would be a large share of the canvas
+HIDDEN_SHARE = 0.05  # visible share at or below which a stroke counts as hidden
 
 OVERALL = {
-    "per_1000_px": Measure("strokes per 1000 px^2", "how dense the strokes lie"),
+    "per_1000_px": Measure("strokes per 1000 px^2", "density of the strokes"),
     "layers": Measure("layers", "areas of all strokes / area of the canvas"),
-    "hidden": Measure("hidden strokes", f"share that others hide but for {HIDDEN_SHARE:.0%} or less", unit="%"),
+    "hidden": Measure("hidden strokes", f"share of strokes of which at most {HIDDEN_SHARE:.0%} is visible", unit="%"),
     "direction": Measure("prevailing direction", "mean direction of all strokes", unit="°"),
-    "agreement": Measure("agreement", "coherence of all strokes together; 1 is parallel, 0 no direction prevails"),
-    "coherence": Measure("local coherence", "mean of the coherence around each stroke"),
-    "disorder": Measure("coherence in disorder", f"what chance makes of n = {NEIGHBOURS + 1} strokes, sqrt(pi / 4 n)"),
-    "entropy": Measure("entropy of directions", f"1: all {DIRECTION_BINS} equally frequent, 0: there is one"),
+    "agreement": Measure("agreement", "coherence of all strokes together; 1: parallel, 0: no direction prevails"),
+    "coherence": Measure("local coherence", "mean coherence around each stroke"),
+    "disorder": Measure("coherence in disorder", f"mean for n = {NEIGHBOURS + 1} random strokes, sqrt(pi / 4 n)"),
+    "entropy": Measure("entropy of directions", f"1: all {DIRECTION_BINS} equally frequent, 0: only one occurs"),
 }
 
 
@@ -52,17 +52,17 @@ OVERALL = {
 class Analysis:
     """Measures of a painting's visible strokes."""
 
-    name: str  # in tables and figures
-    source: str  # its file
-    size: tuple[int, int]  # height and width of the canvas, pixels
-    total: int  # strokes of the catalogue
-    number: NDArray[np.intp]  # (N,) which of them count, in the order of the catalogue
-    strokes: Strokes  # the N strokes that are analysed
-    depth: NDArray[np.intp]  # (N,) their ranks among each other, 0 is the bottom one
+    name: str  # name in tables and figures
+    source: str  # path of the catalogue
+    size: tuple[int, int]  # height and width of the canvas in pixels
+    total: int  # number of strokes in the catalogue
+    number: NDArray[np.intp]  # (N,) numbers of the strokes that count, in the catalogue's order
+    strokes: Strokes  # the N analysed strokes
+    depth: NDArray[np.intp]  # (N,) ranks of these strokes; 0 is the bottom
     pitch: float  # sqrt(pixels of the canvas / N)
-    radius: float  # pixels: within which neighbours were counted
-    measures: StrokeTable  # measures of the N strokes, see `measure_strokes`
-    sizes_by: str = ""  # the setting that gave the strokes their ``SIZE_MEASURES``, see `sizes_set_by`
+    radius: float  # maximum distance of neighbours in pixels
+    measures: StrokeTable  # measures of the N strokes; see `measure_strokes`
+    sizes_by: str = ""  # setting that determined the strokes' ``SIZE_MEASURES``; see `sizes_set_by`
 
     def values(self, key: str) -> Array:
         """Return one measure of the strokes for which it is defined, in the unit of `MEASURES`."""
@@ -70,17 +70,17 @@ class Analysis:
         return in_units(values[np.isfinite(values)], MEASURES[key])
 
     def relative(self, key: str) -> Array:
-        """Return one measure in pitches instead of pixels, so that canvases of any size compare."""
+        """Return one measure in pitches instead of pixels, so that canvases of different sizes can be compared."""
         return self.values(key) / self.pitch ** MEASURES[key].power
 
 
 def analysis_of(
     saved: Saved, name: str, source: str, radius: float | None = None, visible: float = 0.0, option: str = "catalogue"
 ) -> Analysis:
-    """Measure the strokes of a catalogue that count, see `strokes.measures.is_visible` and `thinnest_of`.
+    """Measure those strokes of a catalogue that count; see `strokes.measures.is_visible` and `thinnest_of`.
 
-    Neighbours lie within ``radius`` pixels, None means ``RADIUS_PITCHES`` pitches. A stroke of which less than the
-    share ``visible`` is seen does not count. A painting without strokes that count is a UserError about ``option``.
+    Neighbours lie within ``radius`` pixels, or within ``RADIUS_PITCHES`` pitches if it is None. Strokes with a visible
+    share below ``visible`` do not count. If no stroke counts, a UserError names ``option``.
     """
     thinnest = thinnest_of(len(saved.strokes), saved.size)
     number = is_visible(saved.strokes, thinnest / MIN_WIDTH_PITCHES).nonzero()[:, 0]
@@ -89,12 +89,12 @@ def analysis_of(
         shares, counts = table.visible, table.visible >= visible
         number = number[torch.from_numpy(counts)]
         table = measure_strokes(saved.strokes[number], saved.depth[number], saved.size, radius)
-        table.visible = shares[counts]  # with the hidden strokes above them
+        table.visible = shares[counts]  # computed with the strokes that do not count
     if not len(number):
         rules = f"opacity {MIN_OPACITY} or more, thickness {thinnest:.3g} pixels or more"
         rules += f", {visible:.0%} of it not hidden" * (visible > 0)
         raise UserError(
-            f"{option}={source}: none of its {len(saved.strokes)} strokes can be seen ({rules}); give another painting"
+            f"{option}={source}: none of its {len(saved.strokes)} strokes is visible ({rules}); give another painting"
         )
     strokes, depth = saved.strokes[number], saved.depth[number].argsort().argsort().numpy()
     pitch = pitch_of(strokes, saved.size)
@@ -116,7 +116,7 @@ def in_units(values: Array, measure: Measure) -> Array:
 
 
 def overall_of(analysis: Analysis) -> dict[str, float | None]:
-    """Compute the numbers of ``OVERALL``; None where one is not defined."""
+    """Compute the numbers of ``OVERALL``, or None where undefined."""
     measures, pixels = analysis.measures, analysis.size[0] * analysis.size[1]
     angle = analysis.values("orientation")
     mean = mean_of_directions(angle) if len(angle) else None
@@ -159,10 +159,10 @@ def summary_of(analysis: Analysis) -> dict[str, object]:
 
 
 def comparison_of(one: Analysis, other: Analysis) -> dict[str, dict[str, float | str | None]]:
-    """Compare two paintings in each measure; lengths in pitches, areas in square pitches.
+    """Compare two paintings in each measure, with lengths in pitches and areas in square pitches.
 
-    Each has the ``difference`` of the means (of directions in (-90, 90]), the same ``standardised`` (Cohen's d),
-    Cliff's ``delta`` with its ``effect`` in words, and the Wasserstein-1 ``distance``.
+    Each comparison has the ``difference`` of the means (for directions in (-90, 90]), the ``standardised`` difference
+    (Cohen's d), Cliff's ``delta`` with its ``effect`` in words, and the Wasserstein-1 ``distance``.
     """
     return {
         key: compare(one.relative(key), other.relative(key), axial=measure.axial) for key, measure in MEASURES.items()
@@ -170,7 +170,7 @@ def comparison_of(one: Analysis, other: Analysis) -> dict[str, dict[str, float |
 
 
 def statistics_of(values: Array, axial: bool = False) -> dict[str, float | int | None]:
-    """Compute number, mean, standard deviation and quartiles; None where one is not defined.
+    """Compute the number, mean, standard deviation and quartiles, or None where undefined.
 
     Directions in degrees have the angular deviation sqrt((1 - R) / 2) (Batschelet, 1981) and no quartiles.
     """
@@ -187,24 +187,24 @@ def statistics_of(values: Array, axial: bool = False) -> dict[str, float | int |
 
 
 def mean_of_directions(angle: Array) -> complex:
-    """Average e^{2 i angle} of degrees: coherence and doubled mean direction in one complex number."""
+    """Average e^{2 i angle} over angles in degrees, which gives coherence and doubled mean direction in one number."""
     return complex(np.exp(2j * np.radians(angle)).mean())
 
 
 def degrees_of(mean: complex) -> float:
-    """Return the direction in [0, 180) of a mean of doubled ones."""
+    """Return the direction in [0, 180) of a mean of doubled directions."""
     return math.degrees(0.5 * math.atan2(mean.imag, mean.real)) % 180 % 180
 
 
 def entropy_of(angle: Array) -> float:
-    """Compute the entropy of the shares of directions, 1 where all are equally frequent."""
+    """Compute the normalised entropy of directions, which is 1 if all are equally frequent."""
     from scipy.stats import entropy  # noqa: PLC0415  (slow to import)
 
     return float(entropy(direction_shares(angle), base=DIRECTION_BINS))
 
 
 def compare(a: Array, b: Array, *, axial: bool) -> dict[str, float | str | None]:
-    """Compare two samples by the numbers of `comparison_of`; None where one is not defined."""
+    """Compare two samples by the numbers of `comparison_of`, or None where undefined."""
     comparison: dict[str, float | str | None] = dict.fromkeys(COMPARISONS)
     if not len(a) or not len(b):
         return comparison
@@ -229,8 +229,8 @@ def compare(a: Array, b: Array, *, axial: bool) -> dict[str, float | str | None]
 def circular_distance(a: Array, b: Array) -> float:
     """Compute the Wasserstein-1 distance of two samples of directions in degrees.
 
-    It is the integral of |F - G - m| over a half turn, F and G being the distribution functions and m the median of
-    their difference (Rabin, Delon and Gousseau, 2011).
+    This is the integral of |F - G - m| over half a turn, where F and G are the distribution functions and m is the
+    median of their difference (Rabin, Delon and Gousseau, 2011).
     """
     places = np.concatenate([a, b])
     order = places.argsort(kind="stable")

@@ -1,4 +1,4 @@
-"""Write the measures: a table of strokes, and a summary as JSON and Markdown."""
+"""Write measures as a table of strokes and as a summary in JSON and Markdown."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -25,7 +25,7 @@ DIFFERENCES = {"difference": "difference", "in sd": "standardised", "Cliff's del
 
 
 def write_summary(folder: Path, analyses: Sequence[Analysis]) -> list[Path]:
-    """Write ``brushwork.csv``, ``summary.json`` and ``summary.md`` of one painting, or of two side by side."""
+    """Write ``brushwork.csv``, ``summary.json`` and ``summary.md`` of one painting or of two side by side."""
     names = ["brushwork.csv", "brushwork_against.csv"][: len(analyses)]
     for one, name in zip(analyses, names, strict=True):
         write_text(folder / name, strokes_csv(one))
@@ -38,9 +38,9 @@ def write_summary(folder: Path, analyses: Sequence[Analysis]) -> list[Path]:
 
 
 def strokes_csv(analysis: Analysis) -> str:
-    """Write a row per visible stroke, in the catalogue's order; undefined values are empty.
+    """Write one row per visible stroke, in the catalogue's order; undefined values are empty.
 
-    The last column names the setting that gave lengths, widths, areas and elongatedness; it is empty if none did.
+    The last column names the setting that determined lengths, widths, areas and elongatedness, if any.
     """
     columns: dict[str, Any] = {"stroke": analysis.number, "depth": analysis.depth}
     for key in analysis.measures.dtype.names or ():
@@ -69,7 +69,7 @@ def _heading(analysis: Analysis) -> str:
     return (
         f"**{escape_markdown(analysis.name)}**: {strokes_in(analysis)} on {analysis.size[1]} x {analysis.size[0]} px; "
         f"{analysis.total - len(analysis.number):,} left out (fainter than {MIN_OPACITY}, thinner than "
-        f"{three_digits(thinnest_of(analysis.total, analysis.size))} px, or hidden more than was asked for). "
+        f"{three_digits(thinnest_of(analysis.total, analysis.size))} px, or hidden more than allowed). "
         f"A pitch is {three_digits(analysis.pitch)} px; neighbours are within {three_digits(analysis.radius)} px."
     )
 
@@ -79,29 +79,29 @@ def sizes_warning(analysis: Analysis) -> str:
     name = escape_markdown(analysis.name)
     return (
         f"**Length, width, area and elongatedness of {name} are set by `{analysis.sizes_by}`** and say "
-        "nothing of the painter's brushes, nor do layers and homogeneity of breadth, which follow from them. "
+        "nothing about the painter's brushes. Nor do layers and homogeneity of breadth, which follow from them. "
         "Directions and coherence come from the picture."
     )
 
 
 def setters_of(key: str, analyses: Sequence[Analysis]) -> str:
-    """Name the settings that gave a measure instead of the picture; "" if none did."""
+    """Name the settings that determined a measure instead of the picture; "" if none did."""
     return ", ".join(dict.fromkeys(one.sizes_by for one in analyses if one.sizes_by and key in SIZE_MEASURES))
 
 
 def marked(key: str, analyses: Sequence[Analysis]) -> str:
-    """Name a measure, with the settings that gave it where that was not the picture."""
+    """Name a measure, with the settings that determined it instead of the picture, if any."""
     setters = setters_of(key, analyses)
     return MEASURES[key].name + f" (set by {setters})" * bool(setters)
 
 
 def strokes_in(analysis: Analysis) -> str:
-    """Count the strokes that were measured, in words."""
+    """State the number of measured strokes in words."""
     return f"{len(analysis.number):,} stroke{'s' * (len(analysis.number) != 1)}"
 
 
 def _statistics(analysis: Analysis) -> str:
-    """Write every measure in pixels, and lengths and areas in pitches too."""
+    """Write every measure in pixels, and lengths and areas also in pitches."""
     rows = []
     for key, measure in MEASURES.items():
         for unit, values in {measure.unit: analysis.values(key), relative_unit(key): analysis.relative(key)}.items():
@@ -122,12 +122,12 @@ def _comparison(one: Analysis, other: Analysis) -> list[str]:
     return [
         "## Side by side", "",
         "Mean ± standard deviation of the strokes, lengths in pitches of each painting; difference: "
-        f"{escape_markdown(one.name)} less {escape_markdown(other.name)}.", "",
+        f"{escape_markdown(one.name)} minus {escape_markdown(other.name)}.", "",
         markdown_table(rows, align="llrrrrrlr"), "",
-        "In sd: the difference in pooled standard deviations. Cliff's delta: how much more often a stroke of the first "
-        "is larger than one of the second than the other way round, from -1 to 1; in words by the limits of Romano et "
-        "al. (2006). Distance: Wasserstein-1. There are no p-values: of thousands of strokes every difference is "
-        "significant, and strokes of one painting are no independent samples of a painter.",
+        "In sd: the difference in pooled standard deviations. Cliff's delta: the probability that a stroke of the "
+        "first is larger than a stroke of the second, minus the reverse, from -1 to 1, in words by the thresholds of "
+        "Romano et al. (2006). Distance: Wasserstein-1. There are no p-values, because with thousands of strokes every "
+        "difference is significant, and strokes of one painting are not independent samples of a painter.",
     ]  # fmt: skip
 
 
@@ -136,27 +136,27 @@ def _definitions() -> list[str]:
     return [
         "## What is measured", "",
         *(f"- {one.name}: {one.meaning}{f' ({one.source})' * bool(one.source)}." for one in measures), "",
-        "Directions run clockwise as they are seen, from level: 45° falls to the right. A pitch is sqrt(area of the "
-        "canvas / strokes): in pitches, paintings of different sizes compare. Most measures are those of Li, "
+        "Directions run clockwise from horizontal: 45° falls to the right. A pitch is sqrt(area of the canvas / "
+        "strokes); lengths in pitches make paintings of different sizes comparable. Most measures are from Li, "
         "Yao, Hendriks and Wang (2012), Rhythmic brushstrokes distinguish van Gogh from his contemporaries, IEEE TPAMI "
         "34(6), 1159-1176.",
     ]  # fmt: skip
 
 
 def relative_unit(key: str) -> str:
-    """Return the unit of a measure in which paintings of different sizes compare."""
+    """Return the unit in which a measure of paintings of different sizes is compared."""
     return {0: MEASURES[key].unit, 1: "pitches", 2: "pitches^2"}[MEASURES[key].power]
 
 
 def overall_texts(analysis: Analysis, keys: Iterable[str] = OVERALL) -> list[str]:
-    """Write the numbers of `overall_of` with their units, shares in per cent."""
+    """Write the numbers of `overall_of` with their units, and shares in per cent."""
     numbers = overall_of(analysis)
     texts = {key: three_digits(x if x is None or OVERALL[key].unit != "%" else 100 * x) for key, x in numbers.items()}
     return [texts[key] + OVERALL[key].unit.replace("%", " %") * (numbers[key] is not None) for key in keys]
 
 
 def three_digits(value: object) -> str:
-    """Write a number with three significant digits; a dash for none."""
+    """Write a number with three significant digits, or a dash for None."""
     if not isinstance(value, int | float) or not np.isfinite(value):
         return MISSING
     return f"{round(value):,}" if isinstance(value, int) or abs(value) >= 1000 else f"{value:.3g}"

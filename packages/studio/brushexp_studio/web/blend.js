@@ -1,4 +1,4 @@
-// A slider from a photograph to its painting, which covers it with this opacity; the link saves the result.
+// A slider for the opacity of a painting over its photograph; the link saves the result.
 export default {
   template: `
     <div>

@@ -1,5 +1,5 @@
-// A target on which to drop a picture, or to choose one. The picture is sent to the studio, whose answer is the event
-// "answer". With "whole" a drop anywhere on the page counts; otherwise the browser would open the file.
+// A target for dropping or choosing a picture. The picture is sent to the studio, whose reply is the event "answer".
+// With "whole", a drop anywhere on the page counts; otherwise the browser would open the file.
 export default {
   template: `
     <label class="drop" :data-over="over || null" @dragover.prevent="over = true" @dragleave="over = false"
@@ -23,13 +23,13 @@ export default {
       event.preventDefault();
     },
     catch(event) {
-      if (event.defaultPrevented) return; // another target took it
+      if (event.defaultPrevented) return; // another target has accepted the file
       event.preventDefault();
       this.take(event.dataTransfer?.files[0]);
     },
     chosen(event) {
       this.take(event.target.files[0]);
-      event.target.value = ""; // so that the same file can be chosen again
+      event.target.value = ""; // allows the same file to be chosen again
     },
     async take(file) {
       this.over = false;

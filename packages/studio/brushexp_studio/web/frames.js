@@ -1,5 +1,5 @@
 // The pictures of a painting in progress, one after another, with a slider and a play button.
-const APART = 70; // milliseconds
+const APART = 70; // milliseconds between two pictures
 export default {
   template: `
     <div>

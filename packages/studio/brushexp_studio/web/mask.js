@@ -1,4 +1,4 @@
-// A mask painted over a picture; "label" says what for. It is sent to the studio after every mark; the event "answer"
+// A mask painted over a picture for the purpose "label". It is sent to the studio after every mark; the event "answer"
 // carries the studio's reply.
 const SIDE = 512; // pixels of the mask's longer side
 export default {

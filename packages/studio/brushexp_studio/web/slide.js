@@ -6,7 +6,7 @@ export default {
         :aria-label="name" :aria-valuetext="shown" @input="$emit('change', now)">
     </div>`,
   props: { name: String, low: Number, high: Number, step: Number, value: Number, shown: String },
-  emits: ["change"],  // so that nobody takes the input's own event of this name for it
+  emits: ["change"],  // hides the input's native event of the same name
   data() { return { now: this.value }; },
   watch: { value(value) { this.now = value; } },
 };

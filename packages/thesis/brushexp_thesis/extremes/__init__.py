@@ -1,1 +1,1 @@
-"""Test numerical accuracy: extreme scenes, and a verdict on how each part of the program draws them."""
+"""Test numerical accuracy: draw extreme scenes with each part of the program, and judge the results."""

@@ -1,4 +1,4 @@
-"""Check a cell: draw a scene forwards and backwards, or optimise strokes, in one precision against float64."""
+"""Check a cell: draw a scene and its gradients, or optimise strokes, in one precision, and compare with float64."""
 
 from collections.abc import Mapping
 from copy import deepcopy
@@ -21,12 +21,12 @@ from brushexp_thesis.extremes.scenes import Scene
 
 EXACT, DEGRADED, REFUSED, BROKEN = VERDICTS = ("exact", "degraded", "refused", "broken")  # see docs/numerics.md
 DTYPES = {"float64": torch.float64, "float32": torch.float32, "bfloat16": torch.bfloat16, "float16": torch.float16}
-# Largest difference of a pixel, in [0, 1]. Strokes of 16 bits are drawn in float32, so their pictures are as exact.
+# Maximum difference of a pixel, in [0, 1]. Strokes of 16 bits are drawn in float32, so their pictures are as exact.
 PICTURE_BOUNDS = {"float64": 1e-9, "float32": 1e-4, "bfloat16": 1e-4, "float16": 1e-4}
-# Largest relative difference of a field's gradient, see `gradient_error`; of 16 bits, what rounding it once may cost.
+# Maximum relative difference of a field's gradient; see `gradient_error`. In 16 bits, it is the error of one rounding.
 GRADIENT_BOUNDS = {"float64": 1e-6, "float32": 1e-3, "bfloat16": 2**-8, "float16": 2**-9}
-NEGLIGIBLE_SHARE = 1e-3  # share of the sum of |dL/dI| over all pixels, below which a gradient moves nothing
-PROBED_STROKES, PROBED_PIXELS = 64, 2000  # alpha is checked at no more
+NEGLIGIBLE_SHARE = 1e-3  # share of the sum of |dL/dI| over all pixels below which a gradient is negligible
+PROBED_STROKES, PROBED_PIXELS = 64, 2000  # maximum number of strokes and pixels at which alpha is checked
 CRASHES = (RuntimeError, TypeError, ValueError, LookupError, ArithmeticError, MemoryError, AssertionError)
 BACKGROUND = (0.2, 0.5, 0.9)
 DENSE = Dense()
@@ -39,23 +39,23 @@ class Check:
     verdict: str
     picture: float | None = None  # largest difference of a pixel from float64
     gradient: float | None = None  # largest relative difference of a gradient
-    note: str = ""  # a message, what is broken, or the number of strokes or steps
+    note: str = ""  # message, fault, or number of strokes or steps
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """A picture (3, H, W), and the gradient of its mean squared error by field."""
+    """A picture (3, H, W) and the gradient of its mean squared error by field."""
 
     image: Tensor
     gradient: Mapping[str, Tensor]
     pull: float = 0.0  # sum of |dL/dI| over the picture, the scale of its gradients
-    fault: str = ""  # what is broken
+    fault: str = ""  # description of a fault
 
 
 def draw(renderer: Renderer, blend: Compositor, strokes: Strokes, target: Tensor, order: Tensor | None = None) -> Drawn:
     """Draw strokes, and compute the gradient of the mean squared error from a target (3, H, W).
 
-    ``order`` (N,) are numbers of strokes, the uppermost first; None keeps their order.
+    ``order`` (N,) lists the numbers of the strokes from top to bottom; None keeps their order.
     """
     size: Size = (target.shape[1], target.shape[2])
     strokes = strokes.map(lambda value: value.detach().clone().requires_grad_())
@@ -70,7 +70,7 @@ def draw(renderer: Renderer, blend: Compositor, strokes: Strokes, target: Tensor
 
 
 class SceneCheck:
-    """Checks of one renderer on one scene; each picture in float64 is drawn once."""
+    """Checks of one renderer on one scene; each float64 picture is drawn only once."""
 
     def __init__(self, renderer: Renderer, scene: Scene, most: int) -> None:
         self.renderer, self.precise = renderer, deepcopy(renderer).double()
@@ -81,9 +81,9 @@ class SceneCheck:
     def check(self, blend: Blend, dtype: str) -> Check:
         """Check a blend in one precision.
 
-        In float64 against every stroke at every pixel (``blend=dense``): this says what a blend leaves out by design.
-        In the others against the same blend in float64 and the same strokes as the precision holds them: this says what
-        the arithmetic costs.
+        In float64, the reference is every stroke at every pixel (``blend=dense``), which shows what a blend leaves out
+        by design. In other precisions, the reference is the same blend in float64 with the strokes rounded to that
+        precision, which shows the error of the arithmetic.
         """
         n = len(self.strokes)
         note = f"{n} of {self.scene.n:,} strokes" if n < self.scene.n else ""
@@ -97,7 +97,7 @@ class SceneCheck:
             return check_of_error(error)
 
     def exact(self, blend: Blend, dtype: str) -> Drawn:
-        """Draw the strokes as ``dtype`` holds them, in float64."""
+        """Draw the strokes, rounded to ``dtype``, in float64."""
         kind = self.strokes.position.dtype if DTYPES[dtype] in PRECISE else DTYPES[dtype]
         if (blend, str(kind)) not in self._exact:
             strokes = drawable(self.strokes.map(lambda value: value.to(kind))).map(Tensor.double)
@@ -106,7 +106,7 @@ class SceneCheck:
 
 
 def check_painting(name: str, renderer: Renderer, scene: Scene, patience: float, blend: Blend, dtype: str) -> Check:
-    """Optimise a few strokes for up to ``patience`` seconds, and check the result: finite, in range, as in float64."""
+    """Optimise a few strokes for up to ``patience`` seconds, and check that they are finite, in range and accurate."""
     precise, kind, color = deepcopy(renderer).double(), DTYPES[dtype], build_named("color", scene.color, {})
     stage = Stage(name, precise if dtype == "float64" else renderer, scene.steps)
     components = standard_components(stages=[stage], blend=blend, color=color, optimizer=TorchOptim(lr=scene.rate))
@@ -132,14 +132,14 @@ def check_painting(name: str, renderer: Renderer, scene: Scene, patience: float,
 
 
 def check_of_error(error: Exception) -> Check:
-    """Judge an exception: refused if a user can act on its message, else broken."""
+    """Judge an exception: refused if a user can act on its message, otherwise broken."""
     if isinstance(error, UserError):
         return Check(REFUSED, note=str(error))
     return Check(BROKEN, note=f"{type(error).__name__}: {(str(error).splitlines() or [''])[0]}")
 
 
 def compare(dtype: str, drawn: Drawn, exact: Drawn, strokes: Strokes, note: str = "") -> Check:
-    """Compare a picture of strokes of the precision ``dtype`` with the same picture in float64."""
+    """Compare a picture of strokes in the precision ``dtype`` with the same picture in float64."""
     bound = PICTURE_BOUNDS[dtype]
     faults = [drawn.fault, _fault("the picture", drawn.image, -bound, 1 + bound)]
     faults += [_fault(f"the gradient of {name}", gradient) for name, gradient in drawn.gradient.items()]
@@ -153,9 +153,9 @@ def compare(dtype: str, drawn: Drawn, exact: Drawn, strokes: Strokes, note: str 
 
 
 def gradient_error(value: Tensor, exact: Tensor, name: str, strokes: Strokes, pull: float) -> float:
-    """Compute |g - g64| / (|g64| + NEGLIGIBLE_SHARE * pull), norms over all strokes.
+    """Compute |g - g64| / (|g64| + NEGLIGIBLE_SHARE * pull), with norms over all strokes.
 
-    Gradients of points and widths, which are fractions of a window, count per pixel, whatever the size of windows.
+    Gradients of points and widths, which are fractions of a window, are converted to gradients per pixel.
     """
     difference, size = value.double() - exact.double(), exact.double()
     if name in ("start", "control", "end", "width"):
@@ -165,7 +165,7 @@ def gradient_error(value: Tensor, exact: Tensor, name: str, strokes: Strokes, pu
 
 
 def range_fault(strokes: Strokes) -> str:
-    """Name a field of strokes that is not finite or outside `FIELDS`; "" if none is."""
+    """Name a field of strokes that is not finite or outside the range in `FIELDS`; "" if there is none."""
     for name, bounds in FIELDS.items():
         slack = 1e-6 * max(abs(bounds.low), abs(bounds.high))
         if fault := _fault(name, getattr(strokes, name).detach(), bounds.low - slack, bounds.high + slack):
@@ -184,7 +184,7 @@ def _alpha_fault(layers: Layers, size: Size) -> str:
 
 
 def _fault(name: str, value: Tensor, low: float = -torch.inf, high: float = torch.inf) -> str:
-    """Say what is wrong with numbers that should be finite and between two others; "" if nothing is."""
+    """Describe the fault of numbers that should be finite and within bounds; "" if there is none."""
     if not value.isfinite().all():
         return f"{name} is not finite"
     if value.numel() and (value.min() < low or value.max() > high):

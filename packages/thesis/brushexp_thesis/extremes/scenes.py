@@ -1,6 +1,6 @@
-"""Extreme scenes: strokes, a canvas and a target each, from empty to absurd; import it when plugins are loaded.
+"""Define extreme scenes, from empty to absurd: strokes, a canvas and a target each. Import it after loading plugins.
 
-Everything is random with a fixed seed, in float32, and within `strokes.catalogue.FIELDS`.
+Everything is random with a fixed seed, in float32, and within the ranges of `strokes.catalogue.FIELDS`.
 """
 
 import math
@@ -17,9 +17,9 @@ from brushexp.contracts import plugins
 from brushexp.contracts.layers import Size
 from brushexp.contracts.strokes import FARTHEST_POSITION, Strokes
 
-# Height and width of canvases: no multiples of a tile, and not square.
+# Height and width of canvases, which are not square and not multiples of a tile.
 CANVAS, SMALL = (24, 37), (16, 25)
-MIDDLE = (18.0, 12.0)  # x and y
+MIDDLE = (18.0, 12.0)  # x and y of the canvas's middle
 USUAL_RATE = 0.02
 
 Fields = dict[str, Tensor]  # fields of strokes by name
@@ -31,7 +31,7 @@ def _uniform(seed: int) -> Callable[..., Tensor]:
 
 
 def random_strokes(n: int, size: Size, *, scale: tuple[float, float] = (8.0, 24.0)) -> Strokes:
-    """Draw ``n`` gently bent strokes on a canvas of ``size`` (H, W), with windows of ``scale`` pixels."""
+    """Sample ``n`` gently bent strokes on a canvas of ``size`` (H, W), with windows of ``scale`` pixels."""
     draw = _uniform(0)
     angle = 2 * math.pi * draw(n)
     end = (0.3 + 0.4 * draw(n))[:, None] * torch.stack([angle.cos(), angle.sin()], dim=1)
@@ -48,7 +48,7 @@ def random_strokes(n: int, size: Size, *, scale: tuple[float, float] = (8.0, 24.
 
 
 def random_target(size: Size) -> Tensor:
-    """Draw a target (3, H, W) of independent pixels."""
+    """Sample a target (3, H, W) of independent pixels."""
     return _uniform(1)(3, *size)
 
 
@@ -68,21 +68,21 @@ class Scene:
     canvas: Size = CANVAS
     scale: tuple[float, float] = (8.0, 24.0)
     target: Callable[[Size], Tensor] = random_target
-    color: str = "rgb"  # space in which the strokes mix
-    steps: int = 0  # steps of Adam; 0 draws one picture
+    color: str = "rgb"  # colour space in which strokes mix
+    steps: int = 0  # number of Adam steps; 0 draws one picture
     rate: float = USUAL_RATE
     parts: Mapping[str, tuple[str, dict[str, Any]]] = field(default_factory=dict)  # other components: family -> plugin
-    growth: int = 1  # the strokes may come to so many times as many
-    focus: Callable[[Size], Tensor] | None = None  # (H, W), of mean 1, weighs the pixels
+    growth: int = 1  # factor by which the number of strokes may grow
+    focus: Callable[[Size], Tensor] | None = None  # (H, W), weights of pixels with mean 1
 
     def strokes(self, most: int) -> Strokes:
-        """Make at most ``most`` strokes: a network draws a thousand times more slowly than a formula."""
+        """Make at most ``most`` strokes, because a network draws a thousand times more slowly than a formula."""
         strokes = random_strokes(min(most, self.n), self.canvas, scale=self.scale)
         return replace(strokes, **self.change(strokes))
 
 
 def _within_one_pixel(strokes: Strokes) -> Fields:
-    """Place strokes on a canvas of 2 x 3, so faint that the lowest one is still visible."""
+    """Place strokes on a canvas of 2 x 3 that are so faint that the bottom stroke stays visible."""
     n, draw = len(strokes), _uniform(2)
     return {"position": torch.tensor([1.0, 0.0]) + draw(n, 2), "opacity": min(1, 10 / n) * draw(n)}
 
@@ -96,14 +96,14 @@ def _coincident(strokes: Strokes) -> Fields:
 
 
 def _long(strokes: Strokes) -> Fields:
-    """Make strokes 10,000 px long and as thick as usual, across the canvas."""
+    """Make strokes of normal thickness, 10,000 px long, that cross the canvas."""
     end, side = 0.7 * normalize(strokes.end), 1e4 / 1.4
     bend, width = 1e-2 * strokes.control, 3 / side * (1 + strokes.opacity)
     return {"scale": torch.full_like(width, side), "start": -end, "end": end, "control": bend, "width": width}
 
 
 def _thick(strokes: Strokes) -> Fields:
-    """Make strokes 1,000 px thick, with their edges across the canvas."""
+    """Make strokes 1,000 px thick whose edges cross the canvas."""
     aside = torch.tensor([0.0, 500.0]) * torch.where(strokes.opacity > 0.5, 1.0, -1.0)[:, None]
     end = torch.tensor([0.5, 0.0]).repeat(len(strokes), 1)
     width = torch.full_like(strokes.width, 1000 / 8000)

@@ -16,11 +16,11 @@ class ExtremesTask(Task):
     is_research = True
     module = "brushexp_thesis.extremes.task"
 
-    renderers: list[str] | None = key(None, "names; null = all that are registered, plugins too")
-    blends: list[str] | None = key(None, "names; null = all")
-    dtypes: list[str] | None = key(None, "names; null = float64, float32, bfloat16 and float16")
-    scenes: list[str] | None = key(None, "names, as the tables have them; null = all")
-    patience: float = key(5, "seconds after which a cell takes no further of its up to 1,000 steps", at_least(0))
+    renderers: list[str] | None = key(None, "names of renderers; null = all registered renderers, including plugins")
+    blends: list[str] | None = key(None, "names of blends; null = all")
+    dtypes: list[str] | None = key(None, "names of precisions; null = float64, float32, bfloat16 and float16")
+    scenes: list[str] | None = key(None, "names of scenes, as in the tables; null = all")
+    patience: float = key(5, "seconds after which the optimisation of a cell, of up to 1,000 steps, ends", at_least(0))
 
     @staticmethod
     def check(cfg: DictConfig, overrides: Sequence[str]) -> None:

@@ -32,13 +32,13 @@ from brushexp_thesis.extremes.check import (
 from brushexp_thesis.extremes.scenes import KINDS, MANY_STEPS, ONE_PICTURE
 
 log = logging.getLogger(__name__)
-# Colours of exact, degraded, refused and broken cells: they differ for the colour-blind, in lightness and in hue.
+# Colours of exact, degraded, refused and broken cells, which colour-blind people can distinguish.
 COLORS = ("#B7DFCB", "#F2C14E", "#C9CBD1", "#C0392B")
 Cell = dict[str, Any]  # kind, scene, renderer, blend, dtype, verdict, picture, gradient, note
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Write the matrix as extremes.csv and extremes.png, and then raise a UserError if a cell is broken."""
+    """Write the matrix as extremes.csv and extremes.png; then raise UserError if a cell is broken."""
     L.seed_everything(cfg.seed, verbose=False)
     axes = choose_axes(renderers=cfg.renderers, blends=cfg.blends, dtypes=cfg.dtypes, scenes=cfg.scenes)
     cells = list(with_progress(examine(axes, cfg.patience), cells_in(axes), "examining cells"))
@@ -61,7 +61,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def choose_axes(**chosen: Sequence[str] | None) -> dict[str, list[str]]:
-    """List the renderers, blends, dtypes and scenes to examine; None stands for all, plugins of the user included."""
+    """List the renderers, blends, dtypes and scenes to examine; None stands for all, including the user's plugins."""
     axes = {
         "renderers": [plugin.name for plugin in plugins("renderer")],
         "blends": [plugin.name for plugin in plugins("blend")],
@@ -86,11 +86,11 @@ def cells_in(axes: Mapping[str, Sequence[str]]) -> int:
 
 
 def examine(axes: Mapping[str, Sequence[str]], patience: float) -> Iterator[Cell]:
-    """Check every cell of the matrix; ``patience`` is that of `check_painting`."""
+    """Check every cell of the matrix; see `check_painting` for ``patience``."""
     blends = {name: build_named("blend", name, {}) for name in axes["blends"]}
     for name in axes["renderers"]:
         renderer = frozen_renderer(name)
-        most = 1_000_000 if renderer.warm_up is None else 6  # strokes: those with a warm-up renderer are slow
+        most = 1_000_000 if renderer.warm_up is None else 6  # number of strokes; renderers with a warm-up are slow
         for kind, title in rows_in(axes):
             scene = KINDS[kind][title]
             if scene.steps:
@@ -108,7 +108,7 @@ def frozen_renderer(name: str) -> Renderer:
 
 
 def draw_matrix(cells: Sequence[Cell], title: str, path: Path) -> None:
-    """Write a PNG with a field for each cell, coloured by its verdict, with its number."""
+    """Write a PNG with a numbered field for each cell, coloured by its verdict."""
     rows = list(dict.fromkeys((cell["kind"], cell["scene"]) for cell in cells))
     columns = list(dict.fromkeys((cell["renderer"], cell["blend"], cell["dtype"]) for cell in cells))
     figure, levels = new_figure(0.2 * len(rows) + 2.5), np.full((len(rows), len(columns)), np.nan)
@@ -126,7 +126,7 @@ def draw_matrix(cells: Sequence[Cell], title: str, path: Path) -> None:
 
 
 def number_of(cell: Cell) -> str:
-    """Format the error of a cell: of a pixel or, marked with g, of a gradient if only that is out of bounds."""
+    """Format a cell's error of a pixel or, marked with g, of a gradient if only that is out of bounds."""
     if cell["picture"] is None:
         return ""
     of_gradient = cell["verdict"] == DEGRADED and cell["picture"] <= PICTURE_BOUNDS[cell["dtype"]]

@@ -1,4 +1,4 @@
-"""Corrupt valid strokes to make the negative examples for training a discriminator."""
+"""Corrupt valid strokes to make negative examples for training a discriminator."""
 
 import math
 from collections.abc import Callable
@@ -11,16 +11,16 @@ from brushexp.contracts.strokes import INSET, SHORTEST_CHORD, THICKEST, THINNEST
 from brushexp_training.discriminator.discriminator import SHAPE
 
 GROUPS = (2, 2, 2, 1)  # columns of start, control, end and width
-SMALLEST_INTRUSION = 0.005  # half-windows: distance from the valid square
+SMALLEST_INTRUSION = 0.005  # minimum distance from the valid square, in half-windows
 FARTHEST_INVALID = 3e3  # half-windows; `strokes.catalogue.FIELDS` ends at 1e3
 THICKEST_INVALID = 1e3  # sides of the window, as in FIELDS
 
 
 def corrupt(valid: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
-    """Corrupt valid strokes (n, 7), each by one of the `CORRUPTIONS`, drawn at random.
+    """Corrupt each of the valid strokes (n, 7) by a random choice of the `CORRUPTIONS`.
 
-    Returns them; hard negatives (n, 7), some of whose groups of numbers are half as corrupted; and indices (n,) into
-    `CORRUPTIONS`.
+    Returns the corrupted strokes; hard negatives (n, 7), in which some groups of numbers are half as corrupted; and
+    indices (n,) into `CORRUPTIONS`.
     """
     kind = torch.randint(len(CORRUPTIONS), (len(valid),), generator=generator)
     shapes = valid.clone()
@@ -28,12 +28,12 @@ def corrupt(valid: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor, 
         chosen = kind == number
         shapes[chosen] = function(valid[chosen], generator)
     groups = _uniform(len(valid), len(GROUPS), generator) < 0.5
-    groups |= _uniform(len(valid), 1, generator) < 0.5  # all groups of half of the strokes
+    groups |= _uniform(len(valid), 1, generator) < 0.5  # all groups in half of the strokes
     return shapes, torch.where(_columns(groups), 0.5 * (shapes + valid), shapes), kind
 
 
 def _boxed(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """Draw points from a larger box than that of valid strokes, up to 3000 half-windows, and widths to 1000 sides."""
+    """Draw points from a larger box than for valid strokes, up to 3000 half-windows, and widths up to 1000 sides."""
     n = len(valid)
     points = (2 * _uniform(n, 6, generator) - 1) * _log_uniform(n, INSET, FARTHEST_INVALID, generator)
     width = torch.where(_uniform(n, 1, generator) < 0.5, valid[:, 6:], _thickness(n, generator))
@@ -41,7 +41,7 @@ def _boxed(valid: Tensor, generator: torch.Generator) -> Tensor:
 
 
 def _enlarged(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """Enlarge a stroke until it leaves the window, or a thousand times farther; the curve keeps its form."""
+    """Enlarge a stroke until it leaves the window, or a thousand times farther; the curve keeps its shape."""
     points, width = valid.split([6, 1], dim=1)
     farthest = INSET + _log_uniform(len(valid), SMALLEST_INTRUSION, FARTHEST_INVALID, generator)
     reach = farthest / points.abs().amax(1, keepdim=True)
@@ -49,11 +49,11 @@ def _enlarged(valid: Tensor, generator: torch.Generator) -> Tensor:
 
 
 def _shifted(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """Move a stroke until some of it, or all, is outside of the window; the curve keeps its form."""
+    """Move a stroke until it is partly or wholly outside the window; the curve keeps its shape."""
     n = len(valid)
     points, width = valid.split([6, 1], dim=1)
     side = torch.where(_uniform(n, 2, generator) < 0.5, -1.0, 1.0)
-    room = INSET - (side * points.reshape(n, 3, 2).transpose(0, 1)).amax(0)  # (n, 2) until it touches the border
+    room = INSET - (side * points.reshape(n, 3, 2).transpose(0, 1)).amax(0)  # (n, 2), distance to the border
     axes = _uniform(n, 2, generator) < 0.5
     axes[:, 0] |= ~axes.any(1)
     shift = axes * side * (room + _log_uniform(n, SMALLEST_INTRUSION, FARTHEST_INVALID, generator))
@@ -65,23 +65,23 @@ def _mixed(valid: Tensor, generator: torch.Generator) -> Tensor:
 
 
 def _noisy(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """Add normal noise to all numbers, of a strength between a tenth of a half-window and many windows."""
+    """Add normal noise, with a standard deviation from a tenth of a half-window to many windows, to all numbers."""
     strength = _log_uniform(len(valid), 0.1, FARTHEST_INVALID, generator)
     return valid + strength * torch.randn(valid.shape, generator=generator)
 
 
 def _partly_noisy(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """Add such noise to one group of numbers."""
+    """Add the noise of `_noisy` to one group of numbers."""
     return torch.where(_one_group(len(valid), generator), _noisy(valid, generator), valid)
 
 
 def _off_width(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """Make a stroke thinner or thicker than any valid one."""
+    """Make a stroke thinner or thicker than any valid stroke."""
     return torch.cat([valid[:, :6], _thickness(len(valid), generator)], dim=1)
 
 
 def _outside(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """Move one coordinate of one point outside the square that holds all points of valid strokes, often only just."""
+    """Move one coordinate of one point, often only slightly, outside the square of all points of valid strokes."""
     n = len(valid)
     where = functional.one_hot(torch.randint(6, (n,), generator=generator), SHAPE).bool()
     beyond = INSET + _log_uniform(n, SMALLEST_INTRUSION, FARTHEST_INVALID, generator)
@@ -89,7 +89,7 @@ def _outside(valid: Tensor, generator: torch.Generator) -> Tensor:
 
 
 def _shortened(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """Make a stroke too short for its thickness, down to a point; its bend stays."""
+    """Make a stroke too short for its thickness, down to a point, without changing its bend."""
     start, control, end, width = valid.split([2, 2, 2, 1], dim=1)
     middle, chord = 0.5 * (start + end), end - start
     length = torch.linalg.vector_norm(chord, dim=1, keepdim=True)
@@ -99,7 +99,7 @@ def _shortened(valid: Tensor, generator: torch.Generator) -> Tensor:
 
 
 def _bent(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """Move the control point by many times the spread that valid strokes have, in any direction."""
+    """Move the control point in a random direction by many times its spread among valid strokes."""
     start, _, end, width = valid.split([2, 2, 2, 1], dim=1)
     length = torch.linalg.vector_norm(end - start, dim=1, keepdim=True)
     angle = 2 * math.pi * _uniform(len(valid), 1, generator)
@@ -116,12 +116,12 @@ def _uniform(n: int, columns: int, generator: torch.Generator) -> Tensor:
 
 
 def _log_uniform(n: int, low: float, high: float, generator: torch.Generator) -> Tensor:
-    """Draw numbers (n, 1) whose logarithm is uniform."""
+    """Draw numbers (n, 1) with a uniform logarithm."""
     return low * (high / low) ** _uniform(n, 1, generator)
 
 
 def _thickness(n: int, generator: torch.Generator) -> Tensor:
-    """Draw widths (n, 1) outside `WIDTH`, as `strokes.prior.parameters_of` writes them."""
+    """Draw widths (n, 1) outside `WIDTH`, encoded like `strokes.prior.parameters_of`."""
     thin, thick = THINNEST * _uniform(n, 1, generator), _log_uniform(n, THICKEST, THICKEST_INVALID, generator)
     width = torch.where(_uniform(n, 1, generator) < 0.5, thin, thick)
     return width_parameter(width)

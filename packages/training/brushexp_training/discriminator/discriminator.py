@@ -1,4 +1,4 @@
-"""Penalise invalid strokes by a network that recognises valid ones; `discriminator_module` trains it."""
+"""Penalise invalid strokes with a network that recognises valid strokes; `discriminator_module` trains the network."""
 
 from pathlib import Path
 
@@ -21,16 +21,16 @@ DISCRIMINATORS = CheckpointFormat(
     folders=lambda: [Path(__file__).parent / "weights"],
 )
 SHAPE = 7  # numbers of a stroke that are judged: start 2, control 2, end 2, width 1
-SEEN = SHAPE + 3  # the network is told besides: the length, and the bend along and across it
+SEEN = SHAPE + 3  # inputs of the network: also the length, and the bend along and across it
 HIDDEN_WIDTH = 64  # width of the hidden layers
-STRETCH = 4.0  # before the inverse hyperbolic sine: linear well within a window, logarithmic beyond
+STRETCH = 4.0  # factor before the inverse hyperbolic sine, which is linear within a window and logarithmic beyond
 
 
 class Discriminator(nn.Module):
     """Score the validity of a stroke's shape with three hidden layers.
 
-    The score is a logit. As mirroring changes no stroke's validity, only magnitudes of coordinates and bend are used;
-    all inputs go through asinh, so that there is a slope a thousand windows away.
+    The score is a logit. Because mirroring does not change a stroke's validity, only magnitudes of coordinates and bend
+    are used. All inputs go through asinh, so that the slope does not vanish even a thousand windows away.
     """
 
     threshold: Tensor  # score below which a stroke counts as invalid
@@ -43,10 +43,10 @@ class Discriminator(nn.Module):
         self.register_buffer("threshold", torch.zeros(()))
 
     def forward(self, shapes: Tensor) -> Tensor:
-        """Score shapes (N, 7) of `shapes_of`: logits (N,)."""
+        """Score shapes (N, 7) of `shapes_of` by logits (N,)."""
         points, width = shapes.split([SHAPE - 1, 1], dim=1)
         square = (points[:, :2] - points[:, 4:]).square().sum(1, keepdim=True)
-        length = (square + SHORTEST_CHORD**2).sqrt()  # with a slope where both ends are in one place
+        length = (square + SHORTEST_CHORD**2).sqrt()  # has a slope even if both ends coincide
         bend = bend_of(strokes_of(functional.pad(shapes, (0, 3))))
         inputs = torch.cat([points.abs(), width, length, bend.abs()], dim=1)
         return self.layers((STRETCH * inputs).asinh())[:, 0]
@@ -56,16 +56,16 @@ class Discriminator(nn.Module):
 class Discriminated(Loss):
     """Hinge loss max(0, threshold - score) of a discriminator trained to recognise valid strokes.
 
-    Source: thesis 2020, 6.3 (only named there). The network, a few dense layers, was trained to distinguish strokes of
-    `strokes.prior` from corrupted ones and is frozen here. It sees the shape in the window, that is start, control, end
-    and width, but neither the place nor the colour. The threshold is the score below which one valid stroke in twenty
-    falls, so valid strokes cost almost nothing (0.04, corrupted ones 160); invalid strokes are pulled back from
-    anywhere in ``strokes.catalogue.FIELDS``.
+    Source: thesis 2020, 6.3 (only mentioned there). The network, a few dense layers, was trained to distinguish strokes
+    of `strokes.prior` from corrupted strokes and is frozen here. It receives the shape in the window, that is start,
+    control, end and width, but neither place nor colour. One valid stroke in twenty scores below the threshold, so
+    valid strokes cost almost nothing (0.04, corrupted strokes 160); invalid strokes are pulled back from anywhere in
+    ``strokes.catalogue.FIELDS``.
 
     Args:
         weight: factor in the sum of losses. On a portrait, a third of the strokes ended valid with ``mse`` alone, two
             thirds with the default (at a cost of 0.2 dB), and four fifths with 0.001 (at about the same cost).
-        checkpoint: weights from ``task=train_discriminator`` (.safetensors); null = the shipped ones.
+        checkpoint: weights from ``task=train_discriminator`` (.safetensors); null = the shipped weights.
     """
 
     weight = 0.0001
@@ -85,5 +85,5 @@ class Discriminated(Loss):
 
 
 def shapes_of(strokes: Strokes) -> Tensor:
-    """Describe start, control, end and width as numbers (N, 7), see `strokes.prior.parameters_of`."""
+    """Encode start, control, end and width as numbers (N, 7); see `strokes.prior.parameters_of`."""
     return parameters_of(strokes)[:, :SHAPE]

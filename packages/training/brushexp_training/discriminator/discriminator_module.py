@@ -1,4 +1,4 @@
-"""``task=train_discriminator``: train and measure a network that distinguishes valid strokes from corrupted ones."""
+"""``task=train_discriminator``: train and measure a network that distinguishes valid from corrupted strokes."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,13 +22,13 @@ from brushexp_training.fitting.network_module import NetworkModule
 from brushexp_training.stroke_sets.datamodule import EPOCH_STEPS, HELD_OUT, StrokeLoader
 from brushexp_training.stroke_sets.dataset import Split
 
-THRESHOLD_QUANTILE = 0.05  # share of valid strokes whose score is below the threshold: a lower one lies well outside
-HELD_OUT_STROKES = 20_000  # strokes of either sort
+THRESHOLD_QUANTILE = 0.05  # share of valid strokes that score below the threshold
+HELD_OUT_STROKES = 20_000  # number of valid and of corrupted strokes
 BETAS = (0.9, 0.99)  # betas of Adam
 
 
 class ShapeBatch(NamedTuple):
-    """Valid strokes as shapes (n, 7) of `discriminator.shapes_of`, and others as `corrupt` returns them."""
+    """Valid strokes as shapes (n, 7) of `discriminator.shapes_of`, and the results of `corrupt`."""
 
     valid: Tensor
     corrupted: Tensor
@@ -37,7 +37,7 @@ class ShapeBatch(NamedTuple):
 
 
 class ShapeData(L.LightningDataModule):
-    """Sample ``batch_size`` new strokes of the prior and as many corrupted ones at each step, seeded by its number."""
+    """Sample ``batch_size`` new strokes of the prior and as many corrupted strokes, seeded by the step's number."""
 
     def __init__(self, *, batch_size: int, seed: int) -> None:
         super().__init__()
@@ -55,10 +55,10 @@ class ShapeData(L.LightningDataModule):
 
 
 class DiscriminatorModule(NetworkModule):
-    """Train a discriminator to distinguish valid strokes from corrupted ones.
+    """Train a discriminator to distinguish valid from corrupted strokes.
 
-    The loss is -log sigma(D(valid)) - log(1 - sigma(D(corrupted))) (Goodfellow et al., 2014), and, so that there is a
-    slope from anywhere, -log sigma(D(hard) - D(corrupted)): a stroke that is half as corrupted scores higher.
+    The loss is -log sigma(D(valid)) - log(1 - sigma(D(corrupted))) (Goodfellow et al., 2014), plus
+    -log sigma(D(hard) - D(corrupted)), which gives a slope everywhere by scoring hard negatives higher.
     """
 
     def __init__(self, network: Discriminator, lr: float) -> None:
@@ -87,7 +87,7 @@ class DiscriminatorModule(NetworkModule):
 
 
 def shape_batch(n: int, seed: int, first: int) -> ShapeBatch:
-    """Draw ``n`` valid strokes, number ``first`` and on of the prior, and corrupt the ``n`` after them."""
+    """Draw ``n`` valid strokes of the prior, starting at number ``first``, and corrupt the next ``n`` strokes."""
     shapes = shapes_of(sample_prior(2 * n, seed, first))
     state = np.random.SeedSequence([seed, first]).generate_state(1, np.uint64)
     return ShapeBatch(shapes[:n], *corrupt(shapes[n:], torch.Generator().manual_seed(int(state[0]))))
@@ -100,10 +100,10 @@ def held_out_shapes(seed: int, split: Split) -> ShapeBatch:
 
 @torch.no_grad()
 def discriminator_figures(network: Discriminator, batch: ShapeBatch) -> dict[str, float]:
-    """Measure how well a discriminator separates valid strokes from corrupted ones.
+    """Measure how well a discriminator separates valid from corrupted strokes.
 
-    ``auc`` is also by the kind of corruption, ``hinge`` is max(0, threshold - score). Some strokes that are called
-    corrupted are valid, so neither accuracy nor AUC can reach 1.
+    ``auc`` is also given for each kind of corruption; ``hinge`` is max(0, threshold - score). Some corrupted strokes
+    are still valid, so neither accuracy nor AUC can reach 1.
     """
     device, threshold = network.threshold.device, float(network.threshold)
     valid, bad = (network(shapes.to(device)).cpu() for shapes in (batch.valid, batch.corrupted))
@@ -119,7 +119,7 @@ def discriminator_figures(network: Discriminator, batch: ShapeBatch) -> dict[str
 
 
 def save_discriminator(network: Discriminator, path: Path, seed: int, training: dict[str, Any]) -> dict[str, object]:
-    """Set the threshold, at `THRESHOLD_QUANTILE` of valid scores, measure, save with a recipe, and return figures."""
+    """Set the threshold to the `THRESHOLD_QUANTILE` of valid scores, measure, save with a recipe; return figures."""
     network.eval()
     with torch.no_grad():
         scores = network(held_out_shapes(seed, Split.VALIDATION).valid.to(network.threshold.device))
@@ -137,12 +137,12 @@ def save_discriminator(network: Discriminator, path: Path, seed: int, training: 
 
 
 def area_under_curve(above: Tensor, below: Tensor) -> float:
-    """Compute the area under the ROC curve: the share of pairs in which the first scores higher, ties half."""
+    """Compute the area under the ROC curve: the share of pairs in which the first scores higher; ties count half."""
     return float(mannwhitneyu(above, below, method="asymptotic").statistic) / (len(above) * len(below))
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Train a discriminator, write it and its numbers into the run's folder, and return those of metrics.json."""
+    """Train a discriminator, write it and its figures into the run's folder, and return the values of metrics.json."""
     return train_network(DiscriminatorJob, cfg, folder, start)
 
 

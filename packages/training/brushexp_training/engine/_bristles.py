@@ -1,7 +1,7 @@
-"""Bristles of a brush as position-based dynamics (Mueller et al., 2007), compiled.
+"""Simulate the bristles of a brush by position-based dynamics (Mueller et al., 2007), compiled.
 
-Arrays of vertices are (V, N): one row per place along a bristle, so that the loops over bristles become SIMD code.
-Lengths are in units of the canvas (a window is `UNITS` wide), z points up from the canvas, one step is one frame.
+Arrays of vertices are (V, N), with one row per place along a bristle, so that loops over bristles become SIMD code.
+Lengths are in units of the canvas (a window is `UNITS` wide), z points up from the canvas, and a step is one frame.
 """
 
 import numpy as np
@@ -9,20 +9,20 @@ import numpy as np
 from brushexp.contracts.kernels import function
 
 F = np.float32
-UNITS = F(256)  # lengths are in 256ths of the window: the canvas of SPIRAL, in whose pixels the constants are given
+UNITS = F(256)  # width of a window in units, which are pixels of SPIRAL's canvas, as are its constants
 
 VERTICES = 10
-HEIGHT = F(2.0)  # height of the handle above the canvas, brush scales
-SEGMENT = F(0.5)  # length between two vertices at rest, brush scales
-TOUCH = F(0.13333)  # a bristle this near to the canvas touches it, brush scales
-SMALLEST_DISTANCE = F(0.01)  # least distance that is divided by (Fluid Paint's constants, like the two below)
+HEIGHT = F(2.0)  # height of the handle above the canvas, in brush scales
+SEGMENT = F(0.5)  # rest length between two vertices, in brush scales
+TOUCH = F(0.13333)  # height below which a bristle touches the canvas, in brush scales
+SMALLEST_DISTANCE = F(0.01)  # lower bound of divisors (a constant of Fluid Paint, like the next two)
 SHORT = F(1e-4)
 FLAT = F(1e-4)
 
 
 @function
 def _pull(q, a, b, rest):  # type: ignore[no-untyped-def]
-    """Constrain the distance of neighbours a and b of every bristle; the root does not move."""
+    """Constrain the distance between neighbours a and b of every bristle; the root does not move."""
     xa, ya, za, xb, yb, zb = q[0, a], q[1, a], q[2, a], q[0, b], q[1, b], q[2, b]
     share_a, share_b = (F(0), F(1)) if a == 0 else (F(0.5), F(0.5))
     for i in range(len(xa)):
@@ -39,7 +39,7 @@ def _pull(q, a, b, rest):  # type: ignore[no-untyped-def]
 
 @function
 def _straighten(q, a, stiffness):  # type: ignore[no-untyped-def]
-    """Bending constraint of vertices a, a + 1, a + 2 of every bristle, where it is bent by less than 90 degrees."""
+    """Constrain the bending of vertices a, a + 1, a + 2 of every bristle that is bent by less than 90 degrees."""
     xa, ya, za = q[0, a], q[1, a], q[2, a]
     xb, yb, zb = q[0, a + 1], q[1, a + 1], q[2, a + 1]
     xc, yc, zc = q[0, a + 2], q[1, a + 2], q[2, a + 2]
@@ -72,7 +72,7 @@ def _straighten(q, a, stiffness):  # type: ignore[no-untyped-def]
 
 @function
 def _constrain(q, rest, stiffness):  # type: ignore[no-untyped-def]
-    """Apply one round of constraints; those of one pass share no vertex."""
+    """Apply one round of constraints; the constraints of one pass share no vertex."""
     for begin in range(2):
         for a in range(begin, VERTICES - 1, 2):
             _pull(q, a, a + 1, rest)
@@ -87,10 +87,10 @@ def _constrain(q, rest, stiffness):  # type: ignore[no-untyped-def]
 
 @function
 def move(p, velocity, before, q, roots, x, y, scale, stiffness, gravity, damping, iterations):  # type: ignore[no-untyped-def]
-    """Move the brush by one frame, its handle at (x, y, 2 scale); ``scale`` is the radius of the brush.
+    """Move the brush by one frame, with its handle at (x, y, 2 scale); ``scale`` is the radius of the brush.
 
-    Positions ``p`` (3, V, N) and ``velocity`` per frame are updated, the old positions left in ``before``; ``q`` is
-    scratch. ``roots`` (2, N) are in brush scales, ``damping`` is the share of the velocity that is kept.
+    Positions ``p`` (3, V, N) and ``velocity`` per frame are updated, and old positions are left in ``before``; ``q`` is
+    scratch space. ``roots`` (2, N) are in brush scales; ``damping`` is the share of the velocity that is kept.
     """
     n = roots.shape[1]
     for axis in range(3):
@@ -116,12 +116,12 @@ def move(p, velocity, before, q, roots, x, y, scale, stiffness, gravity, damping
 
 @function
 def settle(begin, end, scales, roots, splay, stiffness, gravity, damping, iterations, frames, approach, out):  # type: ignore[no-untyped-def]
-    """Let brushes ``begin`` to ``end`` come to rest on the canvas, trailing behind the way that they came.
+    """Let brushes ``begin`` to ``end`` come to rest on the canvas, trailing behind their motion.
 
-    Without it a stroke would begin with a smear. For the first half of the ``frames`` the brush moves to the right, by
-    ``approach`` brush scales per frame; then it stands. Of brushes with radii ``scales`` (B,), ``roots`` (B, 2, N),
-    ``splay`` (B, N), the direction in which each bristle falls, and ``stiffness`` (B, N) the positions around the
-    handle, in brush scales, are written to ``out`` (B, 3, V, N).
+    Otherwise a stroke would begin with a smear. For the first half of the ``frames`` the brush moves to the right, by
+    ``approach`` brush scales per frame; then it stands still. Brushes have radii ``scales`` (B,), ``roots`` (B, 2, N),
+    ``splay`` (B, N), the direction in which each bristle falls, and ``stiffness`` (B, N). Positions around the handle,
+    in brush scales, are written to ``out`` (B, 3, V, N).
     """
     for b in range(begin, end):
         scale = scales[b]
@@ -129,7 +129,7 @@ def settle(begin, end, scales, roots, splay, stiffness, gravity, damping, iterat
         p = np.empty((3, VERTICES, n), F)
         velocity, before, q = np.zeros_like(p), np.empty_like(p), np.empty_like(p)
         for i in range(n):
-            for v in range(VERTICES):  # down to the canvas, then on it, each its own way
+            for v in range(VERTICES):  # down to the canvas, then along it, each in its own direction
                 along = SEGMENT * F(v)
                 beyond = max(along - HEIGHT, F(0))
                 p[0, v, i] = scale * (roots[b, 0, i] + beyond * np.cos(splay[b, i]))

@@ -1,6 +1,6 @@
-"""Deposit the bristles' paint on the canvas and let it flow while wet; compiled.
+"""Deposit the bristles' paint on the canvas and let it flow while wet (compiled).
 
-Grids are flat arrays of rows with one cell of margin around the canvas, so that no index can leave them.
+Grids are flat arrays of rows with one cell of margin around the canvas, so that no index is out of bounds.
 """
 
 import numpy as np
@@ -9,22 +9,22 @@ from brushexp.contracts.kernels import function, inline
 from brushexp_training.engine._bristles import TOUCH, UNITS, VERTICES, F, move
 from brushexp_training.engine._lit_paint import picture
 
-FLOW = F(100 / 60)  # units that paint moves in one frame per unit of velocity
-LAG = F(2.2)  # frames by which the touching parts follow the handle, measured on straight strokes
-SPLAT = F(0.05)  # radius of a splat, brush scales
-FASTEST = F(2)  # velocity of one splat at most
-MOST_SPLATS = 8  # per segment of a bristle (Fluid Paint's number); fewer where they would fall into one cell
+FLOW = F(100 / 60)  # distance that paint moves per frame and unit of velocity, in units
+LAG = F(2.2)  # frames by which the touching parts lag behind the handle, measured on straight strokes
+SPLAT = F(0.05)  # radius of a splat, in brush scales
+FASTEST = F(2)  # maximum velocity of a splat
+MOST_SPLATS = 8  # maximum number per segment of a bristle, as in Fluid Paint; fewer where they would fall into one cell
 
 
 @inline
 def _at(a):  # type: ignore[no-untyped-def]
-    """An index that is plainly not negative, so that loops over it become SIMD code."""
+    """Return an index that is provably not negative, so that loops over it become SIMD code."""
     return np.uint64(a)
 
 
 @inline
 def _deposit(grid, side, ix, iy, fx, fy, paint, push_x, push_y):  # type: ignore[no-untyped-def]
-    """Share paint and momentum between the four cells around a point, (fx, fy) from the cell (ix, iy)."""
+    """Share paint and momentum among the four cells around a point at offset (fx, fy) from the cell (ix, iy)."""
     at = _at(iy * side + ix)
     for corner in range(4):
         wx = fx if corner & 1 else F(1) - fx
@@ -40,9 +40,9 @@ def _splat(p, before, velocity, scale, opacity, drag, side, grid, area):  # type
     """Add up the capsules that the touching parts of all bristles sweep in one frame.
 
     Each capsule's paint and momentum are spread evenly along its path and shared by the four nearest cells, so that
-    they are conserved however thin it is; the source draws it pixel by pixel and loses what falls between them.
-    Sums of opacity * weight and of the two velocities are added to ``grid`` (3, side * side), and ``area`` (4,), top,
-    bottom, left and right of what was touched, is updated. A row has ``side`` cells, margin included.
+    they are conserved however thin the capsule is; the source draws capsules pixel by pixel and loses paint between
+    pixels. Sums of opacity * weight and of the two velocities are added to ``grid`` (3, side * side). ``area`` (4,),
+    the top, bottom, left and right of the touched area, is updated. A row has ``side`` cells, margin included.
     """
     cells = F(side - 2)
     fine = cells / UNITS  # cells per unit
@@ -86,9 +86,9 @@ def _splat(p, before, velocity, scale, opacity, drag, side, grid, area):  # type
 
 @function
 def _widen(grid, scratch, side, area, radius):  # type: ignore[no-untyped-def]
-    """Give the splats of a frame in ``grid`` (3, side * side) their ``radius`` (cells): a triangle across and along.
+    """Give the splats of a frame in ``grid`` (3, side * side) their ``radius`` in cells, as a triangle along each axis.
 
-    A splat between four cells already is such a triangle, of radius 1; the variances of the two add up. ``area`` grows.
+    A splat between four cells is already such a triangle, of radius 1; the variances of the two add up. ``area`` grows.
     """
     wide = np.sqrt(max(radius * radius - F(1), F(0)))
     reach = int(np.ceil(wide)) - 1
@@ -117,7 +117,7 @@ def _widen(grid, scratch, side, area, radius):  # type: ignore[no-untyped-def]
 
 @function
 def _lay(grid, state, side, area):  # type: ignore[no-untyped-def]
-    """Move the splats of a frame from ``grid`` to the canvas: coverage 1 - (1 - c) exp(-sum), height, velocity."""
+    """Move the splats of a frame from ``grid`` to the canvas: coverage 1 - (1 - c) exp(-sum), height and velocity."""
     u, v, cover, height = state[0], state[1], state[2], state[3]
     for y in range(area[0], area[1] + 1):
         for x in range(area[2], area[3] + 1):
@@ -132,7 +132,7 @@ def _lay(grid, state, side, area):  # type: ignore[no-untyped-def]
 
 @function
 def _project(state, pressure, side, area, rounds):  # type: ignore[no-untyped-def]
-    """Make the flow nearly free of divergence: Jacobi iterations from zero pressure."""
+    """Make the flow nearly free of divergence by Jacobi iterations from zero pressure."""
     u, v, divergence, now, new = state[0], state[1], pressure[0], pressure[1], pressure[2]
     top, bottom, left, right = area[0], area[1], area[2], area[3]
     for y in range(top, bottom + 1):
@@ -156,7 +156,7 @@ def _project(state, pressure, side, area, rounds):  # type: ignore[no-untyped-de
 
 @inline
 def _corners(x, y, side):  # type: ignore[no-untyped-def]
-    """The cell above and left of a point, and the weights of the four cells around it."""
+    """Return the cell above and to the left of a point, and the weights of the four cells around the point."""
     ix, iy = np.int32(x), np.int32(y)
     fx, fy = x - F(ix), y - F(iy)
     first = _at(iy * np.int32(side) + ix)
@@ -170,7 +170,7 @@ def _mean(field, a, side, w0, w1, w2, w3):  # type: ignore[no-untyped-def]
 
 @function
 def _advect(state, new, side, area, fluidity):  # type: ignore[no-untyped-def]
-    """Carry paint and velocity along the flow: midpoint rule backwards, bilinear."""
+    """Carry paint and velocity along the flow by a backward midpoint rule with bilinear interpolation."""
     u, v, cover, height = state[0], state[1], state[2], state[3]
     new_u, new_v, new_cover, new_height = new[0], new[1], new[2], new[3]
     dt = FLOW * F(side - 2) / UNITS
@@ -192,7 +192,7 @@ def _advect(state, new, side, area, fluidity):  # type: ignore[no-untyped-def]
 
 @function
 def _set_down(curve, scale, hind, pose, roots, p, turned):  # type: ignore[no-untyped-def]
-    """Set a resting brush down at the start of a curve, turned along it: ``p`` and ``turned`` roots are written."""
+    """Set a resting brush down at the start of a curve, turned along it; write ``p`` and the ``turned`` roots."""
     cosine, sine = _tangent(curve, F(0))
     x, y = curve[0] + hind * cosine, curve[1] + hind * sine
     for i in range(roots.shape[1]):
@@ -206,7 +206,7 @@ def _set_down(curve, scale, hind, pose, roots, p, turned):  # type: ignore[no-un
 
 @function
 def _handle(curve, t, hind, fore):  # type: ignore[no-untyped-def]
-    """Place the handle at t: ahead of the curve by as much as the brush trails."""
+    """Place the handle at t, ahead of the curve by as much as the brush trails."""
     w = F(1) - t
     x = w * w * curve[0] + F(2) * t * w * curve[2] + t * t * curve[4]
     y = w * w * curve[1] + F(2) * t * w * curve[3] + t * t * curve[5]
@@ -217,7 +217,7 @@ def _handle(curve, t, hind, fore):  # type: ignore[no-untyped-def]
 
 @function
 def _tangent(curve, t):  # type: ignore[no-untyped-def]
-    """Unit direction of the curve at t; that of its chord where the curve stands still, to the right without one."""
+    """Return the unit tangent at t; the chord's direction where the velocity is 0, or the right without a chord."""
     sx, sy, cx, cy, ex, ey = curve[0], curve[1], curve[2], curve[3], curve[4], curve[5]
     w = F(1) - t
     dx, dy = w * (cx - sx) + t * (ex - cx), w * (cy - sy) + t * (ey - cy)
@@ -232,14 +232,14 @@ def _tangent(curve, t):  # type: ignore[no-untyped-def]
 def draw(  # type: ignore[no-untyped-def]
     begin, end, strokes, brush, first_pose, poses, reach, roots, stiffness, physics, counts, projection, images, heights
 ):
-    """Paint strokes ``begin`` to ``end``, each on a canvas of its own.
+    """Paint strokes ``begin`` to ``end``, each on a separate canvas, into ``images`` and ``heights``.
 
-    Written are ``images`` (n, 4, S, S) and ``heights`` (n, S, S).
+    ``images`` is (n, 4, S, S) and ``heights`` (n, S, S).
 
-    ``strokes`` (n, 10) are start, control, end (x, y each, units), radius of the brush, red, green, blue; ``brush`` and
-    ``first_pose`` (n,) are which brush, with ``roots`` (., 2, N) and ``stiffness`` (., N), and which of the ``poses``
-    (B, 3, V, N) of `settle` it begins with; ``reach`` (B, 2) is how far behind the handle its hindmost and its foremost
-    part touch, brush scales.
+    ``strokes`` (n, 10) are start, control and end (x and y in units), radius of the brush, red, green and blue.
+    ``brush`` (n,) selects the brush, with ``roots`` (., 2, N) and ``stiffness`` (., N), and ``first_pose`` (n,) selects
+    its initial pose among the ``poses`` (B, 3, V, N) of `settle`. ``reach`` (B, 2) is the distance behind the handle,
+    in brush scales, at which its hindmost and its foremost part touch.
     """
     gravity, damping, opacity, drag, fluidity, relief = physics
     frames, iterations, rounds, fine, after = counts
@@ -252,7 +252,7 @@ def draw(  # type: ignore[no-untyped-def]
         _set_down(curve, scale, hind, poses[first_pose[m]], roots[which], p, turned)
         state, new = np.zeros((4, side * side), F), np.zeros((4, side * side), F)
         grid, pressure = np.zeros((3, side * side), F), np.zeros((3, side * side), F)
-        wet = np.empty(4, np.int64)  # where there is or will be paint
+        wet = np.empty(4, np.int64)  # area of present and future paint
         wet[0], wet[1], wet[2], wet[3] = side, -1, side, -1
         for k in range(frames + after):
             if k < frames:

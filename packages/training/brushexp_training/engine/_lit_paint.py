@@ -1,4 +1,4 @@
-"""Light wet paint: compute a stroke's picture from its coverage and height."""
+"""Light wet paint: compute the picture of a stroke from its coverage and height."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from brushexp_training.engine._bristles import UNITS, F
 
 @inline
 def _light(gx, gy):  # type: ignore[no-untyped-def]
-    """Diffuse and specular light on paint of slope (gx, gy), lit from above the picture (GGX, Walter et al. 2007)."""
+    """Compute diffuse and specular light on paint of slope (gx, gy), lit from above (GGX, Walter et al., 2007)."""
     nz = F(7) / np.sqrt(gx * gx + gy * gy + F(49))
     ny = gy * nz / F(7)
     nl = max((nz - ny) * F(0.70710678), F(0))

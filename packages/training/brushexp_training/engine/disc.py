@@ -1,4 +1,4 @@
-"""The simplest brush: a row of discs. Each worker paints a whole stroke on its own canvas."""
+"""Simulate the simplest brush, a row of discs; each worker paints a whole stroke on its own canvas."""
 
 from typing import Annotated
 
@@ -12,10 +12,10 @@ from brushexp.contracts.kernels import function
 from brushexp.contracts.machine import share
 from brushexp.contracts.strokes import strokes_of
 
-DISCS = 100  # number i lies at t = i / DISCS
+DISCS = 100  # disc number i lies at t = i / DISCS
 SUPERSAMPLE = 2  # pixels of the canvas per pixel of the picture, in each direction
-MIN_RADIUS = 1.0  # no disc is smaller, in pixels of that canvas
-FARTHEST_POINT, WIDEST_STROKE = 4.0, 4.0  # half-windows and windows: what is farther away or wider is brought to here
+MIN_RADIUS = 1.0  # minimum radius of a disc in pixels of the canvas
+FARTHEST_POINT, WIDEST_STROKE = 4.0, 4.0  # upper bounds of coordinates (half-windows) and widths (windows)
 
 F = np.float32
 
@@ -24,12 +24,12 @@ F = np.float32
 class Disc(Engine):
     """Paint a smooth tube of 100 discs along a Bezier curve (Learning to Paint: Huang et al., 2019, arXiv:1903.04411).
 
-    The discs are painted on a canvas twice as fine and averaged. Alpha is the share of a pixel that they cover; it is
-    also the height. Nothing is random. A curve much longer than the window falls apart into single discs, as in the
-    source, whose last disc also lies at t = 0.99. Points farther than 4 half-windows from the centre are brought there.
+    The discs are painted on a canvas of twice the resolution and averaged. Alpha, which is also the height, is the
+    covered share of a pixel. Nothing is random. A curve much longer than the window falls apart into single discs, as
+    in the source, whose last disc also lies at t = 0.99. Coordinates are clamped to 4 half-windows.
 
-    Differs from the source: one thickness and one colour instead of one at each end; the control point is a place of
-    its own instead of one relative to the end points; discs are not rounded to whole pixels.
+    Differs from the source: thickness and colour are the same at both ends; the control point is absolute instead of
+    relative to the end points; discs are not rounded to whole pixels.
 
     Args:
         window: side of a picture in pixels, 8 to 512.
@@ -54,7 +54,7 @@ class Disc(Engine):
 
 @function
 def _paint(begin, end, curve, radius, alpha):  # type: ignore[no-untyped-def]
-    """Write the share of each pixel that the discs of strokes ``begin`` to ``end`` cover to ``alpha`` (n, S, S).
+    """Write the share of each pixel covered by the discs of strokes ``begin`` to ``end`` to ``alpha`` (n, S, S).
 
     Start, control and end (n, 6) and ``radius`` (n,) are in pixels of the canvas.
     """
@@ -84,6 +84,6 @@ def _disc(bare, x, y, radius):  # type: ignore[no-untyped-def]
 
 @function
 def _pixels(middle, reach, side):  # type: ignore[no-untyped-def]
-    """First pixel whose centre lies within ``reach`` of ``middle``, and the one after the last."""
+    """Return the half-open range of pixels whose centres lie within ``reach`` of ``middle``."""
     low, high = np.ceil(middle - reach - 0.5), np.floor(middle + reach - 0.5) + 1
     return int(min(max(low, 0), side)), int(min(max(high, 0), side))

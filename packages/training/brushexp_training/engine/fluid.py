@@ -15,13 +15,13 @@ from brushexp_training.engine._bristles import TOUCH, UNITS, VERTICES, settle
 from brushexp_training.engine._deposition import draw
 
 GOLDEN = (1 + 5**0.5) / 2
-BAND = 1.05  # radius of the brush that paints a band, in halves of the band: the outermost bristles leave little
-STEP = 0.05  # brushes whose scales differ by less than this ratio begin with the same pose
-SCALES = (0.2, 256.0)  # radii of brushes that are simulated, 256ths of the window
-FARTHEST_POINT = 4.0  # half-windows: largest coordinate of points
-THIN, THICK = 10, 100  # bristles of Fluid Paint's thinnest and fullest brush; the opacities below are of their splats
+BAND = 1.05  # radius of the brush, in half widths of its band, because the outermost bristles leave little paint
+STEP = 0.05  # relative difference of scales below which brushes begin with the same pose
+SCALES = (0.2, 256.0)  # range of the radii of simulated brushes, in 256ths of the window
+FARTHEST_POINT = 4.0  # largest coordinate of points in half-windows
+THIN, THICK = 10, 100  # numbers of bristles of Fluid Paint's thinnest and fullest brush, with their opacities below
 LEAST_OPACITY, MOST_OPACITY_THIN, MOST_OPACITY_THICK = 0.002, 0.08, 0.025
-DRAG = 0.14  # velocity of the paint per velocity of the bristle and opacity
+DRAG = 0.14  # velocity of the paint per velocity and opacity of the bristle
 Array = np.ndarray
 
 
@@ -29,15 +29,14 @@ Array = np.ndarray
 class Fluid(Engine):
     """Bristles dragged through wet paint (Fluid Paint: Li, 2016; SPIRAL: Ganin et al., 2018): streaks, ragged ends.
 
-    Bristles are position-based dynamics, each splats paint and momentum where it touches, a fluid solver carries both,
-    and the height of the paint is lit. Lengths are computed in 256ths of the window, in which the source's constants
-    are given, so that a stroke looks the same in every window.
+    Bristles follow position-based dynamics. Each splats paint and momentum where it touches the canvas, a fluid solver
+    carries both, and the height of the paint is lit. Lengths are computed in 256ths of the window, as the source gives
+    its constants, so that a stroke looks the same in every window.
 
-    Differs from the source: thin splats keep their amount of paint on a coarse grid; the brush is turned with the
-    stroke, as a hand does, and comes to rest trailing behind it, its bristles spread as it came down, each its own way;
-    the handle runs ahead of the curve by as much as the bristles trail, so that the paint reaches from start to end;
-    colours are those of a digital mixture, which on an empty canvas is exact: the recorded RGB is what flat paint
-    shows, and alpha is how much the paint covers.
+    Differs from the source: thin splats keep their amount of paint on a coarse grid; the brush turns with the stroke,
+    as in a hand, and begins at rest, trailing, with its bristles spread in individual directions; the handle runs ahead
+    of the curve by as much as the bristles trail, so that the paint reaches from start to end; colours are mixed
+    digitally, which is exact on an empty canvas: RGB is the colour of flat paint, and alpha is its coverage.
 
     Args:
         window: side of a picture in pixels, 8 to 1024.
@@ -45,7 +44,7 @@ class Fluid(Engine):
         frames: number of frames from start to end.
         after: frames for which the paint keeps flowing after the brush has left.
         bristles: number of bristles, 10 to 200.
-        brushes: number of brushes; stroke number i is painted with brush i modulo this.
+        brushes: number of brushes; stroke number i is painted with brush i modulo this number.
         load: amount of paint on the brush, 0 to 1.
         projection: whether the flow is kept nearly free of divergence, as in Fluid Paint but not in SPIRAL's port.
         jacobi: iterations of the pressure solver.
@@ -56,8 +55,8 @@ class Fluid(Engine):
         jitter: irregularity of the bristles' positions, 0 to 1.
         iterations: rounds of the bristles' constraints per frame.
         rest: frames in which the brush comes to rest before painting; it moves for the first half.
-        approach: brush radii that it moves per frame meanwhile: the fewer, the more the start frays, the more, the more
-            a stroke is a comb.
+        approach: distance that it moves per frame, in brush radii; small values fray the start, and large values make
+            strokes look combed.
         relief: height of the paint for the light; 0 is flat.
     """
 
@@ -88,7 +87,7 @@ class Fluid(Engine):
         self.window, self.brushes, self.bristles, self.projection = window, brushes, bristles, projection
         self.jitter, self.stiffness = jitter, stiffness
         self.rest, self.approach, self.iterations = rest, np.float32(approach), iterations
-        fullness = min((bristles - THIN) / (THICK - THIN), 1.0)  # a fuller brush covers no less
+        fullness = min((bristles - THIN) / (THICK - THIN), 1.0)  # fuller brushes cover as much
         most = MOST_OPACITY_THIN + (MOST_OPACITY_THICK - MOST_OPACITY_THIN) * fullness
         opacity = LEAST_OPACITY + (most - LEAST_OPACITY) * load if load else 0.0
         self.physics = tuple(map(np.float32, (gravity, damping, opacity, DRAG * opacity, fluidity, relief)))
@@ -115,7 +114,7 @@ class Fluid(Engine):
         return Simulated(torch.from_numpy(images), torch.from_numpy(heights))
 
     def _draw_brushes(self, seed: int) -> None:
-        """Draw places of bristles on a jittered sunflower, their stiffness, and the direction in which each falls."""
+        """Draw the places of bristles on a jittered sunflower, their stiffness, and their directions of fall."""
         n = self.bristles
         sources = (np.random.Philox(key=np.array([seed, brush], np.uint64)) for brush in range(self.brushes))
         words = np.stack([source.random_raw(4 * n).reshape(4, n) for source in sources])
@@ -130,7 +129,7 @@ class Fluid(Engine):
         self._poses, self._reach = list[Array](), list[Array]()
 
     def _poses_for(self, brush: Array, scale: Array) -> Array:
-        """Choose the pose (n,) that each brush begins with; new poses come from brushes that come to rest."""
+        """Choose the initial pose (n,) of each brush; simulate brushes coming to rest for new poses."""
         node = np.rint(np.log(scale) / math.log1p(STEP)).astype(int)
         keys = list(zip(brush.tolist(), node.tolist(), strict=True))
         fresh = [key for key in dict.fromkeys(keys) if key not in self._place]
@@ -144,6 +143,6 @@ class Fluid(Engine):
             for key, pose in zip(fresh, poses, strict=True):
                 self._place[key] = len(self._poses)
                 self._poses.append(pose)
-                behind = -pose[0][pose[2] <= TOUCH]  # the places where it touches the canvas
+                behind = -pose[0][pose[2] <= TOUCH]  # points that touch the canvas
                 self._reach.append(np.array([np.quantile(behind, q) if behind.size else 0.0 for q in (0.95, 0.05)]))
         return np.array([self._place[key] for key in keys], np.int64)

@@ -14,25 +14,25 @@ from brushexp.contracts.strokes import closest_parameter, point_at, strokes_of
 
 FARTHEST_POINT = 4.0  # half-windows
 THINNEST_STROKE, WIDEST_STROKE = 0.01, 4.0  # windows
-PERIOD = 64  # cells after which the noise of a stroke repeats
-COARSE, FINE = 1.2, 0.1  # half widths between two of its cells: of the wandering outline, of the grain of the paper
-RIM = 0.14  # half widths from the edge to where the rim has faded to 1/e
-SOFT = 0.06  # half widths over which the outline rises
+PERIOD = 64  # period of a stroke's noise in cells
+COARSE, FINE = 1.2, 0.1  # size of a noise cell for the wandering outline and for the paper's grain, in half widths
+RIM = 0.14  # distance from the edge at which the rim has faded to 1/e, in half widths
+SOFT = 0.06  # width of the outline's ramp, in half widths
 
 
 @register("engine", "wash")
 @dataclass(kw_only=True, eq=False)
 class Wash(Engine):
-    """A flat wash with a dark rim and the grain of paper; thin paint all over, so it has no height.
+    """A flat wash with a dark rim and the grain of paper; the paint is thin and therefore has no height.
 
-    The effects are those that Curtis et al. (1997, "Computer-generated watercolor") name: edge darkening, because water
-    carries pigment to where it dries, and granulation in the hollows of the paper. Differs from the source: nothing
-    flows, the two are a formula of the distance to the stroke's edge.
+    Two effects are taken from Curtis et al. (1997, "Computer-generated watercolor"): edge darkening, because water
+    carries pigment to the drying edge, and granulation in the hollows of the paper. Differs from the source: nothing
+    flows; both effects are formulas of the distance to the stroke's edge.
 
     Args:
         window: side of a picture in pixels, 8 to 1024.
         film: coverage in the middle of a stroke, 0 to 1.
-        rim: additional coverage at its edge, 0 to 1.
+        rim: additional coverage at the edge of a stroke, 0 to 1.
         grain: variation of coverage with the paper, as a share of the coverage, 0 to 1.
         wander: deviation of the outline, in half widths, 0 to 0.5.
     """
@@ -51,7 +51,7 @@ class Wash(Engine):
         return Simulated(torch.cat([color, alpha[:, None]], dim=1), (alpha > 0).float())
 
     def _coverage(self, parameters: Tensor, seed: int, number: int) -> Tensor:
-        """Compute the coverage (1, S, S) of one stroke (1, 10), so that its bits do not depend on others."""
+        """Compute the coverage (1, S, S) of one stroke (1, 10) separately, so that its bits do not depend on others."""
         strokes, pixel = strokes_of(parameters), torch.arange(self.window) + 0.5 - 0.5 * self.window
         points = torch.stack(torch.meshgrid(pixel, pixel, indexing="xy"), dim=-1).reshape(-1, 2)
         curve = torch.stack([strokes.start, strokes.control, strokes.end], dim=1).clamp(-FARTHEST_POINT, FARTHEST_POINT)
@@ -68,7 +68,7 @@ class Wash(Engine):
 
 
 def _look_up(noise: Tensor, place: Tensor) -> Tensor:
-    """Interpolate noise (PERIOD, PERIOD), which repeats, smoothly at places (P, 2) in cells."""
+    """Interpolate periodic noise (PERIOD, PERIOD) smoothly at places (P, 2) in cells."""
     cell = place.floor()
     share = 0.5 - 0.5 * torch.cos(math.pi * (place - cell))
     column, row = cell.long().unbind(-1)

@@ -21,9 +21,9 @@ from brushexp_training.evaluation.evaluation import (
 )
 from brushexp_training.stroke_sets.datamodule import StrokeBatch
 
-ACROSS, DOWN = 16, 8  # strokes painted at once while timing
-REPETITIONS, TIMING_SECONDS = 7, 6.0  # at most, and the time after which none begins
-# A stroke in the middle of the range of training, of which the others differ in one thing.
+ACROSS, DOWN = 16, 8  # columns and rows of strokes painted at once while timing
+REPETITIONS, TIMING_SECONDS = 7, 6.0  # maximum number of repetitions, and time in seconds after which none begins
+# A stroke in the middle of the training range; each extreme stroke differs from it in one respect.
 ORDINARY = {"start": (-0.5, 0.25), "control": (0.05, 0.0), "end": (0.5, 0.2), "width": 0.1, "color": (0.2, 0.45, 0.75)}
 EXTREMES: dict[str, dict[str, object]] = {
     "ordinary": {},
@@ -34,7 +34,7 @@ EXTREMES: dict[str, dict[str, object]] = {
     **{f"control at {place}": {"control": (0.0, -float(place))} for place in (1, 2, 5)},
     "ends at 1.5": {"start": (-1.5, 0.25), "end": (1.5, 0.2)},
     **{f"red {red}": {"color": (red, 0.45, 0.75)} for red in (-0.5, 1.5)},
-}  # lengths and places in half-windows, widths in sides of the window
+}  # lengths and positions in half-windows, widths in sides of the window
 
 
 def evaluate(
@@ -56,14 +56,14 @@ def evaluate(
 
 @torch.no_grad()
 def draw_batch(renderer: Renderer, batch: StrokeBatch, window: int) -> tuple[Tensor, Tensor]:
-    """Draw the pictures (B, 4, S, S) of a batch, in [0, 1], and return them with the true ones."""
+    """Draw the pictures (B, 4, S, S) of a batch, in [0, 1], and return them with the true pictures."""
     device = device_of_weights(renderer)
     drawn = window_pictures(renderer, batch.parameters.to(device), window, batch.number.to(device))
     return drawn.clamp(0, 1), batch.images.to(device)
 
 
 def strokes_per_second(renderer: Renderer, blend: Blend, window: int, *, backward: bool) -> float:
-    """Measure painting speed in strokes per second, in adjacent windows, as the best of several repetitions."""
+    """Measure the painting speed in strokes per second, in adjacent windows, as the best of several repetitions."""
     device, n = device_of_weights(renderer), ACROSS * DOWN
     strokes = sample_prior(n)
     place = torch.stack(torch.meshgrid(torch.arange(ACROSS), torch.arange(DOWN), indexing="xy"), dim=-1).reshape(-1, 2)
@@ -85,16 +85,16 @@ def strokes_per_second(renderer: Renderer, blend: Blend, window: int, *, backwar
 
 
 class ExtremeDrawings(NamedTuple):
-    """The drawings of `EXTREMES`: "painted", as users get them, and of networks "bare", without ``project``."""
+    """The drawings of `EXTREMES`: "painted", as users get them, and for networks also "bare", without ``project``."""
 
-    nearest: Tensor  # (n, 4, S, S) the engine's pictures of the nearest strokes of the range of training
+    nearest: Tensor  # (n, 4, S, S), the engine's pictures of the nearest strokes in the training range
     pictures: dict[str, Tensor]
-    rows: list[dict[str, object]]  # rows of `outside.csv`; ``alpha_mass`` is against that of the nearest, ``l2`` to it
+    rows: list[dict[str, object]]  # rows of `outside.csv`; ``alpha_mass`` and ``l2`` are relative to the nearest
 
 
 @torch.no_grad()
 def draw_extremes(renderer: Renderer, engine: Engine, seed: int) -> ExtremeDrawings:
-    """Draw the strokes `EXTREMES` beside the engine's nearest ones, with brushes drawn by a seed."""
+    """Draw the strokes `EXTREMES`, and the nearest strokes with the engine, whose brushes are drawn by a seed."""
     chosen = [{**ORDINARY, **changes} for changes in EXTREMES.values()]
     values = {name: torch.tensor([stroke[name] for stroke in chosen]) for name in ORDINARY}
     side, strokes = engine.window, replace(strokes_of(torch.zeros(len(chosen), 10)), **values)

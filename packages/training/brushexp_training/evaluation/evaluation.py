@@ -21,25 +21,25 @@ from brushexp.contracts.files import write_picture
 from brushexp.contracts.pictures import open_backbone, psnr_of
 from brushexp.contracts.strokes import strokes_of
 
-TAP, TAP_CHANNELS = "b10", 112  # a tap of effl0: with more features than pictures, an FID says little
+TAP, TAP_CHANNELS = "b10", 112  # an activation of effl0; with more features than pictures, an FID is meaningless
 INCEPTION_FEATURES = 2048
-LEAST_SIDE = 128  # pixels: smaller pictures are enlarged for effl0, whose tap is 16 times coarser
-SHEET_SIDE = 128  # pixels that a picture of a sheet is magnified to, as far as whole factors allow
-GAP_PIXELS, GAP_LEVEL = 4, 0.88  # between its pictures, and their grey
-KID_PICTURES = 5000  # pictures at most that are compared with each other; memory grows with the square
-DETAIL_REACH = 2  # pixels to each side, whose mean is no detail
-INSIDE = 0.25  # the inside of a stroke is where so much of what is around is covered
-THICK = 0.1  # windows: strokes from this thickness on are called thick
-ROUNDING = 0.51 / 255  # pictures that were kept in 8 bits are off by so much
-SMALLEST_SET = 64  # strokes of which a distance is told, for how it depends on their number
-SHEET_PAIRS, PAIR_COLUMNS = 24, 6  # held-out strokes on a sheet, and in a row of it
+LEAST_SIDE = 128  # pixels; smaller pictures are enlarged for effl0, whose activation is 16 times coarser
+SHEET_SIDE = 128  # pixels to which a sheet's pictures are magnified, as far as integer factors allow
+GAP_PIXELS, GAP_LEVEL = 4, 0.88  # width and grey level of the gaps between pictures
+KID_PICTURES = 5000  # maximum number of pictures compared with each other; memory grows quadratically
+DETAIL_REACH = 2  # pixels to each side of the mean that is subtracted to leave detail
+INSIDE = 0.25  # covered share of the surroundings above which a pixel is inside a stroke
+THICK = 0.1  # thickness in windows above which strokes count as thick
+ROUNDING = 0.51 / 255  # maximum error of pictures stored in 8 bits
+SMALLEST_SET = 64  # smallest number of strokes for which distances by number are reported
+SHEET_PAIRS, PAIR_COLUMNS = 24, 6  # held-out strokes per sheet and per row
 
 _backbone_of = cache(open_backbone)
 Features = Callable[[Tensor], Tensor]  # pictures (n, 3, H, W) in [0, 1] -> (n, F)
 
 
 def premultiply(images: Tensor) -> Tensor:
-    """Multiply colour by alpha, by which errors count in paintings: straight RGBA (..., 4, H, W) to premultiplied."""
+    """Convert straight RGBA (..., 4, H, W) to premultiplied, in which errors count as they do in paintings."""
     color, alpha = images.split([3, 1], dim=-3)
     return torch.cat([color * alpha, alpha], dim=-3)
 
@@ -50,14 +50,14 @@ def squared_error(images: Tensor, truth: Tensor) -> Tensor:
 
 
 def fine_detail(planes: Tensor) -> Tensor:
-    """Subtract from planes (..., H, W) the mean of 5 x 5 pixels; bristles of windows of 64 pixels remain."""
-    with torch.autocast(planes.device.type, enabled=False):  # 16 bits would leave little of a difference
+    """Subtract from planes (..., H, W) the mean of 5 x 5 pixels; bristles in windows of 64 pixels remain."""
+    with torch.autocast(planes.device.type, enabled=False):  # 16 bits would lose small differences
         rows, columns = (_mean_of_five(side, planes) for side in planes.shape[-2:])
         return planes - rows @ planes @ columns.T
 
 
 def _mean_of_five(side: int, like: Tensor) -> Tensor:
-    """Build the matrix (side, side) of a moving mean over five numbers; it takes a tenth of avg_pool2d's time."""
+    """Build the matrix (side, side) of a moving mean over five numbers, which takes a tenth of avg_pool2d's time."""
     line = torch.arange(side, device=like.device)
     near = ((line[:, None] - line).abs() <= DETAIL_REACH).to(like.dtype)
     return near / near.sum(1, keepdim=True)
@@ -65,10 +65,11 @@ def _mean_of_five(side: int, like: Tensor) -> Tensor:
 
 @torch.no_grad()
 def error_sums(images: Tensor, truth: Tensor) -> Tensor:
-    """Sum over pictures (n, 4, S, S), RGBA, straight alpha, five numbers (5,), which batches can add up.
+    """Compute five additive sums (5,) over pictures (n, 4, S, S), RGBA with straight alpha.
 
-    They are the pixels, the squared error of the four premultiplied channels (their mean per pixel), that of alpha, the
-    true alpha, and the squared error of the straight colour (mean of R, G, B) times true alpha.
+    They are the number of pixels, the squared error of the four premultiplied channels (their mean per pixel), the
+    squared error of alpha, the true alpha, and the squared error of the straight colour (mean of R, G, B) times true
+    alpha.
     """
     images, truth = images.double(), truth.double()
     paint, squared = truth[:, 3], (premultiply(images) - premultiply(truth)).square().mean(1)
@@ -77,7 +78,7 @@ def error_sums(images: Tensor, truth: Tensor) -> Tensor:
 
 
 def error_figures(sums: Tensor) -> dict[str, float]:
-    """Compute ``l2``, ``psnr_alpha`` (dB, over all pixels) and ``psnr_color`` (dB, by true alpha) of `error_sums`."""
+    """Compute ``l2``, ``psnr_alpha`` (dB, all pixels) and ``psnr_color`` (dB, weighted by alpha) from `error_sums`."""
     pixels, squared, alpha, paint, color = sums.tolist()
     psnr_color = psnr_of(color / paint) if paint else math.nan
     return {"l2": squared / pixels, "psnr_alpha": psnr_of(alpha / pixels), "psnr_color": psnr_color}
@@ -87,9 +88,9 @@ def error_figures(sums: Tensor) -> dict[str, float]:
 def bristle_sums(images: Tensor, truth: Tensor, parameters: Tensor) -> Tensor:
     """Sum energies (2, 2, 2) of pictures (n, 4, S, S): thin or thick, of alpha or light, drawn or true.
 
-    The energy is that of `fine_detail` where a quarter of the 5 x 5 pixels around is covered. Strokes (n, 10) are thick
-    from `THICK` windows on. Light is how much brighter paint is than its colour, by true alpha; strokes in which 8 bits
-    tell none have none.
+    The energy is that of `fine_detail` where a quarter of the surrounding 5 x 5 pixels is covered. Strokes (n, 10) are
+    thick if they are at least `THICK` windows wide. Light is the brightness of paint relative to its colour, weighted
+    by true alpha; it is 0 for strokes in which 8 bits resolve none.
     """
     paint, plain = truth[:, 3:], 0.5 * (parameters[:, 7:, None, None] + 1)
     inside = functional.avg_pool2d(paint, 5, 1, 2) > INSIDE
@@ -105,28 +106,28 @@ def bristle_sums(images: Tensor, truth: Tensor, parameters: Tensor) -> Tensor:
 
 
 def bristle_figures(energies: Tensor) -> dict[str, float]:
-    """Compute the drawn shares of the true energies of `bristle_sums`: ``bristles_thin``, ``light_thick`` and so on."""
+    """Compute the ratio of drawn to true energies of `bristle_sums`: ``bristles_thin``, ``light_thick`` and so on."""
     drawn, true = energies.unbind(-1)
-    shares = (drawn / true).T.flatten().tolist()  # not a number where there is no such stroke, or no light
+    shares = (drawn / true).T.flatten().tolist()  # NaN without such strokes or light
     return dict(zip(("bristles_thin", "bristles_thick", "light_thin", "light_thick"), shares, strict=True))
 
 
 class FeatureDistance:
-    """Measures FID and KID of drawn strokes against true ones over white, by ``count`` features of each picture.
+    """Measures FID and KID between drawn and true strokes over white, with ``count`` features of each picture.
 
-    FID is the Frechet distance of two normal distributions of features (Heusel et al., 2017, arXiv:1706.08500); KID the
-    squared maximum mean discrepancy with the cubic kernel (Binkowski et al., 2018, arXiv:1801.01401), here over all
-    pictures at once instead of random subsets, so that it is the same each time. Both depend on how many pictures there
-    are: state n with them. With the features "effl0" they compare with no published FID or KID.
+    FID is the Frechet distance of two normal distributions of features (Heusel et al., 2017, arXiv:1706.08500). KID is
+    the squared maximum mean discrepancy with the cubic kernel (Binkowski et al., 2018, arXiv:1801.01401), here over all
+    pictures at once instead of random subsets, which makes it reproducible. Both depend on the number of pictures n, so
+    report n with them. With the features "effl0" they are not comparable with published FIDs or KIDs.
     """
 
     def __init__(self, name: str, features: Features, count: int) -> None:
         self.name, self.features = name, features
-        ready = nn.Identity()  # stands where torchmetrics wants a network, for features that are made already
+        ready = nn.Identity()  # torchmetrics requires a network, but features are already computed
         ready.num_features = count  # type: ignore[assignment]
         self.fid = FrechetInceptionDistance(feature=ready)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # it keeps all features: they are few
+            warnings.simplefilter("ignore", UserWarning)  # it warns about keeping all features, which are few
             self.kid = KernelInceptionDistance(feature=ready, subsets=1)
 
     def add(self, images: Tensor, truth: Tensor) -> None:
@@ -134,23 +135,23 @@ class FeatureDistance:
         self.compare(*(self.features(over_white(pictures)).double().cpu() for pictures in (images, truth)))
 
     def compare(self, drawn: Tensor, true: Tensor) -> None:
-        """Add features (n, count) of as many strokes."""
+        """Add the features (n, count) of n drawn and n true strokes."""
         for features, real in ((drawn, False), (true, True)):
             self.fid.update(features, real=real)
             self.kid.update(features, real=real)
 
     def figures(self) -> dict[str, float]:
-        """Compute ``fid_<name>`` and ``kid_<name>``; not a number where there are fewer than two strokes."""
+        """Compute ``fid_<name>`` and ``kid_<name>``; NaN for fewer than two strokes."""
         count = int(self.fid.real_features_num_samples)
         self.kid.subset_size = min(count, KID_PICTURES)
         fid, kid = (float(self.fid.compute()), float(self.kid.compute()[0])) if count > 1 else (math.nan, math.nan)
         return {f"fid_{self.name}": fid, f"kid_{self.name}": kid}
 
     def by_number(self) -> list[dict[str, object]]:
-        """Tabulate FID and KID of 64 strokes, twice as many, and so on.
+        """Tabulate FID and KID for 64 strokes, twice as many, and so on.
 
-        A row has ``n``, the number of disjoint ``sets`` of n strokes, mean and standard deviation of the distances over
-        them, and the bias: the mean FID of one set of true strokes to the next.
+        A row has ``n``, the number of disjoint ``sets`` of n strokes, the mean and standard deviation of the distances
+        over these sets, and the bias: the mean FID from one set of true strokes to the next.
         """
         drawn, true = torch.cat(self.kid.fake_features), torch.cat(self.kid.real_features)
         rows: list[dict[str, object]] = []
@@ -176,7 +177,7 @@ class FeatureDistance:
 
 
 def effl0_distance(device: torch.device) -> FeatureDistance:
-    """Make the `FeatureDistance` "effl0": 112 channels of a packaged network, averaged over a picture."""
+    """Make the `FeatureDistance` "effl0" in 112 channels of a packaged network, averaged over a picture."""
     network = _backbone_of("effl0").to(device)
 
     def features(pictures: Tensor) -> Tensor:
@@ -188,11 +189,11 @@ def effl0_distance(device: torch.device) -> FeatureDistance:
 
 
 def inception_distance(path: Path, device: torch.device) -> FeatureDistance:
-    """Make the `FeatureDistance` "inception": the published FID and KID, in the 2048 features of Inception v3.
+    """Make the `FeatureDistance` "inception", which gives the published FID and KID in 2048 features of Inception v3.
 
-    ``path`` holds the network as TorchScript, as inception-2015-12-05.pt of StyleGAN2-ADA; it takes bytes (n, 3, H, W)
-    and ``return_features=True``. An FID of fewer than 2048 strokes is too low. UserError if the file is no such
-    network. torch deprecates TorchScript: once it is gone (2.13 has it), ``task=evaluate`` loses the key ``inception``.
+    ``path`` is the network as TorchScript, such as inception-2015-12-05.pt of StyleGAN2-ADA; it takes bytes
+    (n, 3, H, W) and ``return_features=True``. An FID of fewer than 2048 strokes is too low. Raises UserError for other
+    files. torch deprecates TorchScript; without it (2.13 has it), ``task=evaluate`` loses the key ``inception``.
     """
     if not path.is_file():
         raise UserError(f"inception={path}: there is no such file; give inception-2015-12-05.pt, or null")
@@ -208,21 +209,21 @@ def inception_distance(path: Path, device: torch.device) -> FeatureDistance:
     except (RuntimeError, ValueError, TypeError, AttributeError) as error:
         reason = str(error).strip().partition("\n")[0]
         raise UserError(
-            f"inception={path} is not that network as TorchScript ({reason}); give inception-2015-12-05.pt, or null"
+            f"inception={path} is not Inception v3 as TorchScript ({reason}); give inception-2015-12-05.pt, or null"
         ) from error
     if shape != (1, INCEPTION_FEATURES):
-        raise UserError(f"inception={path} makes features {shape}; a network that makes (1, 2048) is needed")
+        raise UserError(f"inception={path} returns features {shape}; give a network that returns (1, 2048)")
     return FeatureDistance("inception", features, INCEPTION_FEATURES)
 
 
 def over_white(images: Tensor) -> Tensor:
-    """Lay RGBA (n, 4, H, W), straight alpha, over white: (n, 3, H, W) in [0, 1]."""
+    """Composite RGBA (n, 4, H, W), straight alpha, over white: (n, 3, H, W) in [0, 1]."""
     alpha = images[:, 3:]
     return (alpha * images[:, :3] + (1 - alpha)).clamp(0, 1)
 
 
 def stroke_sheet(images: Tensor, columns: int) -> Tensor:
-    """Lay out pictures (n, 4, H, W), RGBA in [0, 1], straight alpha, over white in rows: (3, height, width)."""
+    """Arrange pictures (n, 4, H, W), RGBA in [0, 1], straight alpha, in rows over white: (3, height, width)."""
     zoom, columns = max(1, SHEET_SIDE // images.shape[-2]), min(columns, len(images))
     large = over_white(images).repeat_interleave(zoom, 2).repeat_interleave(zoom, 3).movedim(1, 3).cpu().numpy()
     layout = {"grid_shape": (-(-len(images) // columns), columns), "padding_width": GAP_PIXELS}
@@ -230,7 +231,7 @@ def stroke_sheet(images: Tensor, columns: int) -> Tensor:
 
 
 class HeldOutSheet(L.Callback):
-    """Draws held-out strokes beside the true ones at every validation: validation.png, pictures/epoch_XXX.png."""
+    """Draws held-out strokes beside true strokes at every validation: validation.png, pictures/epoch_XXX.png."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

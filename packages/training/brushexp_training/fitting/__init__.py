@@ -1,1 +1,1 @@
-"""Train networks: Lightning modules, and the fit that they share."""
+"""Train networks: Lightning modules and the fitting that they share."""

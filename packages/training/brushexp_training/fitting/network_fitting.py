@@ -1,4 +1,4 @@
-"""Train a network from its config, and save its weights with a recipe."""
+"""Train a network according to its config, and save its weights with a recipe."""
 
 import logging
 import time
@@ -37,10 +37,10 @@ class NetworkJob(ABC):
     module: NetworkModule
     data: L.LightningDataModule
     callbacks: Sequence[L.Callback] = ()
-    pictures: Mapping[str, Path] = MappingProxyType({})  # for the trackers, by name
-    weights: Path  # the file that `finish` writes
-    use: str  # the command that paints with these weights
-    provenance: Mapping[str, Any]  # with what it is trained: `provenance_of` its settings
+    pictures: Mapping[str, Path] = MappingProxyType({})  # pictures for the trackers, by name
+    weights: Path  # file that `finish` writes
+    use: str  # command that paints with these weights
+    provenance: Mapping[str, Any]  # `provenance_of` the settings of the training
     blank = False  # whether the network has learned nothing, set by `finish`
 
     @abstractmethod
@@ -51,16 +51,16 @@ class NetworkJob(ABC):
 def train_network(
     begin: Callable[[DictConfig, Path, torch.device], NetworkJob], cfg: DictConfig, folder: Path, start: float
 ) -> dict[str, object]:
-    """Train one network, write it and its figures into the run's folder, and return those of metrics.json."""
+    """Train one network, write it and its figures into the run's folder, and return the values of metrics.json."""
     cfg, checkpoint = restore_run(cfg)
     device = device_of(cfg.device)
-    trackers = make_trackers(cfg, folder)  # a tracker may refuse its options, before strokes are simulated
+    trackers = make_trackers(cfg, folder)  # before simulating strokes, because a tracker may refuse its options
     L.seed_everything(cfg.seed, verbose=False)
     job = begin(cfg, folder, device)
     module = job.module
     with trackers:
         failure = fit_network(module, job.data, cfg, folder, device, [trackers], job.callbacks, checkpoint)
-        (folder / "metrics.json").unlink(missing_ok=True)  # it describes weights that are being replaced
+        (folder / "metrics.json").unlink(missing_ok=True)  # describes weights that are being replaced
         metrics = {
             **job.finish(),
             "steps": module.global_step,
@@ -81,16 +81,16 @@ def train_network(
     took = f"{module.global_step} steps in {module.seconds:.1f} s"
     log.info("%s: %s on held-out strokes, %s", as_shown(job.weights), figures, took)
     if job.blank:
-        log.warning("it has learned nothing yet: it draws all strokes alike; train longer (minutes=60), or set lr=2e-4")
+        log.warning("the network has learned nothing: it draws all strokes alike; set minutes=60, or lr=2e-4")
     else:
         log.info("paint with it: %s", job.use)
     return metrics
 
 
 class MovingAverage(WeightAveraging):
-    """Validate an exponential moving average of the weights, which replaces them at the end or at a failure.
+    """Validate an exponential moving average of the weights, which replaces the weights at the end or at a failure.
 
-    At each step it keeps ``decay`` < 1 of the old weights; early averages, mostly of random weights, forget faster.
+    Each step keeps a share ``decay`` < 1 of the old average; early averages, mostly of random weights, forget faster.
     """
 
     def __init__(self, decay: float) -> None:
@@ -99,7 +99,7 @@ class MovingAverage(WeightAveraging):
             get_ema_multi_avg_fn(warm_decay)(averages, weights, count)
 
         super().__init__(multi_avg_fn=average)
-        self.in_place = False  # whether the average has replaced the weights for a validation
+        self.in_place = False  # whether the average currently replaces the weights for validation
 
     def on_validation_epoch_start(self, trainer: L.Trainer, pl_module: L.LightningModule) -> None:
         super().on_validation_epoch_start(trainer, pl_module)
@@ -112,15 +112,15 @@ class MovingAverage(WeightAveraging):
     def on_exception(self, trainer: L.Trainer, pl_module: L.LightningModule, exception: BaseException) -> None:
         if self._average_model is not None and not self.in_place:
             self._copy_average_to_current(pl_module)
-        self._average_model = None  # no exchange from here on
+        self._average_model = None  # prevents further exchanges
 
 
 class Stopwatch(Timer):
-    """Time a training, and end it after its minutes; a Trainer takes no two callbacks of one class."""
+    """Time a training and end it after its minutes; a subclass, because a Trainer takes only one callback per class."""
 
 
 def _check_validations(options: DictConfig, batches: int) -> None:
-    """Refuse (UserError) an interval between validations, as a number of batches, that no epoch holds."""
+    """Raise UserError if the interval between validations, in batches, is longer than an epoch."""
     limit, interval = options.limit_train_batches, options.val_check_interval
     if limit is not None:
         batches = min(batches, limit) if isinstance(limit, int) else int(limit * batches)
@@ -139,14 +139,14 @@ def fit_network(
     callbacks: Sequence[L.Callback] = (),
     checkpoint: Path | None = None,
 ) -> BaseException | None:
-    """Train until the first limit of the config, then validate the network unless that is done; see `fit`."""
+    """Train until the first limit of the config, then validate the network unless it already was; see `fit`."""
     batches = len(data.train_dataloader())
     _check_validations(cfg.trainer, batches)
     options = {"log_every_n_steps": min(cfg.trainer.log_every_n_steps, batches)}
     options |= {} if cfg.epochs is None else {"max_epochs": cfg.epochs}
     timers: list[Timer] = [Stopwatch(None if cfg.minutes is None else timedelta(minutes=cfg.minutes), verbose=False)]
     if cfg.trainer.max_time is not None:
-        timers.append(Timer(cfg.trainer.max_time, verbose=False))  # the Trainer makes none where there is another
+        timers.append(Timer(cfg.trainer.max_time, verbose=False))  # the Trainer makes no timer if another exists
     cfg = OmegaConf.merge(cfg, {"trainer": options | {"max_time": None}})  # type: ignore[assignment]
     beside = [*timers, *([MovingAverage(cfg.ema)] if cfg.ema else []), *callbacks]
     trainer = make_trainer(cfg, device, folder, loggers, beside, checkpoints="resume" in cfg, num_sanity_val_steps=0)
@@ -157,18 +157,18 @@ def fit_network(
         except Exception as error:
             if failure is None:
                 raise
-            log.error("what was learnt is written without its figures: %s", error)
+            log.error("the weights are written without figures: %s", error)
     return failure
 
 
 def renderer_settings(cfg: DictConfig) -> RendererSettings:
-    """Return the settings of a renderer's training; fine-tuning has no critic."""
+    """Return the settings of a renderer's training; fine-tuning uses no critic."""
     names = ("lr", "detail", "tone", "critic", "critic_lr", "critic_weight", "critic_width")
     return RendererSettings(**{name: cfg[name] for name in names if name in cfg})
 
 
 def training_recipe(module: NetworkModule, cfg: DictConfig, provenance: Mapping[str, Any]) -> dict[str, object]:
-    """Describe how a network was trained, for its recipe: settings, all of ``trainer.*``, and with what."""
+    """Describe for the recipe how a network was trained: settings, all of ``trainer.*``, and provenance."""
     recipe: dict[str, object] = {key: cfg[key] for key in ("batch_size", "lr", "epochs", "minutes", "ema", "seed")}
     recipe |= {"precision": cfg.trainer.precision, "steps": module.global_step, "seconds": module.seconds}
     trainer = OmegaConf.to_container(cfg.trainer, resolve=True, enum_to_str=True)
@@ -186,8 +186,8 @@ def save_renderer(
 ) -> str:  # fmt: skip
     """Write a trained renderer, and return the hash of its weights.
 
-    ``options`` of the plugin win over those of the config; where that says null, the first checkpoint decides. The
-    recipe gets ``training`` beside the settings of the training.
+    ``options`` of the plugin override those of the config; where the config says null, the first checkpoint decides.
+    ``training`` is added to the settings of the training in the recipe.
     """
     chosen: Any = OmegaConf.to_container(cfg.renderer, resolve=True, enum_to_str=True)
     checkpoint = cfg.renderer.get("checkpoint")

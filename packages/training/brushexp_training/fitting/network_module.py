@@ -1,4 +1,4 @@
-"""Train a network with a schedule of its learning rate, clipped gradients, and curves."""
+"""Train a network with a learning rate schedule, clipped gradients, and curves."""
 
 import math
 import time
@@ -13,30 +13,30 @@ from torch.optim.lr_scheduler import LambdaLR
 
 from brushexp.contracts.runs import Status
 
-WARMUP_STEPS, WARMUP_SHARE = 200, 0.1  # over which the rate rises; of a short training a share of the steps
-FINAL_RATE = 0.01  # share of the highest learning rate at the end
+WARMUP_STEPS, WARMUP_SHARE = 200, 0.1  # steps over which the rate rises, but at most this share of all steps
+FINAL_RATE = 0.01  # final learning rate as a share of the peak
 
 
 class NetworkModule(L.LightningModule):
     """Trains a network until the first limit of its Trainer: ``max_steps``, ``max_epochs`` or a `Timer`."""
 
-    title = "training"  # for the progress bar
-    clip_norm: float | None = None  # longest gradient, unless the Trainer has another
+    title = "training"  # label of the progress bar
+    clip_norm: float | None = None  # maximum norm of the gradient unless the Trainer sets one
 
     def __init__(self) -> None:
         super().__init__()
-        self.stop: Status | None = None  # why training ends before its limit
-        self.trouble = ""  # how the weights would have become no numbers; they stay as they were before that step
-        self.terms: dict[str, Tensor] = {}  # the losses of the last step
-        self.seen = 0  # strokes that were looked at in training, those before an interruption included
-        self._cpu_seconds = 0.0  # in fits that are over
-        self._since: float | None = None  # the clock of CPU time at the beginning of the present fit
+        self.stop: Status | None = None  # reason why training ends before its limit
+        self.trouble = ""  # reason why a step would have made weights non-finite; they stay as before that step
+        self.terms: dict[str, Tensor] = {}  # losses of the last step
+        self.seen = 0  # number of training strokes processed, including before an interruption
+        self._cpu_seconds = 0.0  # CPU time of finished fits
+        self._since: float | None = None  # CPU clock at the beginning of the current fit
         self.figures: dict[str, float] = {}  # figures of the last validation
-        self.validated = -1  # the step at which they were measured
+        self.validated = -1  # step of the last validation
 
     @property
     def progress(self) -> float:
-        # Trainer.estimated_stepping_batches would set up the data before a checkpoint's state of them is there.
+        # Trainer.estimated_stepping_batches would set up the data before their state is loaded from a checkpoint.
         trainer, shares = self.trainer, [0.0]
         if trainer.max_steps > 0:
             shares.append(self.global_step / trainer.max_steps)
@@ -50,19 +50,19 @@ class NetworkModule(L.LightningModule):
 
     @property
     def seconds(self) -> float:
-        """Wall time of the fit so far, that before an interruption included; 0 without a `Timer`."""
+        """Wall time of the fit so far, including the time before an interruption; 0 without a `Timer`."""
         return max((timer.time_elapsed() for timer in self._timers()), default=0.0)
 
     @property
     def cpu_seconds(self) -> float:
-        """CPU time of all threads in the fit so far, that before an interruption included."""
+        """CPU time of all threads in the fit so far, including the time before an interruption."""
         return self._cpu_seconds + (0.0 if self._since is None else time.process_time() - self._since)
 
     def state_line(self) -> str:
         raise NotImplementedError
 
     def schedule(self, optimizer: Optimizer) -> LambdaLR:
-        """Raise the learning rate linearly, then lower it by half a cosine to `FINAL_RATE` of it at the end."""
+        """Raise the learning rate linearly, then lower it along half a cosine to a share `FINAL_RATE` of the peak."""
 
         def factor(_: int) -> float:
             share, rise = self.progress, (self.global_step + 1) / WARMUP_STEPS
@@ -93,14 +93,14 @@ class NetworkModule(L.LightningModule):
         norm = nn.utils.get_total_norm([weight.grad for weight in weights if weight.grad is not None])
         longest = gradient_clip_val or self.clip_norm
         if not self.goes_well(norm) and self.stop:
-            optimizer.zero_grad(set_to_none=True)  # nothing moves without a gradient
+            optimizer.zero_grad(set_to_none=True)  # no weights move without gradients
         elif gradient_clip_algorithm == "value":
             self.clip_gradients(optimizer, longest, gradient_clip_algorithm)
         elif longest:
             nn.utils.clip_grads_with_norm_(weights, longest, norm)
 
     def goes_well(self, norm: Tensor) -> bool:
-        """Test whether a gradient's norm and the losses are finite; if not, training ends with this step."""
+        """Check whether the gradient's norm and the losses are finite; if not, end the training with this step."""
         well = bool(torch.stack([norm, *self.terms.values()]).isfinite().all())
         if not well and not self.trouble and getattr(self.trainer.precision_plugin, "scaler", None) is None:
             wrong = next((name for name, term in self.terms.items() if not term.isfinite()), None)
@@ -112,6 +112,6 @@ class NetworkModule(L.LightningModule):
     def _timers(self) -> list[Timer]:
         try:
             callbacks = self.trainer.callbacks  # type: ignore[attr-defined]
-        except RuntimeError:  # no Trainer has begun
+        except RuntimeError:  # no Trainer is running
             return []
         return [callback for callback in callbacks if isinstance(callback, Timer)]

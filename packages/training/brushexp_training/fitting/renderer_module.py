@@ -19,36 +19,37 @@ from brushexp_training.rules import check_trainable
 from brushexp_training.stroke_sets.datamodule import StrokeBatch
 
 BETAS = (0.9, 0.99)  # betas of Adam for the renderer
-CRITIC_BETAS = (0.5, 0.99)  # for the critic, and for the renderer beside one: their aims move
+CRITIC_BETAS = (0.5, 0.99)  # for the critic, and for a renderer trained with one, because their targets move
 SLOPE = 0.2  # slope of the critic's leaky ReLU
-SMALLEST_FEATURE_MAP = 4  # pixels on the side of what the critic's dense layers see
+SMALLEST_FEATURE_MAP = 4  # side in pixels of the input of the critic's dense layers
 MOST_CHANNELS = 256
 DENSE = (256, 64)
-START_STEPS = 200  # after which a start is judged, and each fresh one again
-MOST_STARTS = 3  # new ones
-ALIVE = 0.01  # share of the true variance among strokes that a network draws at least, if it learns anything
+START_STEPS = 200  # number of steps after which each start is judged
+MOST_STARTS = 3  # maximum number of fresh starts
+ALIVE = 0.01  # minimum share of the true variance among strokes that a learning network draws
 
 log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class RendererSettings:
-    """The settings of a renderer's training; the Trainer has duration and precision."""
+    """The settings of a renderer's training; the Trainer sets duration and precision."""
 
-    lr: float = 5e-4  # highest learning rate
-    detail: float = 1.0  # how much errors of alpha's finest detail (`fine_detail`) count besides
-    tone: float = 4.0  # weight of errors of the straight colour where there is paint: the light on ridges is faint
-    critic: bool = False  # judges the pictures beside L2
-    critic_lr: float = 2e-3  # on the faster of two time scales (Heusel et al., 2017, arXiv:1706.08500)
-    critic_weight: float = 0.1  # how hard it pulls at the pictures, as a share of how hard L2 does (`balance`)
-    critic_width: int = 16  # its channels at full size
+    lr: float = 5e-4  # peak learning rate
+    detail: float = 1.0  # weight of errors in the finest detail of alpha (`fine_detail`)
+    tone: float = 4.0  # weight of errors of the straight colour where there is paint, as light on ridges is faint
+    critic: bool = False  # whether a critic judges the pictures in addition to L2
+    critic_lr: float = 2e-3  # rate of the faster of two time scales (Heusel et al., 2017, arXiv:1706.08500)
+    critic_weight: float = 0.1  # length of the critic's gradient as a share of the gradient of L2 (`balance`)
+    critic_width: int = 16  # channels of the critic at full size
 
 
 def relativistic_loss(above: Tensor, below: Tensor) -> Tensor:
-    """RaSGAN (Jolicoeur-Martineau, 2018, arXiv:1807.00734): small when ``above`` scores higher than ``below``.
+    """Compute the RaSGAN loss, which is small if ``above`` scores higher than ``below``.
 
-    -E[log sigma(D(a) - E D(b))] - E[log(1 - sigma(D(b) - E D(a)))] of scores (n,) and (m,) before any sigmoid, through
-    softplus, so that it is finite. Differs from the thesis (4.6 to 4.10): there a bracket is misplaced.
+    It is -E[log sigma(D(a) - E D(b))] - E[log(1 - sigma(D(b) - E D(a)))] of scores (n,) and (m,) before any sigmoid
+    (Jolicoeur-Martineau, 2018, arXiv:1807.00734), computed with softplus to stay finite. Differs from the thesis (4.6
+    to 4.10), in which a bracket is misplaced.
     """
     return functional.softplus(below.mean() - above).mean() + functional.softplus(below - above.mean()).mean()
 
@@ -56,8 +57,8 @@ def relativistic_loss(above: Tensor, below: Tensor) -> Tensor:
 class Critic(nn.Module):
     """VGG encoder: three convolutions and pooling until 4 x 4 pixels, then three dense layers to one number.
 
-    Source: thesis 2020, 6.2. The ``window`` has 4 times a power of two pixels; ``width`` channels at full size double
-    at each pooling, up to 256.
+    Source: thesis 2020, 6.2. The ``window`` in pixels is 4 times a power of two; the number of channels, ``width`` at
+    full size, doubles at each pooling up to 256.
     """
 
     def __init__(self, window: int, width: int) -> None:
@@ -82,15 +83,15 @@ class Critic(nn.Module):
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # a fifth faster on a processor
 
     def forward(self, pictures: Tensor) -> Tensor:
-        """Score premultiplied RGBA (n, 4, S, S): raw numbers (n,)."""
+        """Score premultiplied RGBA (n, 4, S, S) by raw numbers (n,)."""
         return self.layers(2 * pictures - 1)[:, 0].float()
 
 
 class RendererModule(NetworkModule):
     """Train a renderer to reproduce the strokes' pictures (`evaluation.squared_error`).
 
-    Lightning sees one optimiser, the renderer's, so that its steps are ``global_step``; the critic takes its own step
-    within ``training_step``. UserError if the renderer has no weights, or its windows are of another size.
+    Lightning has only one optimiser, the renderer's, so that its steps are ``global_step``; the critic takes its step
+    within ``training_step``. Raises UserError if the renderer has no weights, or windows of a different size.
     """
 
     clip_norm = 1.0
@@ -100,7 +101,7 @@ class RendererModule(NetworkModule):
         check_trainable(renderer, window)
         self.renderer, self.window, self.settings = renderer.train(), window, settings
         self.critic = Critic(window, settings.critic_width) if settings.critic else None
-        self._restored: dict[str, Any] = {}  # state of a checkpoint until it can be used
+        self._restored: dict[str, Any] = {}  # state of a checkpoint until it can be applied
 
     def configure_optimizers(self) -> OptimizerLRScheduler:
         settings = self.settings
@@ -133,8 +134,8 @@ class RendererModule(NetworkModule):
         if self.critic is not None:
             self._step_critic(self.critic, drawn.detach(), truth)
             self.terms["loss/adversarial"], slope = self._ask_critic(self.critic, drawn, truth, loss)
-            pulled = (drawn * slope).sum()  # its gradient in the pictures is the slope
-            loss = pulled + (loss - pulled).detach()  # its value is that of the error
+            pulled = (drawn * slope).sum()  # a loss whose gradient with respect to the pictures is the slope
+            loss = pulled + (loss - pulled).detach()  # has this gradient and the value of the error
         self.seen += len(drawn)
         return loss + self.settings.tone * lit
 
@@ -142,7 +143,7 @@ class RendererModule(NetworkModule):
         self._sums = torch.zeros(5, dtype=torch.float64)
 
     def validation_step(self, batch: StrokeBatch, batch_idx: int) -> Tensor:
-        """Draw the pictures (B, 4, S, S) of a batch, for callbacks; in 32 bits, as in painting."""
+        """Draw the pictures (B, 4, S, S) of a batch for callbacks, in 32 bits as in painting."""
         with torch.autocast(self.device.type, enabled=False):
             drawn = window_pictures(self.renderer, batch.parameters, self.window, batch.number)
         self._sums += error_sums(drawn, batch.images)
@@ -154,7 +155,7 @@ class RendererModule(NetworkModule):
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         super().on_save_checkpoint(checkpoint)
-        state: dict[str, Any] = {"torch": torch.get_rng_state()}  # networks may draw noise
+        state: dict[str, Any] = {"torch": torch.get_rng_state()}  # networks may sample noise
         if self.device.type == "cuda":
             state["cuda"] = torch.cuda.get_rng_state(self.device)
         if self.critic is not None:
@@ -168,7 +169,7 @@ class RendererModule(NetworkModule):
 
     def on_train_start(self) -> None:
         state, self._restored = self._restored, {}
-        if state:  # now, because Lightning itself draws numbers before
+        if state:  # restored only now, because Lightning draws random numbers before
             torch.set_rng_state(state["torch"].cpu())
             if "cuda" in state and self.device.type == "cuda":
                 torch.cuda.set_rng_state(state["cuda"].cpu(), self.device)
@@ -189,7 +190,7 @@ class RendererModule(NetworkModule):
             self.critic_optimizer.step()
 
     def _ask_critic(self, critic: Critic, drawn: Tensor, truth: Tensor, error: Tensor) -> tuple[Tensor, Tensor]:
-        """Compute the renderer's loss, drawn pictures above true ones, and where error and critic push them."""
+        """Compute the renderer's adversarial loss, and the gradient of the pictures by error and critic."""
         critic.requires_grad_(False)
         loss = relativistic_loss(critic(drawn), critic(truth))
         (pull,) = torch.autograd.grad(loss, drawn)
@@ -198,18 +199,18 @@ class RendererModule(NetworkModule):
 
 
 def balance(push: Tensor, pull: Tensor, weight: float) -> Tensor:
-    """Add to ``push`` a vector of ``weight`` times its length, in the direction of ``pull``.
+    """Add to ``push`` a vector in the direction of ``pull`` with ``weight`` times the length of ``push``.
 
-    The scores of a critic have no scale: in 80 steps their gradients grew a thousandfold against those of L2, so no
-    fixed weight would do (Esser et al., 2021, arXiv:2012.09841, balance them at the last layer).
+    A critic's scores have no scale: in 80 steps their gradients grew a thousandfold relative to those of L2, so no
+    fixed weight works (Esser et al., 2021, arXiv:2012.09841, balance them at the last layer).
     """
     return push + weight * torch.linalg.vector_norm(push) / torch.linalg.vector_norm(pull).clamp_min(1e-30) * pull
 
 
 class FreshStart(L.Callback):
-    """Gives a network that draws every stroke alike, and cannot learn without slopes, the weights of ``fresh()``.
+    """Replaces the weights of a network that draws every stroke alike with those of ``fresh()``.
 
-    It does so ``most`` times at most.
+    Such a network cannot learn, because its slopes vanish. It is replaced at most ``most`` times.
     """
 
     def __init__(self, fresh: Callable[[], nn.Module], most: int = MOST_STARTS) -> None:
@@ -227,7 +228,7 @@ class FreshStart(L.Callback):
         with torch.no_grad():
             drawn = window_pictures(pl_module.renderer, batch.parameters, pl_module.window, batch.number)
         if (share := share_drawn(drawn, batch.images)) is None:
-            return  # a single stroke
+            return  # only one stroke
         self.lives = share >= ALIVE
         if not self.lives:
             self.restarts += 1
@@ -235,16 +236,16 @@ class FreshStart(L.Callback):
             for optimizer in trainer.optimizers:
                 optimizer.state.clear()
             log.warning(
-                "step %d: the network draws all strokes alike (%.2g %% of the variance of the true ones); "
-                "begun anew with other weights, %d of %d times; fresh_starts=0 lets it go on",
+                "step %d: the network draws all strokes alike (%.2g %% of the variance of true strokes); "
+                "restarted with fresh weights, %d of %d times; fresh_starts=0 turns this off",
                 *(pl_module.global_step, 100 * share, self.restarts, self.most),
             )
 
 
 def share_drawn(drawn: Tensor, true: Tensor) -> float | None:
-    """Return the variance of alpha among drawn strokes (n, 4, S, S), averaged over pixels, as a share of the true one.
+    """Compute the variance of alpha among drawn strokes (n, 4, S, S), averaged over pixels, as a share of the true one.
 
-    Of one stroke it is None.
+    For a single stroke it is None.
     """
     ours, theirs = (float(pictures[:, 3].float().var(0, unbiased=False).mean()) for pictures in (drawn, true))
     return ours / theirs if theirs else None

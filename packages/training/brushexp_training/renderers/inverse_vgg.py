@@ -16,17 +16,17 @@ from brushexp.contracts.networks import CoordConv, add_noise, fixed_grain, windo
 from brushexp.contracts.strokes import width_of
 from brushexp_training.renderers.neural import initialise
 
-COARSEST = 4  # pixels on the side of the picture that the dense layers make
-CONVOLUTIONS = 3  # at each size
-GROUPS = 8  # group normalisation has so many groups
-LAST_GAIN = 0.1  # gain of the last convolution at first, so that tanh is not saturated from the start
-EMPTY = -1.5  # where alpha starts: most of a window is empty, and a start at 1/2 overshoots into a tanh without slope
-WAVES = 4  # cosines and sines across the stroke, of 1/2, 1, 2, 4 periods per half width: what streaks are made of
+COARSEST = 4  # side in pixels of the picture that the dense layers make
+CONVOLUTIONS = 3  # number of convolutions at each size
+GROUPS = 8  # number of groups in group normalisation
+LAST_GAIN = 0.1  # initial gain of the last convolution, so that tanh is not saturated at first
+EMPTY = -1.5  # initial alpha; most of a window is empty, and starting at 1/2 overshoots into a tanh without slope
+WAVES = 4  # number of cosines and sines across the stroke, of 1/2, 1, 2, 4 periods per half width, for streaks
 PLANES = 3 + 2 * WAVES
-LEAST_SQUARED_CHORD = 1e-4  # least squared length that is divided by, half-windows; valid strokes have 0.007
-THINNEST = 1e-3  # half width that is divided by, half-windows; valid strokes have 0.03
-MOST_WEIGHTS = 10**9  # weights, which take 4 GB
-FARTHEST_COORDINATE = 3.0  # half widths from the axis
+LEAST_SQUARED_CHORD = 1e-4  # lower bound of squared lengths used as divisors, half-windows; valid strokes have 0.007
+THINNEST = 1e-3  # lower bound of half widths used as divisors, half-windows; valid strokes have 0.03
+MOST_WEIGHTS = 10**9  # maximum number of weights, which take 4 GB
+FARTHEST_COORDINATE = 3.0  # largest coordinate across a stroke in half widths
 
 COORDINATES = ("none", "window", "stroke")
 ACTIVATIONS = ("relu", "leaky_relu", "elu", "gelu", "silu")
@@ -43,36 +43,36 @@ NORMALISATIONS: dict[str, Callable[[int], nn.Module]] = {
 class InverseVGG(PatchRenderer):
     """Inverse VGG: dense layers, then upsampling and three convolutions at each size; trained on simulated strokes.
 
-    Source: thesis 2020, 6.2; its own size is the preset `neural_thesis`. Differs from the source in the default size:
-    the last convolution draws squares of ``subpixel`` pixels (Shi et al., 2016, arXiv:1609.05158), because on a
-    processor most of the time would otherwise go to a few channels at full size; in being told where the stroke is
-    (``coordconv``); and in not drawing its colour (``tint``).
+    Source: thesis 2020, 6.2; its original size is the preset `neural_thesis`. Differs from the source in the default
+    size: the last convolution draws squares of ``subpixel`` pixels (Shi et al., 2016, arXiv:1609.05158), because on a
+    CPU a few channels at full size would take most of the time; the network receives the stroke's coordinates
+    (``coordconv``); and it does not draw the stroke's colour (``tint``).
 
     Args:
         window: side of the picture in pixels: 64, 128 or 256.
-        width: channels at the finest size; twice as many at each coarser one.
+        width: number of channels at the finest size, which doubles at each coarser size.
         widest: maximum number of channels at any size.
-        dense: widths of the dense layers before the one that makes the coarsest picture.
+        dense: widths of the dense layers before the layer that makes the coarsest picture.
         subpixel: side of the squares that the last convolution draws at once: 1 (the source), 2 or 4.
-        coordconv: coordinates given to the network. none; window: x and y, as two more channels of every
-            convolution (Liu et al., 2018, arXiv:1807.03247); stroke: along and across the stroke, at the first one of
-            each size (`stroke_planes`), so that the network only has to learn what paint looks like, not where it goes.
+        coordconv: coordinates given to the network. none; window: x and y as two extra channels of every convolution
+            (Liu et al., 2018, arXiv:1807.03247); stroke: along and across the stroke, at the first convolution of each
+            size (`stroke_planes`), so that the network only has to learn the look of paint, not its position.
         tint: whether the stroke's colour is added to the output, so that the network only has to learn the light on it.
-        noise: initial strength of the noise added to every convolution, learned per channel (Karras et al.,
-            2019, arXiv:1812.04948, who begin at 0); at 1 it is about as strong as the signal; 0 = none. Fresh in
-            training, in painting the same for every stroke. Differs from the source, whose noise has the size of the
-            signal: it is one plane, which all channels share.
+        noise: initial strength of the noise added to every convolution, learned per channel (Karras et al., 2019,
+            arXiv:1812.04948, who begin at 0); 1 is about as strong as the signal; 0 = none. It is new at each training
+            step, and the same for every stroke in painting. Differs from the source: all channels share one plane.
         activation: activation after every layer but the last: relu, leaky_relu, elu, gelu or silu.
         normalisation: normalisation of every convolution but the last: none, or over batch, group (of channels) or
             instance.
-        upsampling: upsampling between the sizes: nearest, bilinear, or pixel_shuffle, which is learnt.
-        channels: widths of all layers but the last, as task=prune leaves them: of the dense ones, of the coarsest
-            picture, and of every convolution. null: those of the checkpoint, else as width, widest and dense say.
-        precision: precision of the network in painting. bfloat16 is faster on processors that have it (AVX-512 BF16,
-            AMX) and on GPUs; training has its own.
-        project: bring strokes into the range of training before they are drawn; false shows what it draws outside.
-        checkpoint: trained weights: a .safetensors file of task=train, or the name of one that comes with a package;
-            null for random weights, to be trained.
+        upsampling: upsampling between sizes: nearest, bilinear, or pixel_shuffle, which is learned.
+        channels: widths of all layers but the last, as left by task=prune: dense layers, coarsest picture, and every
+            convolution; null = from the checkpoint, or otherwise from width, widest and dense.
+        precision: precision of the network in painting; bfloat16 is faster on GPUs and on CPUs that support it (AVX-512
+            BF16, AMX). Training has a separate precision.
+        project: whether strokes are moved into the training range before they are drawn; false shows the output
+            outside the range.
+        checkpoint: trained weights: a .safetensors file of task=train, or the name of shipped weights; null = random
+            weights, for training.
     """
 
     def __init__(
@@ -120,7 +120,7 @@ class InverseVGG(PatchRenderer):
         with torch.no_grad():
             self.last.weight.mul_(LAST_GAIN)
             assert self.last.bias is not None
-            self.last.bias[3 * subpixel**2 :] = EMPTY  # pixel_shuffle takes a channel's squares one after another
+            self.last.bias[3 * subpixel**2 :] = EMPTY  # pixel_shuffle takes the squares of a channel one after another
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # a fifth faster on a processor
         self.restore(
             checkpoint, window=window, width=width, widest=widest, dense=dense, subpixel=subpixel, coordconv=coordconv,
@@ -147,12 +147,12 @@ class InverseVGG(PatchRenderer):
 
     @property
     def widths(self) -> list[int]:
-        """List the widths of all layers but the last, as the option ``channels`` takes them."""
+        """List the widths of all layers but the last, in the form of the option ``channels``."""
         dense = [len(layer.weight) for layer in self.dense]  # type: ignore[arg-type]
         return [*dense, self.first.channels, *(len(layer.convolution.weight) for layer in self.convolving)]  # type: ignore[arg-type, union-attr]
 
     def _planes(self, parameters: Tensor, side: int) -> Tensor | None:
-        """Coordinates of the pixels (n or 1, ., side, side); the finest are those of the picture, folded."""
+        """Return the coordinates of pixels (n or 1, ., side, side); the finest are the picture's own, folded."""
         if self.coordconv == "stroke":
             zoom = self.subpixel if side * self.subpixel == self.window else 1
             return stroke_planes(parameters, side * zoom, zoom)
@@ -162,21 +162,21 @@ class InverseVGG(PatchRenderer):
 
 
 def _checked(widths: list[int], channels: list[int] | None) -> list[int]:
-    """Take the ``channels`` of a pruned network in place of the usual widths; refuse what cannot be (UserError)."""
+    """Return the ``channels`` of a pruned network, if given, instead of ``widths``; raise UserError if invalid."""
     if channels is not None:
         possible = isinstance(channels, list) and all(isinstance(n, int) and 1 <= n <= 65536 for n in channels)
         if not possible or len(channels) != len(widths):
             wrong = f"renderer.channels={in_short(channels)} are not {len(widths)} widths, all but the last"
-            raise UserError(f"{wrong}; leave it at null, or give those of task=prune")
+            raise UserError(f"{wrong}; leave it at null, or give the widths from task=prune")
         widths = channels
     numbers = 9 * sum(a * b for a, b in pairwise(widths))
     if numbers > MOST_WEIGHTS:
-        raise UserError(f"renderer.width, widest, dense make {numbers:.0e} weights; take fewer than {MOST_WEIGHTS:.0e}")
+        raise UserError(f"renderer.width, widest, dense make {numbers:.0e} weights; use at most {MOST_WEIGHTS:.0e}")
     return widths
 
 
 class Coarsest(nn.Linear):
-    """(n, F) -> (n, C, 4, 4), channels last in memory."""
+    """A dense layer (n, F) -> (n, C, 4, 4), with channels last in memory."""
 
     def __init__(self, before: int, channels: int) -> None:
         super().__init__(before, channels * COARSEST**2)
@@ -187,14 +187,14 @@ class Coarsest(nn.Linear):
 
 
 def _enlarge(channels: int, upsampling: str) -> nn.Module:
-    """(n, C, h, w) -> (n, C, 2h, 2w)."""
+    """Make an upsampling layer (n, C, h, w) -> (n, C, 2h, 2w)."""
     if upsampling == "pixel_shuffle":
         return nn.Sequential(nn.Conv2d(channels, 4 * channels, 1), nn.PixelShuffle(2))
     return nn.Upsample(scale_factor=2, mode=upsampling)
 
 
 class _Layer(CoordConv):
-    """A convolution and what is added to it, without the activation."""
+    """A convolution with its normalisation and noise, without the activation."""
 
     grain: Tensor
 
@@ -212,13 +212,14 @@ class _Layer(CoordConv):
 
 
 def stroke_planes(parameters: Tensor, side: int, zoom: int = 1) -> Tensor:
-    """Compute planes (n, PLANES, side, side) of strokes (n, 10) as `strokes.prior.parameters_of` writes them.
+    """Compute planes (n, PLANES, side, side) of strokes (n, 10) encoded like `strokes.prior.parameters_of`.
 
-    With a ``zoom`` z they are folded as pixel_unshuffle does it: (n, PLANES * z * z, side / z, side / z).
+    With a ``zoom`` z the planes are folded as by pixel_unshuffle: (n, PLANES * z * z, side / z, side / z).
 
-    Along the chord from -1 (start) to 1 (end); across it in half widths; how far beyond an end, in half widths; and
-    waves across, which fade away from the stroke. The curve is taken as a parabola over its chord, whose lean is undone
-    to first order: valid strokes deviate little from that, a network corrects it, and nothing is searched for.
+    The planes are the coordinate along the chord from -1 (start) to 1 (end), the coordinate across it in half widths,
+    the distance beyond an end in half widths, and waves across, which fade away from the stroke. The curve is
+    approximated by a parabola over its chord, corrected for its lean to first order. Valid strokes deviate little from
+    this, the network corrects the rest, and no search is needed.
     """
     line = (torch.arange(side, device=parameters.device, dtype=parameters.dtype) + 0.5) * (2 / side) - 1
     line = line.reshape(-1, zoom).T  # (z, side / z)
@@ -242,6 +243,6 @@ def stroke_planes(parameters: Tensor, side: int, zoom: int = 1) -> Tensor:
     planes = [2 * along.clamp(-0.5, 1.5) - 1, v, beyond.clamp_max(FARTHEST_COORDINATE)]
     cosine, sine = torch.cos(0.5 * math.pi * v), torch.sin(0.5 * math.pi * v)
     for _ in range(WAVES):
-        cosine, sine = cosine.square() - sine.square(), 2 * sine * cosine  # they belong to twice the angle
+        cosine, sine = cosine.square() - sine.square(), 2 * sine * cosine  # double the angle
         planes += [near * cosine, near * sine]
     return torch.stack(planes, dim=1).flatten(1, 3)

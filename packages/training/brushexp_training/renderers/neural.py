@@ -1,4 +1,4 @@
-"""Draw strokes by a network: from ten numbers and a brush to a texture along and across the stroke."""
+"""Draw strokes with a network that turns ten numbers and a brush into a texture along and across the stroke."""
 
 import math
 from collections.abc import Sequence
@@ -24,42 +24,42 @@ from brushexp.contracts.strokes import (
     width_of,
 )
 
-THIN = 0.25  # pixels: strokes do not get thinner than about twice this, but fainter
-COARSEST = (4, 8)  # rows and columns of what the dense layers make; each doubling has one stage of convolutions
-TEXTURE_SIZES = 3  # a texture has no more: for windows as large as in training, half and a quarter as large
-EMPTY = -1.5  # where opacity starts, before the sigmoid
-LAST_GAIN = 0.1  # gain of the last convolution at first
-NUMBERS = 12  # numbers that describe a stroke, see `shape_numbers`
-SHORTEST_CHORD = 0.01  # chord that is divided by, half-windows; valid strokes have 0.084
-CHUNK = 256  # strokes that go through the network at once
+THIN = 0.25  # pixels; strokes become fainter instead of thinner than about twice this
+COARSEST = (4, 8)  # rows and columns of the output of the dense layers; each doubling has one stage of convolutions
+TEXTURE_SIZES = 3  # sizes of a texture: for windows as large as in training, half and a quarter as large
+EMPTY = -1.5  # initial opacity before the sigmoid
+LAST_GAIN = 0.1  # initial gain of the last convolution
+NUMBERS = 12  # numbers that describe a stroke; see `shape_numbers`
+SHORTEST_CHORD = 0.01  # lower bound of chords used as divisors, half-windows; valid strokes have 0.084
+CHUNK = 256  # number of strokes processed by the network at once
 
 
 @register("renderer", "neural")
 class Neural(Renderer):
-    """Network that draws a texture for every stroke, along and across it, trained on simulated strokes.
+    """A network, trained on simulated strokes, that draws a texture along and across every stroke.
 
-    Streaks run along a stroke, and a brush turns with it. So the network does not draw a picture of the window, as the
-    thesis's does (`inverse_vgg`), but a texture in coordinates of the stroke, which is a smooth function of a few
-    numbers: length, bend, thickness, direction and colour (for the light), and which of the brushes of the data set
-    painted it, a code that is learnt, as is a map of each brush at every size of the texture. Kernels look the texture
-    up at the pixels of the canvas, so that a stroke is as sharp as its texture at any size of the picture. Colours of
-    texels are the stroke's, mixed with white or black. In painting the texture follows the stroke, but the gradient
-    takes it as given: it goes through the place, which matters far more.
+    Streaks run along a stroke, and the brush turns with it. The network therefore does not draw a picture of the
+    window, as in the thesis (`inverse_vgg`), but a texture in the stroke's coordinates. It is a smooth function of
+    length, bend, thickness, direction and colour (for the light), and of the brush in the data set, represented by a
+    learned code and by learned maps at every size of the texture. Kernels look the texture up at the pixels of the
+    canvas, so a stroke is as sharp as its texture at any size of the picture. The colour of a texel is the stroke's
+    colour, mixed with white or black. In painting, the texture follows the stroke, but gradients treat it as constant
+    and flow through the texture coordinates, which matter far more.
 
     Args:
-        window: side in pixels of the pictures that it is trained on; where strokes' windows are smaller, textures are
-            averaged.
-        brushes: brushes of the data set (``engine.brushes``); a stroke's number decides which one paints it.
-        code: numbers that tell the network which brush it is.
+        window: side in pixels of the training pictures; textures are averaged for smaller windows of strokes.
+        brushes: number of brushes in the data set (``engine.brushes``); a stroke's number decides its brush.
+        code: size of the learned code of a brush.
         dense: width of the two dense layers.
-        width: channels of the convolutions of a texture's last but one size; twice as many before.
-        stages: doublings of the texture before the last one: with 2 it has 32 texels across a stroke, and 64 along.
-        project: ask the network about the nearest stroke of its training; false shows what it makes of others.
-        precision: precision of the network in painting: float32, bfloat16, or auto, which is bfloat16 on processors
-            that have it (AVX-512 BF16, AMX) and are twice as fast with it; textures have 8 bits either way. Training
-            has its own.
-        checkpoint: trained weights: a .safetensors file, or the name of one that comes with the program; null for
-            random weights, to be trained.
+        width: number of channels of the convolutions at a texture's second-largest size; twice as many before.
+        stages: doublings of the texture before the last; with 2 it has 32 texels across a stroke and 64 along it.
+        project: whether the network receives the nearest stroke in its training range; false shows its output for
+            other strokes.
+        precision: precision of the network in painting: float32, bfloat16, or auto, which is bfloat16 on CPUs that
+            support it (AVX-512 BF16, AMX) and are twice as fast with it; textures always have 8 bits. Training has a
+            separate precision.
+        checkpoint: trained weights: a .safetensors file, or the name of shipped weights; null = random weights, for
+            training.
     """
 
     weights = "trained (task=train)"
@@ -118,7 +118,7 @@ class Neural(Renderer):
         )
 
     def textures(self, parameters: Tensor, brush: Tensor) -> Tensor:
-        """Draw opacity in [0, 1] and tone in [-1, 1], (n, 2, rows, columns), of strokes (n, 10) by their ``brush``."""
+        """Draw opacity in [0, 1] and tone in [-1, 1], (n, 2, rows, columns), of strokes (n, 10) by ``brush`` (n,)."""
         weight = self.last.weight
         shapes = shape_numbers(parameters).to(weight.dtype)
         chunks = zip(shapes.split(CHUNK), brush.split(CHUNK), strict=True) if len(shapes) else ()
@@ -148,7 +148,7 @@ class Neural(Renderer):
 
 
 class _Stage(nn.Module):
-    """Double rows and columns, and convolve twice, with a map of each brush in between."""
+    """Double rows and columns, and convolve twice with a map of each brush in between."""
 
     def __init__(self, before: int, after: int, brushes: int, sides: Sequence[int]) -> None:
         super().__init__()
@@ -163,9 +163,9 @@ class _Stage(nn.Module):
 
 
 def shape_numbers(parameters: Tensor) -> Tensor:
-    """Describe strokes (n, 10), as `parameters_of` writes them, by NUMBERS numbers from about -2 to 2.
+    """Describe strokes (n, 10), encoded like `parameters_of`, by NUMBERS numbers from about -2 to 2.
 
-    These are length, absolutely and in half widths, bend, thickness, direction and colour.
+    They are length, both absolute and in half widths, bend, thickness, direction and colour.
     """
     start, control, end, width, color = parameters.split([2, 2, 2, 1, 3], dim=1)
     half = width_of(width).clamp_min(1e-3)  # a width in windows is a half width in half-windows
@@ -177,7 +177,7 @@ def shape_numbers(parameters: Tensor) -> Tensor:
 
 
 def initialise(module: nn.Module) -> None:
-    """Draw weights as He et al. (2015), so that differences of strokes reach the last layer, unlike by default."""
+    """Initialise weights as in He et al. (2015), so that differences between strokes reach the last layer."""
     if isinstance(module, nn.Conv2d | nn.Linear):
         nn.init.kaiming_normal_(module.weight, nonlinearity="relu")
         if module.bias is not None:

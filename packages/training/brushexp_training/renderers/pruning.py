@@ -1,4 +1,4 @@
-"""Remove whole channels from a trained network, so that it gets smaller and faster on any machine."""
+"""Remove whole channels from a trained network, which makes it smaller and faster on any machine."""
 
 import warnings
 from collections.abc import Iterable
@@ -12,16 +12,16 @@ from brushexp_training.evaluation.evaluation import squared_error
 from brushexp_training.renderers.inverse_vgg import COARSEST, Coarsest, InverseVGG
 from brushexp_training.stroke_sets.datamodule import StrokeBatch
 
-MULTIPLE = 8  # widths stay multiples of this: processors compute so many channels at once
+MULTIPLE = 8  # widths stay multiples of this number of channels, which CPUs compute at once
 
 
 def prune(renderer: InverseVGG, ratio: float, batches: Iterable[StrokeBatch]) -> InverseVGG:
-    """Copy the network without the share ``ratio`` of every layer's channels that its pictures depend on least.
+    """Copy the network without the share ``ratio`` of every layer's channels on which its pictures depend least.
 
-    The rest is rounded to multiples of `MULTIPLE`. torch-pruning (Fang et al., 2023, arXiv:2301.12900) finds channels
-    that are used together and ranks them by what the loss on ``batches`` would change to first order if their weights
-    were 0 (Molchanov et al., 2019, arXiv:1906.10771). UserError if it is not installed, or channels cannot be told
-    apart.
+    The remaining widths are rounded to multiples of `MULTIPLE`. torch-pruning (Fang et al., 2023, arXiv:2301.12900)
+    groups channels that are used together and ranks them by the first-order change of the loss on ``batches`` if their
+    weights were 0 (Molchanov et al., 2019, arXiv:1906.10771). Raises UserError if it is not installed, or if channels
+    cannot be removed separately.
     """
     try:
         import torch_pruning  # noqa: PLC0415  (an extra)
@@ -38,7 +38,7 @@ def prune(renderer: InverseVGG, ratio: float, batches: Iterable[StrokeBatch]) ->
         squared_error(drawn, batch.images.to(drawn.device)).backward()
     loose = [(layer.strength, 0) for layer in copy.convolving if layer.strength is not None]
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # it mentions the parameters that it was told about
+        warnings.simplefilter("ignore", UserWarning)  # it warns about parameters passed to it
         torch_pruning.pruner.BasePruner(
             copy,
             torch.zeros(2, 10, device=spread.bias.device),
@@ -55,7 +55,7 @@ def prune(renderer: InverseVGG, ratio: float, batches: Iterable[StrokeBatch]) ->
 
 
 def check_prunable(renderer: nn.Module) -> None:
-    """Stop with a UserError if single channels cannot be taken out, or options could not describe the rest."""
+    """Raise UserError if single channels cannot be removed, or if no option could describe the remaining widths."""
     if not isinstance(renderer, InverseVGG):
         raise UserError(
             f"{type(renderer).__name__} has no option for the widths of its layers; use renderer=inverse_vgg"
@@ -70,7 +70,7 @@ def check_prunable(renderer: nn.Module) -> None:
 
 
 def _ratios(renderer: InverseVGG, ratio: float) -> dict[nn.Module, float]:
-    """Compute for every layer but the last the exact share that goes."""
+    """Compute the exact share to remove from every layer but the last."""
     layers: dict[nn.Module, int] = {layer: len(layer.weight) for layer in renderer.dense}  # type: ignore[arg-type]
     layers[renderer.first.convolution] = renderer.first.convolution.out_channels  # type: ignore[index, union-attr, assignment]
     for layer in renderer.convolving:
@@ -81,7 +81,7 @@ def _ratios(renderer: InverseVGG, ratio: float) -> dict[nn.Module, float]:
 
 
 class _Spread(nn.Module):
-    """`Coarsest` as a transposed convolution and a picture added to it, whose channels torch-pruning can tell apart."""
+    """`Coarsest` as a transposed convolution plus a picture, whose channels torch-pruning can distinguish."""
 
     def __init__(self, layer: Coarsest) -> None:
         super().__init__()
@@ -97,7 +97,7 @@ class _Spread(nn.Module):
         return self.convolution(x[:, :, None, None]) + self.bias
 
     def as_linear(self) -> Coarsest:
-        """Convert back, with the channels that are left."""
+        """Convert back to `Coarsest` with the remaining channels."""
         weight = self.convolution.weight
         layer = Coarsest(len(weight), len(self.bias)).to(weight)
         with torch.no_grad():

@@ -1,1 +1,1 @@
-"""Strokes that an engine has simulated: written as shards, read as batches."""
+"""Write simulated strokes as shards, and read them as batches."""

@@ -17,21 +17,21 @@ from brushexp.contracts.families import Engine
 from brushexp.contracts.strokes import parameters_of, sample_prior
 from brushexp_training.stroke_sets.dataset import BLOCK, Bytes, Numbers, Origin, Split, StrokeSet, pictures_of
 
-GROUP = 32  # blocks whose strokes are shuffled together
-EPOCH_STEPS = 500  # batches that are called an epoch, where strokes never come twice
-HELD_OUT = {Split.VALIDATION: 2**40, Split.TEST: 2**41}  # first number of those simulated on the way
+GROUP = 32  # number of blocks whose strokes are shuffled together
+EPOCH_STEPS = 500  # number of batches per epoch if strokes never repeat
+HELD_OUT = {Split.VALIDATION: 2**40, Split.TEST: 2**41}  # number of the first stroke simulated on demand
 
 
 class StrokeBatch(NamedTuple):
     """Strokes and their pictures; the number of a stroke decides its split."""
 
-    parameters: Tensor  # (B, 10) float32 in [-1, 1], as `strokes.prior.parameters_of` writes them
+    parameters: Tensor  # (B, 10) float32 in [-1, 1], encoded like `strokes.prior.parameters_of`
     images: Tensor  # (B, 4, S, S) float32 in [0, 1], RGBA, straight alpha
     number: Tensor  # (B,) int64
 
 
 class StrokeLoader:
-    """Iterates over the ``length`` batches of each epoch, which ``batches(epoch, first batch)`` yields."""
+    """Iterates over the ``length`` batches of each epoch, yielded by ``batches(epoch, first batch)``."""
 
     def __init__(self, batches: Callable[[int, int], Iterator[Any]], length: int) -> None:
         self.batches, self.length = batches, length
@@ -51,7 +51,7 @@ class StrokeLoader:
         return {"epoch": self.position[0], "batch": self.position[1]}
 
     def load_state_dict(self, state: dict[str, int]) -> None:
-        """Continue after the last batch that was returned."""
+        """Continue after the last returned batch."""
         epoch, batch = state["epoch"], state["batch"]
         self.next = self.position = (epoch, batch) if batch < self.length else (epoch + 1, 0)
 
@@ -59,23 +59,23 @@ class StrokeLoader:
 class StrokeData(L.LightningDataModule, ABC):
     """Training, validation and test strokes; the last batch of an epoch may be smaller."""
 
-    origin: Origin  # what made the strokes (of several sets, the first)
-    sets: Sequence[StrokeSet] = ()  # the opened sets; none if the strokes are simulated on the way
+    origin: Origin  # origin of the strokes, or of the first of several sets
+    sets: Sequence[StrokeSet] = ()  # opened sets; empty if strokes are simulated on demand
     batch_size: int
-    seed: int  # seed of strokes simulated on the way; else of their order
+    seed: int  # seed of the strokes if they are simulated on demand, otherwise of their order
 
     @property
     def first_seed(self) -> int:
-        """The seed of the strokes; of several sets, that of the first."""
+        """The seed of the strokes, or of the first of several sets."""
         return self.sets[0].seed if self.sets else self.seed
 
     @abstractmethod
     def size(self, split: Split) -> int:
-        """Count the strokes of a split, of those for training in an epoch."""
+        """Count the strokes of a split; for training, the strokes of an epoch."""
 
     @abstractmethod
     def batches(self, split: Split, epoch: int, first: int) -> Iterator[StrokeBatch]:
-        """Yield batches number ``first`` and on of an epoch: training strokes shuffled, held-out ones in order."""
+        """Yield the batches of an epoch, starting at number ``first``; only training strokes are shuffled."""
 
     def train_dataloader(self) -> StrokeLoader:
         return self._loader(Split.TRAINING)
@@ -87,7 +87,7 @@ class StrokeData(L.LightningDataModule, ABC):
         return self._loader(Split.TEST)
 
     def count(self, split: Split, most: int | None) -> int:
-        """Count the strokes of a split, up to ``most``; None for all."""
+        """Count the strokes of a split, up to ``most`` if it is given."""
         return min(self.size(split), most or self.size(split))
 
     def first(self, split: Split, n: int) -> Iterator[StrokeBatch]:
@@ -107,14 +107,14 @@ class StrokeData(L.LightningDataModule, ABC):
 
 
 class SimulatedData(StrokeData):
-    """Simulates strokes on demand, ``held_out`` each for validation and test; training repeats none."""
+    """Simulates strokes on demand, ``held_out`` strokes each for validation and test; training strokes never repeat."""
 
     def __init__(
         self, engine: Engine, origin: Origin, *, batch_size: int = 64, seed: int = 0, held_out: int = 1000
     ) -> None:
         super().__init__()
         self.engine, self.origin, self.batch_size, self.seed, self.held_out = engine, origin, batch_size, seed, held_out
-        self._held_out: dict[int, StrokeBatch] = {}  # held-out strokes, which every validation looks at
+        self._held_out: dict[int, StrokeBatch] = {}  # held-out strokes, which every validation uses
 
     def size(self, split: Split) -> int:
         return EPOCH_STEPS * self.batch_size if split is Split.TRAINING else self.held_out
@@ -134,7 +134,7 @@ class SimulatedData(StrokeData):
 
 
 class StoredData(StrokeData):
-    """Reads strokes from sets: the first ``limit`` training strokes once an epoch, in an order of seed and epoch."""
+    """Reads strokes from sets: the first ``limit`` training strokes once per epoch, ordered by seed and epoch."""
 
     def __init__(self, paths: Sequence[Path], *, batch_size: int = 64, seed: int = 0, limit: int | None = None) -> None:
         super().__init__()
@@ -161,7 +161,7 @@ class StoredData(StrokeData):
             groups = shuffle_groups(places, self.numbers[places] // BLOCK, np.random.default_rng([self.seed, epoch]))
         else:
             groups = np.split(places, range(n, len(places), n))
-        skip, waiting = first * n, places[:0]  # strokes that are read and not handed out yet
+        skip, waiting = first * n, places[:0]  # strokes already read but not yet yielded
         images = pictures_of(self.shards, waiting)
         for group in groups:
             rest, skip = group[skip:], max(0, skip - len(group))
@@ -179,7 +179,7 @@ class StoredData(StrokeData):
 
 
 def require_compatible(sets: Sequence[StrokeSet]) -> None:
-    """Stop with a UserError unless the sets are of one engine and window, and none repeats another."""
+    """Raise UserError unless the sets share one engine and window, and none repeats another."""
     if not sets:
         raise UserError("no set of strokes is given; give one, made with brushexp task=simulate")
     for one, other in combinations(sets, 2):
@@ -194,7 +194,7 @@ def require_compatible(sets: Sequence[StrokeSet]) -> None:
 
 
 def shuffle_groups(places: Numbers, blocks: Numbers, random: np.random.Generator) -> list[Numbers]:
-    """Shuffle places (n,) in groups of whole blocks: the blocks, and the places in a group."""
+    """Shuffle places (n,): first the order of blocks, then the places within each group of whole blocks."""
     parts = np.split(places, 1 + np.flatnonzero(np.diff(blocks)))
     order = random.permutation(len(parts))
     groups = (order[k : k + GROUP] for k in range(0, len(order), GROUP))

@@ -1,8 +1,8 @@
 """Read a set of simulated strokes, a folder of shards (HDF5 files, docs/formats.md), block by block.
 
-Blocks of 16 strokes are the chunks on disk, and belong to one split each by their number alone. So a set keeps its
-splits when it grows, and reading one split unpacks nothing of another. With 5 %, a set of 50,000 holds enough test
-strokes (2500) for an FID of 2048 features.
+Blocks of 16 strokes are the chunks on disk; the number of a block alone determines its split. A set therefore keeps its
+splits when it grows, and reading one split decompresses nothing of another. With 5 % for test, a set of 50,000 has
+enough test strokes (2500) for an FID of 2048 features.
 """
 
 import json
@@ -34,46 +34,46 @@ from brushexp.contracts.files import (
 )
 
 FORMAT = "brushexp strokes"
-VERSION = 2  # raise it whenever a file of the new kind would mislead an older reader
-BLOCK = 16  # strokes of a chunk
-PERIOD = 20  # blocks after which the splits repeat
+VERSION = 2  # version of the format; increase it whenever new files would mislead older readers
+BLOCK = 16  # strokes per chunk
+PERIOD = 20  # number of blocks after which the splits repeat
 SPLITS = "block = number // 16; block % 20: 0 test, 1 validation, others training"
-MOST_STROKES = 2**20  # no shard has more; the writer makes them much smaller
+MOST_STROKES = 2**20  # maximum number per shard; the writer makes shards much smaller
 CURE = "simulate it again or give another one"
-HEIGHT_STEPS = 1024  # per unit of height: 16 bits reach to 64, and thick paint of the fluid engine to about 8
+HEIGHT_STEPS = 1024  # steps per unit of height; 16 bits reach up to 64, thick paint of the fluid engine about 8
 
 Bytes = NDArray[np.uint8]
 Numbers = NDArray[np.int64]
 
 
 class Split(Enum):
-    """The part of a set that a stroke is in; the values are remainders of the number of its block."""
+    """The part of a set to which a stroke belongs; values are remainders of its block's number."""
 
     TEST = 0
     VALIDATION = 1
     TRAINING = 2
 
     def places(self, numbers: Numbers) -> Numbers:
-        """Find where in ``numbers`` the strokes of this split are, in order."""
+        """Find the indices in ``numbers`` of this split's strokes, in order."""
         return np.flatnonzero(np.minimum(numbers // BLOCK % PERIOD, Split.TRAINING.value) == self.value)
 
 
 @dataclass(frozen=True)
 class Origin:
-    """The engine, its options and the window that made a set of strokes; the seed stands apart."""
+    """The engine, its options and the window with which a set of strokes was made; the seed is stored separately."""
 
     engine: str  # name of the plugin
     engine_config: dict[str, Any]  # all of its options
     window: int  # pixels on the side of a picture
 
     def settings(self) -> dict[str, object]:
-        """List one value for each thing that can differ, as one would type it."""
+        """List each setting in which sets can differ, as it would be typed."""
         options = {f"engine.{key}": value for key, value in sorted(self.engine_config.items())}
         return {"engine": self.engine, **options, "the window": self.window}
 
 
 def origin_of(node: DictConfig, engine: Engine) -> Origin:
-    """Describe the origin of strokes of an engine that was built from this config node."""
+    """Describe the origin of strokes of an engine built from a config node."""
     options = OmegaConf.to_container(node, resolve=True, enum_to_str=True)
     assert isinstance(options, dict)
     config = {str(key): value for key, value in options.items() if not str(key).startswith("_")}
@@ -81,7 +81,7 @@ def origin_of(node: DictConfig, engine: Engine) -> Origin:
 
 
 def first_difference(first: dict[str, object], second: dict[str, object]) -> tuple[str, str] | None:
-    """Find the first setting that differs, as ``key=value`` of each side; None if all are the same."""
+    """Find the first setting that differs, as ``key=value`` of each side; None if all agree."""
     for key in first | second:
         one, other = (f"{key}={side[key]}" if key in side else f"no {key}" for side in (first, second))
         if one != other:
@@ -90,11 +90,11 @@ def first_difference(first: dict[str, object], second: dict[str, object]) -> tup
 
 
 class Shard:
-    """A file of a set, strokes ``first`` and on; pictures are read and checked on demand."""
+    """A file of a set, which begins at stroke ``first``; pictures are read and checked on demand."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.file = opened(path, "give a set of task=simulate", rdcc_nbytes=0)  # whole chunks are read, once
+        self.file = opened(path, "give a set of task=simulate", rdcc_nbytes=0)  # whole chunks are read only once
         try:
             with explaining(path, CURE):
                 self._read_head()
@@ -120,7 +120,7 @@ class Shard:
         self.first, n, window, self.seed = (whole_number_of(file, name) for name in ("first", "n", "window", "seed"))
         self.origin = Origin(text_of(file, "engine"), options, window)
         if self.first < 0 or not 1 <= n <= MOST_STROKES or window < 1:
-            least = f"0, 1 and 1 are the least, and {MOST_STROKES} strokes the most"
+            least = f"minimum 0, 1 and 1, maximum {MOST_STROKES} strokes"
             raise UserError(f"first is {self.first}, n is {n} and window is {window} ({least})")
         params = _whole_dataset(file, "params", np.float32, (n, 10))
         self.images = _whole_dataset(file, "images", np.uint8, (n, window, window, 4))
@@ -134,7 +134,7 @@ class Shard:
         return len(self.parameters)
 
     def rows(self, dataset: h5py.Dataset, rows: Numbers) -> NDArray[Any]:
-        """Read rows of ``images`` or ``heights``, each block once; UserError if one is damaged."""
+        """Read rows of ``images`` or ``heights``, each block only once; raise UserError if a block is damaged."""
         values = np.empty((len(rows), *dataset.shape[1:]), dataset.dtype)
         blocks = rows // BLOCK
         with explaining(self.path, CURE):
@@ -148,7 +148,7 @@ class Shard:
 
 
 class StrokeSet:
-    """The shards of a set, strokes 0 to n - 1, in a folder or a single file; faults raise a UserError."""
+    """The shards of a set, strokes 0 to n - 1, in a folder or a single file; faults raise UserError."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -163,18 +163,18 @@ class StrokeSet:
             if shard.first != count:
                 raise UserError(
                     f"{shard.path} begins at stroke {shard.first}, but only {count} strokes are before it; "
-                    "give the folder of the whole set, and simulate again what it lacks"
+                    "give the folder of the whole set, and simulate the missing strokes again"
                 )
             count += len(shard)
             if (shard.origin, shard.seed) != (self.origin, self.seed):
-                raise UserError(f"{shard.path} is of another set than {paths[0]}; give each a folder of its own")
+                raise UserError(f"{shard.path} belongs to a different set than {paths[0]}; separate their folders")
 
     def __len__(self) -> int:
         return sum(map(len, self.shards))
 
 
 def pictures_of(shards: Sequence[Shard], places: Numbers) -> Bytes:
-    """Read the images (n, S, S, 4) of strokes, numbered through all shards, block by block."""
+    """Read the images (n, S, S, 4) of strokes, numbered across all shards, block by block."""
     starts = np.cumsum([0, *map(len, shards)])
     owner = np.searchsorted(starts, places, side="right") - 1
     pictures = np.empty((len(places), *shards[0].images.shape[1:]), np.uint8)
@@ -184,7 +184,7 @@ def pictures_of(shards: Sequence[Shard], places: Numbers) -> Bytes:
 
 
 def _whole_dataset(file: h5py.File, name: str, dtype: type, shape: tuple[int, ...]) -> h5py.Dataset:
-    """Open a dataset and check its chunks; its numbers are not read yet."""
+    """Open a dataset and check its chunks without reading its numbers."""
     dataset = dataset_of(file, name, dtype, shape)
     if dataset.chunks is None or dataset.chunks[0] != BLOCK:
         raise UserError(f"{name} has chunks {dataset.chunks}, not of {BLOCK} strokes")

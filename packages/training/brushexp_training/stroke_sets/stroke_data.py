@@ -1,4 +1,4 @@
-"""Find the strokes that a task trains or measures on, as its config names them."""
+"""Find the strokes on which a task trains or measures, according to its config."""
 
 import hashlib
 import json
@@ -15,43 +15,43 @@ from brushexp_training.stroke_sets.datamodule import SimulatedData, StoredData, 
 from brushexp_training.stroke_sets.dataset import Origin, Split, first_difference, origin_of
 from brushexp_training.stroke_sets.writer import simulate_set
 
-BATCH_STROKES = 64  # where the task has no batch_size
-HELD_OUT = 1000  # simulated strokes of a split, if no number is given
+BATCH_STROKES = 64  # batch size of tasks without the key batch_size
+HELD_OUT = 1000  # number of simulated strokes of a split if none is given
 
 log = logging.getLogger(__name__)
 
 
 def stroke_data(cfg: DictConfig) -> StrokeData:
-    """Open the sets of ``data``; without any, simulate a set first, or strokes on the way."""
+    """Open the sets of ``data``; without data, simulate a set first, or strokes on demand."""
     batch_size, paths = cfg.get("batch_size", BATCH_STROKES), [Path(path) for path in cfg.data or ()]
     if not paths:
         node = engine_node(cfg)
         engine: Engine = build(node)
         origin = origin_of(node, engine)
         if cfg.get("simulate") is None:
-            seed = next(iter(training_of(cfg)[1]), cfg.seed)  # brushes are drawn from it
+            seed = next(iter(training_of(cfg)[1]), cfg.seed)  # brushes depend on this seed
             return SimulatedData(engine, origin, batch_size=batch_size, seed=seed, held_out=cfg.get("n") or HELD_OUT)
         mark = hashlib.sha256(json.dumps(origin.settings(), sort_keys=True).encode()).hexdigest()[:8]
         path = Path(cfg.sets) / f"{origin.engine}-{origin.window}-{mark}-seed{cfg.seed}-{cfg.simulate}"
         log.info("the strokes of this and later runs: %s", path)
-        simulate_set(path, engine, origin, cfg.seed, cfg.simulate, wait=True)  # jobs of a sweep may need the same one
+        simulate_set(path, engine, origin, cfg.seed, cfg.simulate, wait=True)  # jobs of a sweep may need the same set
         paths = [path]
     return StoredData(paths, batch_size=batch_size, seed=cfg.seed, limit=cfg.get("limit"))
 
 
 def measured_count(data: StrokeData, split: Split, n: int | None) -> int:
-    """Count the strokes of a split to be measured, up to ``n``; a warning says where there are fewer."""
+    """Count the strokes of a split that can be measured, up to ``n``; warn if there are fewer."""
     count = data.count(split, n)
     if n is not None and count < n:
         log.warning(
-            "n=%d: the strokes have only %d for split=%s, and figures are of these; give a larger set, or %s",
+            "n=%d: the set has only %d strokes for split=%s, which are measured; give a larger set, or %s",
             *(n, count, split.name.lower(), f"n={count}"),
         )
     return count
 
 
 def data_recipe(data: StrokeData, cfg: DictConfig) -> dict[str, object]:
-    """Describe where the strokes came from, for a recipe."""
+    """Describe the origin of the strokes for a recipe."""
     origin = data.origin
     return {
         "engine": origin.engine,
@@ -64,7 +64,7 @@ def data_recipe(data: StrokeData, cfg: DictConfig) -> dict[str, object]:
 
 
 def origin_for(cfg: DictConfig) -> tuple[Origin, list[int]]:
-    """Describe the origin of the strokes of `stroke_data`, before any are simulated, and list the seeds of the sets."""
+    """Describe the origin of the strokes of `stroke_data` before any are simulated, and list the seeds of the sets."""
     if cfg.data is None:
         node = engine_node(cfg)
         return origin_of(node, build(node)), []
@@ -73,7 +73,7 @@ def origin_for(cfg: DictConfig) -> tuple[Origin, list[int]]:
 
 
 def engine_node(cfg: DictConfig) -> DictConfig:
-    """Take the engine of the config; options of a measured renderer's training win over those not typed."""
+    """Return the engine of the config; options that are not typed come from the training of a measured renderer."""
     plugin, (trained, _) = plugin_of(cfg.engine), training_of(cfg)
     if trained is None or trained.engine != plugin.name:
         return cfg.engine
@@ -83,12 +83,12 @@ def engine_node(cfg: DictConfig) -> DictConfig:
     chosen = {key: value for key, value in cfg.engine.items() if value != usual[key] or f"engine.{key}" in typed}
     try:
         return OmegaConf.unsafe_merge(usual, trained.engine_config, chosen)  # type: ignore[return-value]
-    except OmegaConfBaseException:  # the recipe is of another version
+    except OmegaConfBaseException:  # the recipe belongs to another version
         return cfg.engine
 
 
 def training_of(cfg: DictConfig) -> tuple[Origin | None, list[int]]:
-    """Read origin and seeds of the strokes that a renderer was trained on, unless ``other_data`` allows others."""
+    """Read origin and seeds of the strokes on which a renderer was trained, unless ``other_data`` allows others."""
     checkpoint = cfg.renderer.get("checkpoint")
     if checkpoint is None or cfg.get("other_data", True):
         return None, []
@@ -101,21 +101,21 @@ def training_of(cfg: DictConfig) -> tuple[Origin | None, list[int]]:
 
 
 def check_origin(cfg: DictConfig) -> Origin:
-    """Return the origin of the strokes; raise a UserError if a renderer learnt from other brushes, unless wanted.
+    """Return the origin of the strokes; raise UserError if a renderer was trained on other brushes, unless allowed.
 
-    Brushes are drawn from the seeds of the sets.
+    Brushes depend on the seeds of the sets.
     """
     (origin, seeds), (trained, trained_seeds) = origin_for(cfg), training_of(cfg)
     if trained is not None and (difference := first_difference(trained.settings(), origin.settings())):
         name = f"engine={origin.engine}" if cfg.data is None else cfg.data[0]
         raise UserError(
             f"{name} was made with {difference[1]}, but the renderer was trained on strokes made with {difference[0]}; "
-            "give a set made as that one was, or train a renderer on this one; other_data=true takes it all the same"
+            "give a set made in the same way, or train a renderer on this one; other_data=true accepts it anyway"
         )
     has_brushes = trained is not None and "brushes" in trained.engine_config and trained_seeds
     if has_brushes and (others := [k for k, seed in enumerate(seeds) if seed not in trained_seeds]):
         raise UserError(
-            f"{cfg.data[others[0]]} holds strokes of brushes of seed {seeds[others[0]]}, but the renderer was trained "
-            f"on those of seed {', '.join(map(str, trained_seeds))}; give a set of that seed, or set other_data=true"
+            f"{cfg.data[others[0]]} has brushes of seed {seeds[others[0]]}, but the renderer was trained "
+            f"on brushes of seed {', '.join(map(str, trained_seeds))}; give a set of that seed, or set other_data=true"
         )
     return origin

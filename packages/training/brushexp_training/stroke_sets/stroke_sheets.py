@@ -1,4 +1,4 @@
-"""Sheets show strokes with labels, as renderers draw them and as the engine painted them."""
+"""Draw labelled sheets of strokes by renderers and by the engine."""
 
 from brushexp_studies.contact_sheet import SheetCell, draw_sheet
 from PIL import Image
@@ -11,12 +11,12 @@ from brushexp_training.evaluation.evaluation import over_white
 from brushexp_training.stroke_sets.datamodule import StrokeBatch
 from brushexp_training.stroke_sets.dataset import Origin
 
-COLUMNS = 8  # strokes in a row
-ZOOM = 2  # pixels on the sheets per pixel of a window
+COLUMNS = 8  # strokes per row
+ZOOM = 2  # pixels of a sheet per pixel of a window
 
 
 def sheet_of_strokes(renderers: dict[str, Renderer], batch: StrokeBatch, origin: Origin) -> Image.Image:
-    """Draw a sheet of strokes, the true ones above those of each renderer."""
+    """Draw a sheet of strokes, with true strokes above those of each renderer."""
     kinds = {origin.engine: batch.images}
     for name, renderer in renderers.items():
         kinds[name] = draw_batch(renderer, batch, origin.window)[0]
@@ -25,15 +25,15 @@ def sheet_of_strokes(renderers: dict[str, Renderer], batch: StrokeBatch, origin:
 
 
 def sheet_of_extremes(name: str, engine: str, drawings: ExtremeDrawings) -> Image.Image:
-    """Draw a sheet of strokes beyond the range of training, below the nearest ones in it."""
+    """Draw a sheet of strokes outside the training range, below the nearest strokes inside it."""
     kinds = {f"{engine}, nearest": drawings.nearest} | {f"{name}, {kind}": p for kind, p in drawings.pictures.items()}
     labels: list[tuple[str, ...]] = [(label,) for label in EXTREMES]
     side = ZOOM * drawings.nearest.shape[-1]
-    return _sheet(kinds, labels, side, f"{name} outside the range of training")
+    return _sheet(kinds, labels, side, f"{name} outside the training range")
 
 
 def _sheet(kinds: dict[str, Tensor], labels: list[tuple[str, ...]], side: int, title: str) -> Image.Image:
-    """Lay out pictures (n, 4, S, S) over white, a named row of each kind; labels stand below the last."""
+    """Arrange pictures (n, 4, S, S) over white, with a named row for each kind and labels below the last row."""
     rows = []
     for k in range(0, len(labels), COLUMNS):
         here = slice(k, k + COLUMNS)

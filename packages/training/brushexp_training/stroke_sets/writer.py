@@ -1,6 +1,6 @@
-"""Write a set of strokes shard by shard, each moved to its place when it is complete.
+"""Write a set of strokes shard by shard; each shard is moved to its place when it is complete.
 
-So the folder always holds a smaller set, and grows to the same strokes however often its making was interrupted.
+The folder therefore always holds a valid, smaller set, and grows to the same strokes however often it is interrupted.
 """
 
 import io
@@ -35,8 +35,8 @@ from brushexp_training.stroke_sets.dataset import (
 )
 
 log = logging.getLogger(__name__)
-SHARD_STROKES = 2048  # strokes of a file, a multiple of BLOCK. Killed at once, a run loses at most so many
-BATCH_STROKES = 256  # a call of the engine makes so many
+SHARD_STROKES = 2048  # strokes per file, a multiple of BLOCK; a killed run loses at most this many
+BATCH_STROKES = 256  # strokes per call of the engine
 PACKED = {"compression": "gzip", "compression_opts": 1, "shuffle": True, "fletcher32": True}
 UNITS = {
     "params": "[-1, 1]: start 2, control 2, end 2 in half-windows; width; RGB",
@@ -44,30 +44,30 @@ UNITS = {
     "heights": f"1/{HEIGHT_STEPS} of the paint that covers the canvas",
 }
 
-BYTES_PER_PIXEL = 12  # the strokes of a file need so many: RGBA and height, in parts and together
+BYTES_PER_PIXEL = 12  # memory for the strokes of a file: RGBA and height, in parts and joined
 
-Rows = dict[str, NDArray[Any]]  # arrays of some strokes, by name of the dataset
+Rows = dict[str, NDArray[Any]]  # arrays of some strokes by name of the dataset
 
 
 def simulate_set(path: Path, engine: Engine, origin: Origin, seed: int, n: int, *, wait: bool = False) -> int:
-    """Simulate what a set of ``n`` strokes lacks, with a progress bar, and return their number.
+    """Simulate the missing strokes of a set of ``n``, with a progress bar, and return their number.
 
-    ``wait`` for another process that makes the same set, instead of stopping. A set that was made otherwise or is
-    larger is refused (UserError). Ctrl-C stops after the present batch, and what is simulated by then stays.
+    With ``wait``, wait for another process that makes the same set instead of raising an error. Raises UserError for a
+    set that is larger or was made differently. Ctrl-C stops after the current batch and keeps all simulated strokes.
     """
     with _locked(path, wait):
-        for rest in path.glob(TEMPORARY):  # a process that was killed has left it
+        for rest in path.glob(TEMPORARY):  # left by a killed process
             rest.unlink()
         shards = whole_shards(path, origin, seed, n)
         done = sum(map(len, shards.values()))
         if done:
-            log.info("%s: %d of %d strokes are there already%s", path, done, n, "; going on" if done < n else "")
+            log.info("%s already has %d of %d strokes%s", path, done, n, "; continuing" if done < n else "")
         _simulate_missing(path, engine, origin, seed, n, shards)
     return n - done
 
 
 def _simulate_missing(path: Path, engine: Engine, origin: Origin, seed: int, n: int, shards: dict[int, Shard]) -> None:
-    """Write the shards that are missing or not full; Ctrl-C and errors leave what is simulated."""
+    """Write the shards that are missing or not full; keep all simulated strokes after Ctrl-C or an error."""
     pressed, done = Event(), sum(map(len, shards.values()))
     with interruptible(pressed.set, "stopping after this batch"), counting("simulating strokes", n, done) as show:
         for first in range(0, n, SHARD_STROKES):
@@ -98,18 +98,18 @@ def _locked(path: Path, wait: bool) -> AbstractContextManager[object]:
 
 
 def whole_shards(path: Path, origin: Origin, seed: int, n: int) -> dict[int, Shard]:
-    """Open the finished shards, by first stroke number; raise a UserError if they do not belong to this set."""
+    """Open the finished shards by number of the first stroke; raise UserError if they do not belong to this set."""
     shards = {}
     for file in sorted(path.glob("[0-9]*.h5")):
         try:
             shard = Shard(file)
         except UserError as error:
-            log.warning("%s; it is made again", str(error).partition(";")[0])
+            log.warning("%s; it is simulated again", str(error).partition(";")[0])
             continue
         theirs, ours = shard.origin.settings() | {"seed": shard.seed}, origin.settings() | {"seed": seed}
         if difference := first_difference(theirs, ours):
             raise UserError(
-                f"{path} was made with {difference[0]}, this run has {difference[1]}; take the same or another path"
+                f"{path} was made with {difference[0]}, this run has {difference[1]}; use the same or another path"
             )
         if (end := shard.first + len(shard)) > n:
             raise UserError(
@@ -121,7 +121,7 @@ def whole_shards(path: Path, origin: Origin, seed: int, n: int) -> dict[int, Sha
 
 def _write(path: Path, parts: list[Rows], first: int, origin: Origin, seed: int) -> None:
     rows = {name: np.concatenate([part[name] for part in parts]) for name in UNITS}
-    memory = io.BytesIO()  # h5py does not say why writing to a file failed
+    memory = io.BytesIO()  # h5py does not report why writing to a file failed
     with h5py.File(memory, "w", libver=(HDF5, HDF5)) as file:
         file.attrs.update(
             format=fixed(FORMAT),
@@ -135,24 +135,24 @@ def _write(path: Path, parts: list[Rows], first: int, origin: Origin, seed: int)
             splits=fixed(SPLITS),
         )
         for name, value in rows.items():
-            row = value.shape[1:]  # the dataset could grow, because others cannot be shorter than a chunk
+            row = value.shape[1:]  # resizable, because fixed datasets cannot be shorter than a chunk
             layout = {"data": value, "chunks": (BLOCK, *row), "maxshape": (None, *row)}
             file.create_dataset(name, **layout, **PACKED).attrs["unit"] = fixed(UNITS[name])
     write_bytes(path / f"{first:09}.h5", memory.getvalue(), key="path")
 
 
 def shard_rows(shard: Shard) -> Rows:
-    """Read the rows of a shard as stored."""
+    """Read the stored rows of a shard."""
     numbers = np.arange(len(shard))
     pictures, heights = shard.rows(shard.images, numbers), shard.rows(shard.heights, numbers)
     return {"params": shard.parameters.numpy(), "images": pictures, "heights": heights}
 
 
 def to_rows(parameters: Tensor, simulated: Simulated, first: int) -> Rows:
-    """Convert n strokes to what a shard keeps; UserError if the engine made something that is not finite."""
+    """Convert n strokes to the rows of a shard; raise UserError if the engine's output is not finite."""
     images, heights = simulated.images.detach().cpu(), simulated.heights.detach().cpu()
     for value in (images, heights):
-        broken = ~value.flatten(1).sum(1).isfinite()  # one pass, and no sum of finite numbers here is infinite
+        broken = ~value.flatten(1).sum(1).isfinite()  # needs one pass; sums of finite numbers here are finite
         if broken.any():
             number = first + int(broken.int().argmax())
             raise UserError(f"the engine drew stroke {number} with numbers that are not finite; change its options")

@@ -1,4 +1,4 @@
-"""``task=evaluate``: measure a renderer on strokes that it was not trained on."""
+"""``task=evaluate``: measure a renderer on strokes on which it was not trained."""
 
 import logging
 import time
@@ -20,7 +20,7 @@ from brushexp_training.stroke_sets.dataset import Split
 from brushexp_training.stroke_sets.stroke_data import measured_count, stroke_data
 from brushexp_training.stroke_sets.stroke_sheets import sheet_of_extremes, sheet_of_strokes
 
-PICTURE_STROKES = 24  # drawn in strokes.png
+PICTURE_STROKES = 24  # number of strokes in strokes.png
 
 log = logging.getLogger(__name__)
 
@@ -35,7 +35,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     window, seed = data.origin.window, data.first_seed
     engine: Engine = build_named("engine", data.origin.engine, data.origin.engine_config)
     if checkpoint is None and any(True for _ in renderer.parameters()):
-        log.warning("%s has random weights; give those of task=train: renderer.checkpoint=...", name)
+        log.warning("%s has random weights; give the weights of task=train: renderer.checkpoint=...", name)
     before = time.monotonic()
     costs = {"threads": torch.get_num_threads(), **speed_and_size(renderer, build(cfg.blend), window)}
     split, distances = Split[cfg.split.upper()], [effl0_distance(device)]

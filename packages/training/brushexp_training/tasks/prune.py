@@ -1,4 +1,4 @@
-"""``task=prune``: make a trained renderer smaller and faster, and see what that costs."""
+"""``task=prune``: make a trained renderer smaller and faster, and measure the loss of quality."""
 
 import logging
 import time
@@ -29,8 +29,8 @@ from brushexp_training.stroke_sets.dataset import Split
 from brushexp_training.stroke_sets.stroke_data import measured_count, stroke_data
 from brushexp_training.stroke_sets.stroke_sheets import COLUMNS, sheet_of_strokes
 
-RANKING_BATCHES = 4  # channels are ranked by so many batches of training strokes
-COMPARED = ("l2", "psnr_alpha", "psnr_color", "fid_effl0")  # before and after fine-tuning
+RANKING_BATCHES = 4  # number of batches of training strokes by which channels are ranked
+COMPARED = ("l2", "psnr_alpha", "psnr_color", "fid_effl0")  # metrics compared before and after fine-tuning
 DIGITS = {  # columns of the Markdown table
     **{"ratio": 2, "parameters": 0, "file_mb": 2, "strokes_per_second": 0, "strokes_per_second_backward": 0},
     **{"l2_before": 6, "l2": 6, "psnr_alpha_before": 2, "psnr_alpha": 2, "fid_effl0_before": 2, "fid_effl0": 2},
@@ -42,7 +42,7 @@ Row = dict[str, float]
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Prune by every ratio, fine-tune, measure; the table is renewed after each."""
+    """Prune by every ratio, fine-tune and measure; update the table after each ratio."""
     device = device_of(cfg.device)
     L.seed_everything(cfg.seed, verbose=False)
     provenance = provenance_of(cfg)
@@ -80,7 +80,7 @@ def carry_out(
     trained: InverseVGG,
     ratio: float,
 ) -> tuple[Row, Renderer]:
-    """Prune a copy by ``ratio``, fine-tune it, measure it on ``n`` strokes, and write the checkpoint."""
+    """Prune a copy by ``ratio``, fine-tune it, measure it on ``n`` strokes, and write a checkpoint."""
     name, path = f"{100 * ratio:g}", whole / f"{plugin_of(cfg.renderer).name}_{100 * ratio:g}.safetensors"
     folder, window, device = whole / f"ratio_{name}", data.origin.window, device_of_weights(trained)
     folder.mkdir(exist_ok=True)

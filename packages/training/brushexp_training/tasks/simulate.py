@@ -1,4 +1,4 @@
-"""``task=simulate``: simulate a set of strokes to train renderers on."""
+"""``task=simulate``: simulate a set of strokes for training renderers."""
 
 import logging
 import time
@@ -16,20 +16,20 @@ from brushexp_training.evaluation.evaluation import stroke_sheet
 from brushexp_training.stroke_sets.dataset import StrokeSet, origin_of, pictures_of
 from brushexp_training.stroke_sets.writer import simulate_set
 
-SHEET_STROKES, SHEET_COLUMNS = 60, 10  # on the contact sheet, and in a row of it
+SHEET_STROKES, SHEET_COLUMNS = 60, 10  # number of strokes on the contact sheet and in each row
 
 log = logging.getLogger(__name__)
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Write ``n`` strokes to ``path`` and ``strokes.png`` into the run's folder; continue a set that is smaller."""
+    """Write ``n`` strokes to ``path``, or continue a smaller set there; write ``strokes.png`` into the run's folder."""
     path = folder / "strokes" if cfg.path is None else Path(cfg.path)
     engine: Engine = build(cfg.engine)
     before = time.monotonic()
     try:
         simulated = simulate_set(path, engine, origin_of(cfg.engine, engine), cfg.seed, cfg.n)
     except KeyboardInterrupt as interruption:
-        words = f"interrupted; what is simulated is kept; to go on, type the same and: {quote(f'path={path}')}"
+        words = f"interrupted; simulated strokes are kept; to continue, add to the command: {quote(f'path={path}')}"
         raise KeyboardInterrupt(words) from interruption
     seconds = time.monotonic() - before
     strokes = StrokeSet(path)

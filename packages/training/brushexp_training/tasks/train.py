@@ -20,13 +20,13 @@ from brushexp_training.stroke_sets.datamodule import StrokeData
 from brushexp_training.stroke_sets.dataset import Origin, Split
 from brushexp_training.stroke_sets.stroke_data import stroke_data
 
-DISTILLED = {"window": 1024, "supersample": 1}  # options of the engine that a renderer is distilled from
-LOOKED_AT = 64  # held-out strokes by which a network is judged to have learned anything
-TEST_STROKES = 2500  # most strokes that the figures at the end are measured on
+DISTILLED = {"window": 1024, "supersample": 1}  # options of the engine from which a renderer is distilled
+LOOKED_AT = 64  # number of held-out strokes that show whether a network has learned anything
+TEST_STROKES = 2500  # maximum number of strokes on which the final figures are measured
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Train a renderer, write it and its figures into the run's folder, and return those of metrics.json."""
+    """Train a renderer, write it and its figures into the run's folder, and return the values of metrics.json."""
     return train_network(RendererJob, cfg, folder, start)
 
 
@@ -51,8 +51,8 @@ class RendererJob(NetworkJob):
     def finish(self) -> dict[str, object]:
         module, n = self.module, self.data.count(Split.TEST, TEST_STROKES)
         figures: dict[str, object] = {"validation": module.figures}
-        self._save(figures)  # whatever may fail below
-        renderer = module.renderer.eval().to(self.device)  # at the end of a fit it is on the processor
+        self._save(figures)  # before anything below can fail
+        renderer = module.renderer.eval().to(self.device)  # a fit leaves it on the CPU
         tested = evaluate(renderer, self.data.first(Split.TEST, n), n, module.window, [effl0_distance(self.device)])
         figures["test"] = tested
         share = share_drawn(*draw_batch(renderer, self.data.first_batch(Split.TEST, LOOKED_AT), module.window))
@@ -71,7 +71,7 @@ class RendererJob(NetworkJob):
 
 
 def renderer_words(node: DictConfig, weights: Path) -> str:
-    """Write the words that give a renderer these weights and those options that differ from their defaults."""
+    """Write the words that set a renderer's weights and the options that differ from their defaults."""
     defaults = OmegaConf.structured(plugin_of(node).config)
     chosen = {str(key): value for key, value in {**node, "checkpoint": str(weights)}.items() if value != defaults[key]}
     typed = {key: value if isinstance(value, str) else json.dumps(value, default=list) for key, value in chosen.items()}
@@ -79,16 +79,16 @@ def renderer_words(node: DictConfig, weights: Path) -> str:
 
 
 def first_renderer(cfg: DictConfig, data: StrokeData) -> Renderer:
-    """Build the renderer to be trained; one without weights may first be distilled from large strokes of the engine."""
+    """Build the renderer to train; a new renderer may first be distilled from large strokes of the engine."""
     renderer: Renderer = build(cfg.renderer)
     if cfg.renderer.get("checkpoint") is None:
-        engine = cache(partial(large_engine, data.origin))  # built only if the renderer asks for strokes
+        engine = cache(partial(large_engine, data.origin))  # built only if the renderer requests strokes
         renderer.distil(lambda parameters, first: engine()(parameters, seed=data.first_seed, first=first))
     return renderer
 
 
 def large_engine(origin: Origin) -> Engine:
-    """Build the engine of some strokes with the window of `DISTILLED`, or the largest that it takes."""
+    """Build the engine of some strokes with the window of `DISTILLED`, or the largest window that it supports."""
     options = {key: DISTILLED.get(key, value) for key, value in origin.engine_config.items()}
     bounds = next((one.bounds.get("window") for one in plugins("engine") if one.name == origin.engine), None)
     if "window" in options and isinstance(bounds, Bounds):

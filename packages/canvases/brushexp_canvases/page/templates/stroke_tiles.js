@@ -1,5 +1,5 @@
-// Levels for OpenSeadragon finer than the picture's, drawn from its strokes by a worker. Each script beside the page
-// holds the strokes of a square cell, and is loaded when a tile of that cell comes into view.
+// Provide OpenSeadragon with levels finer than the picture's, which a worker draws from the strokes. Each script beside
+// the page holds the strokes of one square cell, and is loaded when a tile of that cell comes into view.
 "use strict";
 {
   const DEEPER = 5; // levels, each twice as large as the one before
@@ -11,7 +11,7 @@
   function start_worker() {
     const scripts = [...document.querySelectorAll("#worker script")].map((script) => script.textContent);
     const worker = new Worker(URL.createObjectURL(new Blob(["self.window = self;", ...scripts], { type: "text/javascript" })));
-    const waiting = new Map(); // number of a request -> callback for the answer
+    const waiting = new Map(); // number of a request -> callback that receives the answer
     let asked = 0;
     worker.onmessage = ({ data: { id, result } }) => {
       waiting.get(id)(result);
@@ -89,7 +89,7 @@
       width: width * 2 ** DEEPER,
       height: height * 2 ** DEEPER,
       tileSize: SIDE,
-      tileExists: (level, x, y) => { // none at the picture's own levels
+      tileExists: (level, x, y) => { // the picture's own levels have no stroke tiles
         const part = SIDE / 2 ** (level - base);
         return level > base && x >= 0 && y >= 0 && x * part < width && y * part < height;
       },

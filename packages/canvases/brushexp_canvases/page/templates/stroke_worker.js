@@ -1,12 +1,12 @@
-// Worker, with brush.js and strokes.js: draw the strokes of cells into tiles, and find them under a pointer. Plain
-// strokes are crisp shapes at any zoom, as in an SVG; textured strokes, soft strokes and those that change colour are
-// drawn pixel by pixel.
+// Worker that draws strokes of cells into tiles and finds the stroke under a pointer, using brush.js and strokes.js.
+// Plain strokes are crisp shapes at any zoom, as in an SVG; strokes that are textured, soft or change colour are drawn
+// pixel by pixel.
 "use strict";
 if (!self.document) {
   const EVERY = { undefined: true }; // strokes in cells have no layers
   const cells = new Map(); // name -> strokes, in pixels of the picture from the corner of the cell
 
-  // Drawn width and opacity of a stroke, as soft_edge of the SVG exporter computes them.
+  // Compute the drawn width and opacity of a stroke as `soft_edge` of the SVG exporter does.
   const opacity = (strokes, k) => strokes.opacity[k] * (strokes.half[k] / (strokes.reach(k) || 1));
 
   function isIn(strokes, k, { left, top, right, bottom }) {

@@ -3,7 +3,7 @@
 "use strict";
 {
   const LARGEST = 16; // screen pixels per pixel of the picture
-  const DOUBLED = 2; // how often differences, which are small, are doubled in brightness
+  const DOUBLED = 2; // number of times that the brightness of differences, which are small, is doubled
 
   const byId = (id) => document.getElementById(id);
   const data = JSON.parse(byId("data").textContent);

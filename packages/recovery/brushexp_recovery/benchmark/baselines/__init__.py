@@ -1,1 +1,1 @@
-"""Methods that recovery is compared with: a picture goes in; strokes come out."""
+"""Baselines for comparison with recovery, each of which finds strokes in a picture."""

@@ -1,8 +1,8 @@
-"""Brushstrokes between edges, after Li, Yao, Hendriks and Wang (2012), "Rhythmic brushstrokes distinguish van Gogh".
+"""Find brushstrokes between edges (Li, Yao, Hendriks and Wang, 2012, "Rhythmic brushstrokes distinguish van Gogh").
 
-Edges are found, closed, and enclose regions; a region is a brushstroke if its skeleton hardly branches and if its
-breadth and area go with its length. What is left is divided by k-means of its colours, and tested in the same way.
-Differs from the source: edges are Canny's (1986), not those of EDISON.
+Detected edges are closed until they enclose regions. A region is a brushstroke if its skeleton hardly branches and its
+breadth and area fit its length. The remaining pixels are divided by k-means of their colours and tested in the same
+way. Differs from the source: edges are Canny's (1986), not EDISON's.
 """
 
 from typing import Any
@@ -14,21 +14,21 @@ from brushexp_recovery.raster.offsets import pair_slices
 
 Array = NDArray[Any]
 
-SIGMA = 1.0  # pixels: of the smoothing before edges are found
-CLOSING_RADIUS = 1  # pixels by which gaps of edges are closed
+SIGMA = 1.0  # standard deviation in pixels of the smoothing before edge detection
+CLOSING_RADIUS = 1  # radius in pixels of the closing of gaps in edges
 SMALLEST_REGION = 20  # pixels
 LARGEST_REGION = 0.05  # share of the picture
-BRANCHES = 0.35  # share of a skeleton beyond its longest path, at most
-BREADTH = (0.05, 1.0)  # width / length
-FILL = (0.5, 2.0)  # area / (length x width)
-COLORS = 12  # of k-means
-COLOR_SAMPLE = 4000  # pixels from which the colours are learned
+BRANCHES = 0.35  # maximum share of a skeleton beyond its longest path
+BREADTH = (0.05, 1.0)  # range of width / length
+FILL = (0.5, 2.0)  # range of area / (length x width)
+COLORS = 12  # number of k-means clusters
+COLOR_SAMPLE = 4000  # number of pixels from which the clusters are computed
 GROWTH = 2  # pixels that a stroke may grow into edges
-NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))  # rows and columns to half of the eight pixels around one
+NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))  # offsets (row, column) to half of a pixel's eight neighbours
 
 
 def strokes_between_edges(image: Array) -> Array:
-    """Find brushstrokes in a picture (H, W, 3): labels (H, W), -1 where there is none."""
+    """Label the brushstrokes (H, W) in a picture (H, W, 3); -1 where there is none."""
     from skimage.color import rgb2lab  # noqa: PLC0415  (slow to import)
     from skimage.feature import canny  # noqa: PLC0415
     from skimage.measure import label  # noqa: PLC0415
@@ -45,7 +45,7 @@ def strokes_between_edges(image: Array) -> Array:
 
 
 def keep_brushstrokes(regions: Array) -> Array:
-    """Number the regions (H, W; 0 is none) that are brushstrokes from 0; the others become -1."""
+    """Number the regions (H, W; 0 is none) that are brushstrokes, starting at 0, and set all others to -1."""
     from skimage.measure import regionprops  # noqa: PLC0415  (slow to import)
 
     labels, count = np.full(regions.shape, -1, np.int32), 0
@@ -57,7 +57,7 @@ def keep_brushstrokes(regions: Array) -> Array:
 
 
 def is_brushstroke(mask: Array) -> bool:
-    """Test a region (h, w): its skeleton is one path, and length, breadth and area go together."""
+    """Check whether a region (h, w) has a skeleton of one path, and consistent length, breadth and area."""
     from scipy.ndimage import distance_transform_edt  # noqa: PLC0415  (slow to import)
     from skimage.morphology import skeletonize  # noqa: PLC0415
 
@@ -65,7 +65,7 @@ def is_brushstroke(mask: Array) -> bool:
     skeleton = skeletonize(padded)
     path = longest_path(skeleton)
     width = 2 * float(distance_transform_edt(padded)[skeleton].mean()) if skeleton.any() else 1.0
-    length = path + width  # a skeleton ends half a breadth before the stroke
+    length = path + width  # a skeleton ends half a breadth before the end of the stroke
     branches = 1 - (path + 1) / max(float(skeleton.sum()), 1)
     return (
         branches <= BRANCHES
@@ -110,7 +110,7 @@ def quantise_colors(lab: Array) -> Array:
 
 
 def grow_into_edges(labels: Array) -> Array:
-    """Give strokes (H, W) back what lies within `GROWTH` pixels of them and is of none."""
+    """Extend strokes (H, W) to unlabelled pixels within `GROWTH` pixels."""
     from scipy.ndimage import distance_transform_edt  # noqa: PLC0415  (slow to import)
 
     distance, nearest = distance_transform_edt(labels < 0, return_indices=True)

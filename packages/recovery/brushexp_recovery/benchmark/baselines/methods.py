@@ -1,6 +1,6 @@
-"""Methods that recovery is compared with; each turns a picture (H, W, 3) in [0, 1] into strokes.
+"""Define recovery and its baselines as functions from a picture (H, W, 3) in [0, 1] to strokes.
 
-Some are told the true number of strokes, which is more than recovery is told.
+Some baselines receive the true number of strokes, which recovery does not.
 """
 
 from collections.abc import Callable
@@ -22,21 +22,21 @@ from brushexp_recovery.benchmark.prediction import (
 from brushexp_recovery.model.recovery_model import SHIPPED_WEIGHTS
 
 Array = NDArray[Any]
-Method = Callable[..., Prediction]  # of a picture, a number of strokes and, if it is trained, weights
+Method = Callable[..., Prediction]  # arguments: a picture, a number of strokes and, for trained methods, weights
 
-COMPACTNESS = 10.0  # of superpixels, as Achanta et al. (2012)
+COMPACTNESS = 10.0  # compactness of superpixels, as in Achanta et al. (2012)
 DESCENT_STEPS = 150
 
 
 def recovery(image: Array, count: int, weights: str = SHIPPED_WEIGHTS) -> Prediction:
-    """Recover strokes as ``task=recover`` does; the number is not used."""
+    """Recover strokes as ``task=recover`` does; ``count`` is not used."""
     from brushexp_recovery.recover.pipeline import recover  # noqa: PLC0415
 
     return prediction_from_recovered(recover(image, weights=weights))
 
 
 def recovered_curves(image: Array, count: int, weights: str = SHIPPED_WEIGHTS) -> Prediction:
-    """Recover strokes, and take their curves alone, drawn as plain lines in the order that was found."""
+    """Recover strokes, but use only their curves, drawn as plain lines in the recovered order."""
     whole = recovery(image, count, weights)
     lines = prediction_from_curves(whole.curve, whole.width, whole.color, np.ones(len(whole)), image.shape[:2])
     return replace(lines, confidence=whole.confidence)
@@ -50,17 +50,17 @@ def superpixels(image: Array, count: int) -> Prediction:
 
 
 def edges(image: Array, count: int) -> Prediction:
-    """Find regions between edges that pass a test of brushstrokes (Li et al., 2012); the number is not used."""
+    """Find regions between edges that pass a test for brushstrokes (Li et al., 2012); ``count`` is not used."""
     return prediction_from_labels(strokes_between_edges(image), image)
 
 
 def growing(image: Array, count: int) -> Prediction:
-    """Grow regions of one colour, and keep ellipses (Lamberti et al., 2014); the number is not used."""
+    """Grow regions of one colour, and keep ellipses (Lamberti et al., 2014); ``count`` is not used."""
     return prediction_from_labels(grow_ellipses(image), image)
 
 
 def gradient(image: Array, count: int) -> Prediction:
-    """Paint the picture with ``count`` plain strokes by gradient descent, and return these."""
+    """Paint the picture with ``count`` plain strokes by gradient descent, and return the strokes."""
     import brushexp  # noqa: PLC0415
 
     strokes = max(count, 1)

@@ -1,8 +1,8 @@
-"""Regions grown from seeds that are elliptical, after Lamberti, Sanna and Paravati (2014).
+"""Find brushstrokes as elliptical regions grown from seeds, after Lamberti, Sanna and Paravati (2014).
 
-"Computer-assisted analysis of painting brushstrokes: digital image processing for unsupervised extraction of visible
-features from van Gogh's works". Differs from the source: seeds are taken in order of their gradient, the flattest
-first, instead of at random, so that the same picture has the same strokes.
+Source: "Computer-assisted analysis of painting brushstrokes: digital image processing for unsupervised extraction of
+visible features from van Gogh's works". Differs from the source: seeds are taken in ascending order of their gradient
+instead of at random, so that the same picture always gives the same strokes.
 """
 # mypy: allow-untyped-defs
 
@@ -16,15 +16,15 @@ from brushexp.contracts.kernels import function, inline
 
 Array = NDArray[Any]
 
-SIGMA = 0.7  # pixels: of the smoothing
-TOLERANCE = 7.0  # CIELAB: by which a pixel may differ from the mean of its region
+SIGMA = 0.7  # standard deviation of the smoothing in pixels
+TOLERANCE = 7.0  # maximum CIELAB difference of a pixel from the mean of its region
 SMALLEST_REGION = 20  # pixels
 LARGEST_REGION = 0.05  # share of the picture
-ELLIPTICAL = 0.75  # share of a region that lies in the ellipse of the same moments, at least
+ELLIPTICAL = 0.75  # minimum share of a region inside the ellipse with the same moments
 
 
 def grow_ellipses(image: Array) -> Array:
-    """Find brushstrokes in a picture (H, W, 3): labels (H, W), -1 where there is none."""
+    """Label the brushstrokes (H, W) in a picture (H, W, 3); -1 where there is none."""
     from skimage.color import rgb2lab  # noqa: PLC0415  (slow to import)
 
     lab = gaussian_filter(rgb2lab(image), (SIGMA, SIGMA, 0))
@@ -35,10 +35,10 @@ def grow_ellipses(image: Array) -> Array:
 
 @function
 def _grow_regions(lab, order, largest):
-    """Grow a region from each pixel that is free, in ``order``, and keep those that are elliptical."""
+    """Grow a region from each free pixel, in ``order``, and keep the elliptical regions."""
     height, width, _ = lab.shape
     labels = np.full((height, width), -1, np.int32)
-    state = np.zeros((height, width), np.int32)  # 0: free; otherwise the number of the last region that tried it
+    state = np.zeros((height, width), np.int32)  # 0 if free, otherwise the last region that tried the pixel
     queue = np.zeros((height * width, 2), np.int32)
     count = 0
     for attempt in range(len(order)):
@@ -55,7 +55,7 @@ def _grow_regions(lab, order, largest):
 
 @inline
 def _grow(lab, row, column, mark, labels, state, queue):
-    """Grow a region from one pixel; its places are written into ``queue``, its number ``mark`` into ``state``."""
+    """Grow a region from one pixel; write its places into ``queue`` and its number ``mark`` into ``state``."""
     height, width, _ = lab.shape
     total = np.zeros(3)
     head, tail = 0, 1
@@ -82,7 +82,7 @@ def _grow(lab, row, column, mark, labels, state, queue):
 
 @function
 def _ellipticity(places):
-    """Return the share of places (n, 2) that lie in the ellipse of their moments: 1 for an ellipse."""
+    """Compute the share of places (n, 2) inside the ellipse with the same moments, which is 1 for an ellipse."""
     n = len(places)
     my = mx = 0.0
     for k in range(n):

@@ -1,5 +1,5 @@
 // Add, delete, split and join strokes by hand, and save them as marks (docs/recovery.md). The view calls
-// "brushexp.marks" to paint them, and passes on taps and drags while a tool is chosen.
+// "brushexp.marks" to draw them, and forwards taps and drags while a tool is chosen.
 "use strict";
 {
   const { byId, recovered } = window.brushexp;

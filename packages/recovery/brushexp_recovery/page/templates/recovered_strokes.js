@@ -1,5 +1,5 @@
-// The strokes of the page's data, their colours, and which are shown. brushexp.recovered offers them to the view and
-// the exports; the document receives the event "shown" whenever the selection changes.
+// The strokes in the page's data, their colours, and which of them are shown. brushexp.recovered provides them to the
+// view and the exports; the document receives the event "shown" whenever the selection changes.
 "use strict";
 {
   const { byId, chart, draw } = window.brushexp;

@@ -19,7 +19,7 @@
   const view = { zoom: 1, x: 0, y: 0 }; // screen pixels per pixel; position in the upper left corner
   let picked = -1;
   let waits = false;
-  let byTyping = false; // whether the last event was a key: a cross then marks where Enter acts
+  let byTyping = false; // whether the last event was a key, in which case a cross marks where Enter acts
 
   const whole = () => Math.min(canvas.clientWidth / width, canvas.clientHeight / height);
   const within = (zoom) => Math.min(Math.max(zoom, Math.min(whole(), 1)), Math.max(whole(), CLOSEST));
@@ -131,7 +131,7 @@
     marks.enter(pen, placeAt());
   };
 
-  const held = new Map(); // positions of the pointers that are down
+  const held = new Map(); // positions of the pressed pointers
   let moved = 0;
   const place = (event) => {
     const box = canvas.getBoundingClientRect();

@@ -1,1 +1,1 @@
-"""Families of paint, a file each, which training learns from and which a benchmark can leave out."""
+"""Families of paint, one per file, which are used for training and can be held out for a benchmark."""

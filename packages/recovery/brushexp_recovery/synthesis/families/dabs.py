@@ -1,4 +1,4 @@
-"""Dabs of a round brush: short touches, thick in the middle, beside and over each other or apart."""
+"""Dabs of a round brush: short touches that are thick in the middle, separate or overlapping."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ from brushexp_recovery.synthesis.sheets import (
 
 
 class Dabs(PaintFamily):
-    """Touches at most three times as long as wide."""
+    """Touches that are at most three times as long as wide."""
 
     depth = (0.3, 4.0)
 

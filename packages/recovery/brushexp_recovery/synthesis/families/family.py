@@ -1,4 +1,4 @@
-"""What a family of paint is, and the families that there are."""
+"""Define families of paint, and find all families."""
 
 import importlib
 import pkgutil
@@ -21,21 +21,21 @@ from brushexp_recovery.synthesis.windows import StrokeWindows
 
 Array = NDArray[Any]
 
-WEAVE_PERIOD = (2.8, 14.0)  # pixels
-WEAVE_SHARE = 0.6  # of the paintings show the threads of their canvas
-FILLED = 2.0  # height of paint that hides them
-UNEVEN_SHARE = 0.4  # of the paintings are lit unevenly
-UNEVEN = 0.3  # most change of the light within a picture, as a share
+WEAVE_PERIOD = (2.8, 14.0)  # range of the distance between threads in pixels
+WEAVE_SHARE = 0.6  # share of paintings that show the threads of their canvas
+FILLED = 2.0  # height of paint that hides the threads
+UNEVEN_SHARE = 0.4  # share of paintings that are lit unevenly
+UNEVEN = 0.3  # maximum relative change of the light within a picture
 
 
 class PaintFamily(ABC):
     """The paint of one painting: how strokes are laid, drawn, mixed and lit, chosen from a wide prior.
 
-    A subclass is a file of this folder. Its name is that of the file.
+    Each subclass is in a separate file of this folder; the family has the file's name.
     """
 
-    depth = (0.2, 2.0)  # least and most depth of the relief, 1 is that of the renderer
-    lit_share = 0.6  # of the paintings, whose relief is lit
+    depth = (0.2, 2.0)  # range of the relief's depth, relative to the renderer's
+    lit_share = 0.6  # share of paintings whose relief is lit
 
     def __init__(self, random: Random) -> None:
         """Choose the paint of a painting."""
@@ -43,18 +43,18 @@ class PaintFamily(ABC):
 
     @abstractmethod
     def choose_hand(self) -> Hand:
-        """Choose how strokes are laid."""
+        """Choose the hand that lays the strokes."""
 
     @abstractmethod
     def draw(self, length: float) -> Sheet:
         """Draw a straight stroke of this length in widths."""
 
     def mix(self, count: int) -> Mixing:
-        """Choose how the paint of ``count`` strokes mixes with what lies below."""
+        """Choose how the paint of ``count`` strokes mixes with the paint below."""
         return opaque_mixing(count, 1.0)
 
     def light(self, canvas: Canvas) -> Array:
-        """Light the relief of the paint and of the canvas: (H, W, 3)."""
+        """Light the relief of paint and canvas (H, W, 3)."""
         random, height = self.random, canvas.height
         if random.random() < WEAVE_SHARE:
             threads = draw_weave(height.shape, random)
@@ -71,7 +71,7 @@ class PaintFamily(ABC):
 
 @dataclass(frozen=True)
 class FamilyPainting:
-    """A painting of a family with all that its truth follows from."""
+    """A painting of a family, with all data from which its truth is computed."""
 
     image: Array  # (H, W, 3) in [0, 1]
     layout: StrokeLayout
@@ -81,7 +81,7 @@ class FamilyPainting:
 
 @cache
 def find_families() -> dict[str, type[PaintFamily]]:
-    """Find the families of paint by name: each file of this folder but this one defines one."""
+    """Find the families of paint by name; each other file of this folder defines one."""
     found = {}
     for module in pkgutil.iter_modules(families.__path__):
         members = vars(importlib.import_module(f"{families.__name__}.{module.name}")).values()
@@ -101,7 +101,7 @@ def paint_family(name: str, picture: Array, count: int, ground: Array, random: R
 
 
 def draw_weave(size: tuple[int, ...], random: Random) -> Array:
-    """Draw the relief (H, W) of a canvas of plain weave: threads of two directions, one over the other in turn."""
+    """Draw the relief (H, W) of a plain-weave canvas, whose threads of two directions alternate."""
     rows, columns = np.mgrid[: size[0], : size[1]].astype(np.float32)
     period_x, period_y = random.uniform(*WEAVE_PERIOD) * random.uniform(0.9, 1.1, 2)
     wander = [gaussian_blur(random.normal(size=size), 6) * random.uniform(0, 6) for _ in range(2)]
@@ -112,7 +112,7 @@ def draw_weave(size: tuple[int, ...], random: Random) -> Array:
 
 
 def light_unevenly(image: Array, random: Random) -> Array:
-    """Darken a picture (H, W, 3) towards one side or in a soft spot, as lamps do."""
+    """Darken a picture (H, W, 3) towards one side or around a soft spot, as lamps do."""
     height, width = image.shape[:2]
     rows, columns = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j]
     angle, bend = random.uniform(0, 2 * np.pi), random.uniform(-0.5, 0.5)

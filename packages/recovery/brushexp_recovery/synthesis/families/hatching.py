@@ -1,4 +1,4 @@
-"""Hatching with a dry brush: thin strokes side by side, broken by the grain of the canvas, on a ground that shows."""
+"""Hatching with a dry brush: thin parallel strokes, broken by the grain of the canvas, on a visible ground."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ from brushexp_recovery.synthesis.sheets import (
 
 
 class Hatching(PaintFamily):
-    """Lines whose paint runs out: the bristles that carry less stop first."""
+    """Lines whose paint runs out, first at the bristles that carry least."""
 
     def __init__(self, random: Random) -> None:
         super().__init__(random)

@@ -1,4 +1,4 @@
-"""Thick paint in rows of one hue: a stroke is told from its neighbour by the light on its ridges, not by its colour."""
+"""Thick paint in rows of one hue, where only the light on ridges, not the colour, separates neighbouring strokes."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ from brushexp_recovery.synthesis.sheets import (
 
 
 class Impasto(PaintFamily):
-    """Ridges at the sides where the brush pushes paint away, furrows of bristles between, a lump where it lifts."""
+    """Strokes with ridges along the sides, bristle furrows in between, and a lump where the brush lifts."""
 
     depth = (0.8, 5.0)
     lit_share = 1.0

@@ -1,4 +1,4 @@
-"""Slabs of a palette knife: flat paint with sharp sides, ridges where the blade leaves it, and two colours at times."""
+"""Slabs of a palette knife: flat paint with sharp sides, ridges where the blade lifts, and sometimes two colours."""
 
 from dataclasses import replace
 

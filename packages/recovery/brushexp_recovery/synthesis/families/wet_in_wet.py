@@ -1,4 +1,4 @@
-"""Wet paint dragged into its neighbour: each bristle takes up the colours that it passes and lays them down again."""
+"""Wet paint dragged into its neighbour: each bristle takes up the colours that it passes and deposits them again."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ from brushexp_recovery.synthesis.sheets import COLUMNS, Sheet, draw_bristles, dr
 
 
 class WetInWet(PaintFamily):
-    """Soft opaque strokes whose colour drifts towards what lies below."""
+    """Soft opaque strokes whose colours drift towards the paint below."""
 
     depth = (0.2, 3.0)
 
