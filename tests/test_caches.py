@@ -173,7 +173,7 @@ def test_a_disk_that_is_full_keeps_nothing_and_ends_no_run(kernels, monkeypatch,
 
     monkeypatch.setattr(caching.IndexDataCacheFile, "save", full)
     assert doubled() == 2
-    assert "cannot be kept" in caplog.text
+    assert "cannot be stored" in caplog.text
 
 
 @pytest.mark.parametrize("damage", [b"", b"\x80", b"\x80\x04]\x94.", bytes(range(256))])

@@ -92,7 +92,7 @@ def test_a_run_or_a_training_goes_on_with_the_settings_files_and_sets_that_it_be
 
 def test_a_run_that_goes_on_under_other_versions_says_so(resumed, tmp_path, caplog):
     resumed(begun=["steps=900"])
-    assert "another environment" not in caplog.text
+    assert "different environment" not in caplog.text
     checkpoint = torch.load(tmp_path / CHECKPOINT)
     checkpoint[RECORD_KEY]["provenance"] |= {"torch": "1.0", "plugins": {}}
     torch.save(checkpoint, tmp_path / CHECKPOINT)

@@ -99,7 +99,7 @@ def test_second_derivatives_and_transforms_are_refused_in_one_line_and_dense_has
         return torch.autograd.grad(picture.pow(power).sum(), strokes.color, create_graph=True)[0]
 
     for power in (1, 2):  # the gradient of the picture is constant at first, then not
-        refuses("first derivatives only; blend='dense' .* has second ones", slope("tiled", power).sum().backward)
+        refuses("first derivatives only; blend='dense' .* has second too", slope("tiled", power).sum().backward)
     torch.testing.assert_close(slope("dense", 2), slope("tiled", 2), rtol=1e-3, atol=1e-3)
     (second,) = torch.autograd.grad(slope("dense", 2).sum(), strokes.color)
     assert second.abs().max() > 0
