@@ -40,7 +40,7 @@ def recover(
     Args:
         image: a path, the name of a sample, or a picture: (H, W, 3) or (3, H, W) tensor, uint8 or floats in [0, 1].
         scale: at which strokes are sought; None for one at which the middle one is 18 px wide.
-        copies: 1 to 8 turned and mirrored copies of the picture in each of four looks; more are slower and surer.
+        copies: 1 to 8 turned and mirrored copies of the picture in each look; more are slower and surer.
         weights: a .safetensors file of task=train_recovery, or the name of shipped ones.
 
     Returns:
