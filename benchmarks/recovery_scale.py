@@ -1,54 +1,89 @@
-"""Find the scale at which strokes are recovered best, and a criterion to choose it, on known rescaled paintings.
+"""Find the scale at which strokes are recovered best, and how near recovery comes, on known rescaled paintings.
 
     python benchmarks/recovery_scale.py scales.csv
+    python benchmarks/recovery_scale.py others.csv --rounds 3 7 --sides
 
-Paints the `PAINTINGS`, enlarges or reduces each, and recovers its strokes at the scales that resample it to each of
-`SIDES`, and at the scale that `recover` chooses. The file gets a row per painting and scale: F1, and the quantities
-that a criterion can use without the truth. Existing rows are kept, so an interrupted run continues. At the end it
-prints, per criterion, how often the chosen scale lies within a factor of 1.4 of the best one, and F1 there.
+Paints a painting of each of the `KINDS` in each round, enlarges or reduces it, and recovers its strokes at the scale
+that `recover` chooses, by one search and by all (`SEARCHES`), and by one search at the scales that resample it to each
+of the sides (`--sides`: none). The file gets a row per painting and scale: F1, and the quantities that a criterion can
+use without the truth. Existing rows are kept, so an interrupted run continues. At the end it prints, per criterion, how
+often the chosen scale lies within a factor of 1.4 of the best one, and F1 there, and what all searches gain over one.
 """
 
 import argparse
 import csv
 from pathlib import Path
+from zlib import crc32
 
 import numpy as np
 import torch
 from brushexp_recovery.benchmark.scenes import Scene, paint_scene
-from brushexp_recovery.find.regions import find_regions
-from brushexp_recovery.find.scale import find_zoom
+from brushexp_recovery.find.regions import SEARCHES, find_regions
+from brushexp_recovery.find.scale import BEST_WIDTH, find_zoom, weighted_median
 from brushexp_recovery.model.recovery_model import load_model
 from brushexp_recovery.raster.labels import count_pixels
 from brushexp_recovery.raster.overlap import MATCH_IOU, overlaps_between
 from brushexp_recovery.raster.resampling import nearest_pixels, resample
+from brushexp_recovery.synthesis.ageing import weather
 
 from brushexp.contracts.runs import load_plugins
 
-SEED, SIDE = 61, 256  # seed, and side in pixels of the paintings
-PAINTINGS = (  # kind, strokes, number, enlargement, look
-    ("impasto", 20, 0, 0.6, "clean"),
-    ("textured", 60, 0, 2.0, "hard"),
-    ("daubs", 20, 0, 1.0, "hard"),
-    ("scanned", 60, 0, 0.6, "clean"),
-    ("knife", 20, 0, 2.0, "clean"),
-    ("wet_in_wet", 60, 0, 1.0, "hard"),
-    ("hatching", 20, 0, 2.0, "hard"),
-    ("slabs", 60, 0, 2.0, "clean"),
-    ("impasto", 60, 1, 2.0, "hard"),
-    ("textured", 20, 1, 2.0, "clean"),
-    ("daubs", 60, 1, 0.6, "clean"),
-    ("scanned", 20, 1, 2.0, "hard"),
-    ("knife", 60, 1, 1.0, "hard"),
-    ("wet_in_wet", 20, 1, 0.6, "clean"),
-    ("hatching", 60, 1, 2.0, "clean"),
-    ("slabs", 20, 1, 1.0, "hard"),
+SEED, SIDE = 61, 256  # seed and side in pixels of the paintings
+KINDS = (
+    "textured",
+    "daubs",
+    "impasto",
+    "knife",
+    "scanned",
+    "dabs",
+    "hertzmann",
+    "wet_in_wet",
+    "litwinowicz",
+    "washes",
+    "slabs",
+    "hatching",
+    "dry",
+    "fluid",
 )
-SIDES = (64, 90, 128, 181, 256, 362)  # sides in pixels to which a painting is resampled
-NEAR = 1.4  # largest ratio to the best scale that counts as near
-LEAST_PIXELS = 12  # of the smallest stroke that counts
-FEWEST_REGIONS = 25  # for the candidate criterion
-GAIN = 1.05  # factor by which a scale must beat the present choice
-FIELDS = ("painting", "scale", "is_present", "f1", "regions", "explained", "rooted")
+COUNTS = (20, 60, 120)  # strokes
+ENLARGEMENTS = (0.6, 1.0, 2.0, 3.0)
+LOOKS = ("clean", "hard", "photo")  # photo: weathered after the enlargement, so that the weave is fine
+PHOTO_STRENGTH = 1.5  # of weathering
+SIDES = (64, 90, 128, 181, 256, 362)  # sides in pixels of a painting at the scales of the ladder
+NEAR = 1.4  # times the best scale, within which a scale is near it
+ROUNDING = 0.012  # of the logarithm of a scale: a step of the ladder, by 1.414, still counts as near
+LEAST_PIXELS = 12  # of a stroke that counts
+FEWEST_REGIONS = 25  # of the candidate criterion
+GAIN = 1.05  # by which it must beat the present choice
+DIFFERENCE = 0.01  # of F1, from which on a painting counts as better or worse
+RESAMPLES = 10_000  # of the bootstrap over paintings
+FIELDS = ("painting", "scale", "choice", "f1", "regions", "explained", "rooted", "by_width")
+PRESENT, ALL, LADDER = "present", "all searches", "ladder"  # choices
+
+
+def list_pictures(first, last):
+    """List kind, strokes, round, enlargement and look of the paintings of rounds ``first`` to ``last - 1``."""
+    pictures = []
+    for turn in range(first, last):
+        for number, kind in enumerate(KINDS):
+            count = COUNTS[(number + turn) % len(COUNTS)]
+            enlargement = ENLARGEMENTS[(number + 3 * turn + turn // 4) % len(ENLARGEMENTS)]
+            pictures.append((kind, count, turn, enlargement, LOOKS[(number // 3 + turn) % len(LOOKS)]))
+    return pictures
+
+
+def make_picture(kind, count, turn, enlargement, look):
+    """Paint a picture (H, W, 3) at a wrong resolution; return it, its labels and the scale that its widths suggest."""
+    painting = paint_scene(Scene(kind, count, turn), SIDE, SEED)
+    before = painting.hard if look == "hard" else painting.clean
+    image = np.clip(resample(before.astype(np.float32), enlargement), 0, 1)
+    if look == "photo":
+        random = np.random.default_rng([SEED, turn, crc32(kind.encode())])
+        image = np.clip(weather(image, random, PHOTO_STRENGTH), 0, 1).astype(np.float32)
+    truth = painting.truth
+    pixels = (nearest_pixels(size, own) for size, own in zip(image.shape[:2], truth.labels.shape, strict=True))
+    width = weighted_median(truth.width[truth.counts], truth.visible[truth.counts].astype(float))
+    return image, truth.labels[np.ix_(*pixels)], BEST_WIDTH / (width * enlargement)
 
 
 def f1_of(known, found):
@@ -58,11 +93,12 @@ def f1_of(known, found):
     return 2 * (iou >= MATCH_IOU).sum() / max(sum((count >= LEAST_PIXELS).sum() for count in counts), 1)
 
 
-def look_at(model, image, labels, scale):
-    """Recover strokes at a scale, and compute F1 and the quantities that need no truth."""
-    regions = find_regions(model, image, scale, 1, lambda *_: None)
+def look_at(model, image, labels, scale, searches):
+    """Recover strokes at a scale, and compute F1 and the figures that need no truth."""
+    regions = find_regions(model, image, scale, 1, lambda *_: None, searches)
     area = count_pixels(regions.labels, len(regions.chance))
     return {
+        "scale": scale,
         "f1": f1_of(labels, regions.labels),
         "regions": len(area),
         "explained": (area * regions.chance).sum() / labels.size,
@@ -71,66 +107,85 @@ def look_at(model, image, labels, scale):
 
 
 def measure(options, path, done):
-    """Write missing rows to the file."""
+    """Write the lines that are not there yet."""
     model = load_model(options.weights)
-    classifiers = model.classifiers()
     with path.open("a", newline="") as file:
         writer = csv.DictWriter(file, FIELDS)
         if not done:
             writer.writeheader()
-        for kind, count, number, size, look in PAINTINGS:
-            name = f"{kind} {count} {number} {size} {look}"
+        for picture in list_pictures(*options.rounds):
+            name = " ".join(map(str, picture))
             if name in done:
                 continue
-            painting = paint_scene(Scene(kind, count, number), SIDE, SEED)
-            image = np.clip(resample(getattr(painting, look).astype(np.float32), size), 0, 1)
-            rows = (nearest_pixels(a, b) for a, b in zip(image.shape, painting.truth.labels.shape, strict=False))
-            labels = painting.truth.labels[np.ix_(*rows)]
-            present = find_zoom(model, classifiers, image)
-            ladder = [(present, 1), *((side / len(image), 0) for side in SIDES)]
+            image, labels, by_width = make_picture(*picture)
+            present = find_zoom(model, model.classifiers(), image)
+            looks = [(PRESENT, present, SEARCHES[:1]), (ALL, present, SEARCHES)]
+            looks += [(LADDER, side / len(image), SEARCHES[:1]) for side in options.sides]
             lines = [
-                {"painting": name, "scale": scale, "is_present": is_present} | look_at(model, image, labels, scale)
-                for scale, is_present in ladder
+                {"painting": name, "choice": choice, "by_width": by_width}
+                | look_at(model, image, labels, scale, searches)
+                for choice, scale, searches in looks
             ]
-            writer.writerows(lines)  # all rows of a picture or none
+            writer.writerows(lines)  # all of a picture, or none
             file.flush()
 
 
-def candidate(lines):
-    """Choose the scale whose regions explain most, if they are enough and clearly beat those of the present one."""
-    present = next(line for line in lines if int(line["is_present"]))
-    enough = [line for line in lines if int(line["regions"]) >= FEWEST_REGIONS] or [present]
-    best = max(enough, key=lambda line: float(line["explained"]))
-    return best if float(best["explained"]) > GAIN * float(present["explained"]) else present
+def choose_explained(lines):
+    """Choose the scale whose regions, if enough, explain most, and clearly more than those of the present one."""
+    enough = [line for line in lines if line["regions"] >= FEWEST_REGIONS] or lines[:1]
+    best = max(enough, key=lambda line: line["explained"])
+    return best["scale"] if best["explained"] > GAIN * lines[0]["explained"] else lines[0]["scale"]
 
 
-CRITERIA = {
-    "present": lambda lines: next(line for line in lines if int(line["is_present"])),
-    "explained": lambda lines: max(lines, key=lambda line: float(line["explained"])),
-    "explained by 25 regions, 5 % better": candidate,
-    "explained, by roots of areas": lambda lines: max(lines, key=lambda line: float(line["rooted"])),
-    "the truth": lambda lines: max(lines, key=lambda line: float(line["f1"])),
+CRITERIA = {  # of lines, the present one first
+    "the present choice": lambda lines: lines[0]["scale"],
+    "explained": lambda lines: max(lines, key=lambda line: line["explained"])["scale"],
+    "explained by 25 regions, 5 % better": choose_explained,
+    "explained, by roots of areas": lambda lines: max(lines, key=lambda line: line["rooted"])["scale"],
+    "the true median width": lambda lines: lines[0]["by_width"],
+    "the truth": lambda lines: max(lines, key=lambda line: line["f1"])["scale"],
 }
 
 
+def f1_at(lines, scale):
+    """Interpolate F1 at a scale."""
+    ordered = sorted(lines, key=lambda line: line["scale"])
+    scales = np.log([line["scale"] for line in ordered])
+    return float(np.interp(np.log(scale), scales, [line["f1"] for line in ordered]))
+
+
 def report(rows):
-    """Print how well each criterion chooses."""
+    """Print how well each criterion chooses, and what all searches gain."""
     pictures = {}
     for row in rows:
-        pictures.setdefault(row["painting"], []).append(row)
-    print(f"{len(pictures)} pictures\n\n| criterion | within {NEAR} times the best | F1 |\n|---|---:|---:|")
-    for name, choose in CRITERIA.items():
-        chosen = [choose(lines) for lines in pictures.values()]
-        best = [CRITERIA["the truth"](lines) for lines in pictures.values()]
-        ratio = [abs(np.log(float(a["scale"]) / float(b["scale"]))) for a, b in zip(chosen, best, strict=True)]
-        near = np.mean(np.array(ratio) <= np.log(NEAR) + 1e-9)
-        print(f"| {name} | {near:.2f} | {np.mean([float(line['f1']) for line in chosen]):.3f} |")
+        line = {key: value if key in ("painting", "choice") else float(value) for key, value in row.items()}
+        pictures.setdefault(row["painting"], {}).setdefault(row["choice"], []).append(line)
+    print(f"{len(pictures)} pictures")
+    if all(LADDER in lines for lines in pictures.values()):
+        print(f"\n| criterion | within {NEAR} times the best | F1 |\n|---|---:|---:|")
+        single = [lines[PRESENT] + lines[LADDER] for lines in pictures.values()]
+        best = [CRITERIA["the truth"](lines) for lines in single]
+        for name, choose in CRITERIA.items():
+            chosen = [choose(lines) for lines in single]
+            ratios = [abs(np.log(one / other)) for one, other in zip(chosen, best, strict=True)]
+            near = np.mean(np.array(ratios) <= np.log(NEAR) + ROUNDING)
+            f1 = np.mean([f1_at(lines, scale) for lines, scale in zip(single, chosen, strict=True)])
+            print(f"| {name} | {near:.2f} | {f1:.3f} |")
+    before, after = (np.array([lines[choice][0]["f1"] for lines in pictures.values()]) for choice in (PRESENT, ALL))
+    gain, random = after - before, np.random.default_rng(SEED)
+    draws = random.integers(len(gain), size=(RESAMPLES, len(gain)))
+    low, high = np.quantile(gain[draws].mean(1), [0.025, 0.975])
+    print(f"\nF1 {before.mean():.3f} by one search, {after.mean():.3f} by all")
+    print(f"gain {gain.mean():+.3f} ({low:+.3f} to {high:+.3f})")
+    print(f"{(gain > DIFFERENCE).sum()} better, {(gain < -DIFFERENCE).sum()} worse")
 
 
 def main():
     """Measure, then report."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("file", type=Path)
+    parser.add_argument("--rounds", type=int, nargs=2, default=(0, 3), metavar=("FIRST", "END"))
+    parser.add_argument("--sides", type=int, nargs="*", default=SIDES)
     parser.add_argument("--weights", default="strokes")
     options = parser.parse_args()
     torch.set_num_threads(1)

@@ -1,5 +1,6 @@
-"""The regions of the strokes of a picture of any size: found tile by tile, the surest kept first."""
+"""The regions of the strokes of a picture of any size: found tile by tile at two scales, the surest kept first."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -35,6 +36,16 @@ class Change(NamedTuple):
 CHANGES = (Change(1.0, 0.0), Change(1.4, 0.0), Change(0.7, 0.0), Change(1.0, 1.0))  # one for each look at a tile
 
 
+class Search(NamedTuple):
+    """A search of the whole picture."""
+
+    zoom: float  # times the scale of the picture
+    worth: float  # of the chance of a region that it finds
+
+
+SEARCHES = (Search(1.0, 1.0), Search(0.5, 0.75))  # the second finds broad strokes, where it is clearly surer
+
+
 @dataclass(frozen=True)
 class Regions:
     """N regions of a picture, each the visible part of one stroke."""
@@ -48,13 +59,20 @@ class Regions:
     zoom: float  # at which the picture was looked at
 
 
-def find_regions(model: RecoveryModel, image: Array, zoom: float | None, copies: int, show: Progress) -> Regions:
+def find_regions(
+    model: RecoveryModel,
+    image: Array,
+    zoom: float | None,
+    copies: int,
+    show: Progress,
+    searches: Sequence[Search] = SEARCHES,
+) -> Regions:
     """Find the regions of strokes in a picture (H, W, 3) float32 in [0, 1].
 
-    Without a ``zoom`` they are sought at the scale that suits the strokes. Each look is at ``copies`` turned and
-    mirrored copies. A region is kept if its chance is at least half the mean chance of those that are kept: if there
-    are as many strokes as kept regions, and each region is a stroke with its chance, no other share has a higher
-    expected F1.
+    Without a ``zoom`` they are sought at the scale that suits the strokes. Each of the ``searches`` proposes regions,
+    each look of it at ``copies`` turned and mirrored copies. A region is kept if surer ones leave enough of it free,
+    and if its chance is at least half the mean chance of those that are kept: if there are as many strokes as kept
+    regions, and each region is a stroke with its chance, no other share has a higher expected F1.
     """
     height, width = image.shape[:2]
     classifiers = model.classifiers()
@@ -62,24 +80,25 @@ def find_regions(model: RecoveryModel, image: Array, zoom: float | None, copies:
     occlusion = np.zeros((len(OCCLUSION_OFFSETS), height, width), np.int8)
     paint = np.zeros((height, width), bool)
 
-    def look(number: int, tile: Tile) -> Look:  # the maps of a look are freed before the next one
+    def look(number: int, one: Search, tile: Tile) -> Look:  # the maps of a look are freed before the next one
         change = CHANGES[number]
-        shown = resample(image[tile.box.slices], zoom * change.zoom)
+        shown = resample(image[tile.box.slices], zoom * one.zoom * change.zoom)
         shown = gaussian_blur(shown, (change.blur, change.blur, 0)) if change.blur else shown
         maps = predict_maps(model.network, shown, copies, number)
-        if number == 0:
+        if number == 0 and one == searches[0]:
             _keep_maps(occlusion, paint, maps, tile)
         return look_at(maps, shown, classifiers)
 
-    def search(tile: Tile) -> list[Candidate]:
-        looks = [look(number, tile) for number in range(len(CHANGES))]
-        return [_move_to_picture(candidate, tile, width) for candidate in find_candidates(looks, tile)]
+    def search(part: tuple[Search, Tile]) -> list[Candidate]:
+        one, tile = part
+        looks = [look(number, one, tile) for number in range(len(CHANGES))]
+        return [_move_to_picture(candidate, tile, width, one.worth) for candidate in find_candidates(looks, tile)]
 
-    tiles = list(split_into_tiles(height, width, zoom, TILE_SIDE))
+    parts = [(one, tile) for one in searches for tile in split_into_tiles(height, width, zoom * one.zoom, TILE_SIDE)]
     candidates = list[Candidate]()
-    for done, of_tile in enumerate(map_on_threads(search, tiles), start=1):
-        candidates += of_tile
-        show(done / len(tiles), f"{len(candidates)} strokes")
+    for done, of_part in enumerate(map_on_threads(search, parts), start=1):
+        candidates += of_part
+        show(done / len(parts), f"{len(candidates)} strokes")
     labels = np.full(height * width, -1, np.int32)
     surest = keep_surest(candidates, labels, KEPT_SHARE)
     chance = np.array([one.chance for one in surest])
@@ -87,10 +106,11 @@ def find_regions(model: RecoveryModel, image: Array, zoom: float | None, copies:
     return Regions(labels.reshape(height, width), chance, attributes, occlusion, paint, zoom)
 
 
-def _move_to_picture(candidate: Candidate, tile: Tile, width: int) -> Candidate:
-    """Turn indices of pixels of a tile into those of the picture, which is ``width`` pixels wide."""
+def _move_to_picture(candidate: Candidate, tile: Tile, width: int, worth: float) -> Candidate:
+    """Turn indices of pixels of a tile into those of the picture, which is ``width`` pixels wide; weight the chance."""
     y, x = np.divmod(candidate.pixels, tile.box.size[1])
-    return replace(candidate, pixels=(y + tile.box.top) * width + x + tile.box.left)
+    pixels = (y + tile.box.top) * width + x + tile.box.left
+    return replace(candidate, pixels=pixels, chance=worth * candidate.chance)
 
 
 def _keep_maps(occlusion: Array, paint: Array, maps: StrokeMaps, tile: Tile) -> None:

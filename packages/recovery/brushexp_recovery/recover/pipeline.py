@@ -40,7 +40,7 @@ def recover(
     Args:
         image: path, name of a sample, or picture: an (H, W, 3) or (3, H, W) tensor, uint8 or floats in [0, 1].
         scale: scale at which strokes are sought; None for the scale at which the median stroke is 18 px wide.
-        copies: 1 to 8 rotated and mirrored copies of the picture in each of four looks; more are slower but more
+        copies: 1 to 8 rotated and mirrored copies of the picture in each look; more are slower but more
             certain.
         weights: a .safetensors file of task=train_recovery, or the name of shipped weights.
 

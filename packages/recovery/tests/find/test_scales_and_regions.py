@@ -5,7 +5,9 @@ from functools import partial
 import numpy as np
 import pytest
 from brushexp_recovery.find import regions, scale
+from brushexp_recovery.find.regions import SEARCHES, Search
 from brushexp_recovery.find.scale import weighted_median
+from brushexp_recovery.raster.resampling import resample
 from brushexp_recovery.raster.tiles import split_into_tiles
 from recovery_scenes import KnownPainting, bristles, f1_of, picture_of, shipped, silent
 
@@ -32,6 +34,22 @@ def test_a_part_is_explained_by_the_regions_that_were_painted(painting):
     assert explained([noise], 1.0) < 0.2
 
 
+@pytest.mark.parametrize("size", [0.7, 1.6])
+def test_a_picture_of_another_size_is_looked_at_about_as_large(painting, size):
+    image = picture_of(painting)
+    zoom, other = (scale.find_zoom(shipped(), shipped().classifiers(), one) for one in (image, resample(image, size)))
+    assert other * size == pytest.approx(zoom, rel=0.4)
+
+
+@pytest.mark.parametrize("size", [(8, 8), (60, 9)])
+def test_a_plain_picture_has_a_scale_and_no_strokes(size):
+    found = regions.find_regions(shipped(), np.full((*size, 3), 0.3, np.float32), None, 1, silent)
+    smallest, largest = scale.SCALES
+    assert smallest <= found.zoom <= largest
+    assert found.labels.shape == size
+    assert (found.labels < 0).all()
+
+
 def test_half_of_the_weight_lies_on_either_side_of_a_median():
     values, weights = np.array([5.0, 1.0, 3.0, 2.0]), np.array([1.0, 1.0, 1.0, 4.0])
     assert weighted_median(values, weights) == 2
@@ -46,3 +64,19 @@ def test_tiles_find_what_the_whole_picture_shows(monkeypatch, painting):
     monkeypatch.setattr(regions, "split_into_tiles", partial(split_into_tiles, margin=32))
     assert len(list(split_into_tiles(*image.shape[:2], 0.8, 128, 32))) > 1
     assert f1_of(regions.find_regions(shipped(), image, 0.8, 1, silent).labels, whole) > 0.7
+
+
+def test_a_second_search_that_is_surer_everywhere_finds_what_it_finds_alone(painting):
+    image = picture_of(painting)
+    alone = regions.find_regions(shipped(), image, 0.8, 1, silent, SEARCHES[:1])
+    both = regions.find_regions(shipped(), image, 1.6, 1, silent, (SEARCHES[0], Search(0.5, 10.0)))
+    np.testing.assert_array_equal(both.labels, alone.labels)
+    np.testing.assert_allclose(both.chance, 10 * alone.chance)
+
+
+def test_a_search_that_is_worth_nothing_adds_nothing(painting):
+    image = picture_of(painting)
+    searches = SEARCHES[0], Search(SEARCHES[1].zoom, 0.0)
+    one, both = (regions.find_regions(shipped(), image, 1.0, 1, silent, some) for some in (SEARCHES[:1], searches))
+    np.testing.assert_array_equal(both.labels, one.labels)
+    np.testing.assert_array_equal(both.chance, one.chance)
