@@ -28,6 +28,7 @@ class DensificationState:
     importance: Callable[[], Tensor]
     psnr: float | None = None  # PSNR in dB that the painting should reach; None for no goal
     may_replan: bool = True  # whether an update may change the number of steps, which a time limit forbids
+    features: Tensor | None = None  # (H, W) bool: eyes and mouths, where small strokes are no strays; None for nowhere
     front_to_back: Tensor | None = None  # (N,) indices of the strokes, uppermost first; None if the last is uppermost
 
 
