@@ -179,6 +179,9 @@ def test_hairlines_and_strokes_across_the_others_go_where_the_picture_hardly_mis
     scores[[24, 40]] = 5.0  # important strokes
     state = state_of(strokes=replace(strokes, **lines), target=torch.rand(3, 60, 60), scores=scores)
     assert (~policy.revise(state).keep).nonzero()[:, 0].tolist() == [10, 17, 31]
+    eye = torch.zeros(60, 60, dtype=torch.bool)
+    eye[:24] = True
+    assert (~Strays().revise(replace(state, features=eye)).keep).nonzero()[:, 0].tolist() == [31]
     assert Strays(thin=0, askew=90, lone=0).revise(state) is None
     fresh = Strays(missed=0.04)
     assert next(step for step in range(1, 61) if fresh.due(step, 60)) == 42

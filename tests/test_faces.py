@@ -21,12 +21,25 @@ from brushexp.painting.faces import (
     Feature,
     draw_features,
     features_of,
+    places_of,
 )
 from brushexp.pictures.face import Face, Landmark
-from brushexp.pictures.faces.detection import distinct, find_faces, turned, turned_back
+from brushexp.pictures.faces.contrast import NONE, restore_forms
+from brushexp.pictures.faces.detection import (
+    HEAD_SCORE,
+    HEAD_SEEN,
+    LEAST_SCORE,
+    distinct,
+    faces_among,
+    find_faces,
+    find_faces_and_heads,
+    heads_among,
+    turned,
+    turned_back,
+)
 from brushexp.pictures.faces.marked import marked_faces
 from brushexp.pictures.faces.network import HEADS, LANDMARKS, STRIDES, _decoded, open_network
-from brushexp.pictures.faces.spots import MOST_SPOTS, find_spots
+from brushexp.pictures.faces.spots import MOST_SPOTS, find_eyes, find_spots
 from brushexp.pictures.focus import attention
 from brushexp.pictures.load import load_picture
 from brushexp.plugins.density.fixed import Fixed
@@ -334,7 +347,8 @@ def test_a_mask_of_faces_is_asked_beside_the_network(config, tmp_path):
 def test_faces_off_looks_for_none_and_what_is_found_is_told(config, portrait, monkeypatch, caplog):
     calls = []
     monkeypatch.setattr(
-        "brushexp.pictures.faces.detection.find_faces", lambda picture: calls.append(picture) or find_faces(picture)
+        "brushexp.pictures.faces.detection.find_faces_and_heads",
+        lambda picture: calls.append(picture) or find_faces_and_heads(picture),
     )
     words = ("look=oil", "steps=0", "quality=draft")
     with caplog.at_level("INFO"):
@@ -387,3 +401,96 @@ def test_the_eyes_of_a_cat_are_spots():
     spots = find_spots(cat, attention(cat, []))
     for x, y in ((170, 118), (312, 137)):  # the cat's pupils
         assert any(math.hypot(spot.x - x, spot.y - y) < 1.2 * spot.radius for spot in spots)
+
+
+def test_heads_are_doubtful_faces_that_are_seen_again_and_lie_apart():
+    sure, doubtful, weak = face_at(100, HEAD_SCORE + 0.1), face_at(300, HEAD_SCORE), face_at(500, HEAD_SCORE - 0.01)
+    beside = face_at(130, HEAD_SCORE)
+    looks = HEAD_SEEN * [[sure, doubtful, weak, beside]]
+    assert heads_among(looks) == [sure, doubtful]
+    assert heads_among([*looks[1:], [sure]]) == [sure], "the other was seen too seldom"
+    assert heads_among([]) == []
+    assert faces_among(looks, LEAST_SCORE) == []
+
+
+def test_a_cat_has_a_head_whose_eyes_are_found_and_pictures_without_animals_have_none():
+    cat = load_picture("chelsea", None)
+    faces, heads = find_faces_and_heads(cat)
+    assert faces == []
+    eyes = find_eyes(cat, heads)
+    assert len(eyes) <= MOST_SPOTS * len(heads)
+    for x, y in ((170, 118), (312, 137)):  # its pupils
+        assert any(math.hypot(eye.x - x, eye.y - y) < eye.radius for eye in eyes)
+    for name in ("coffee", "rocket", "brick"):
+        assert find_faces_and_heads(load_picture(name, 300)) == ([], [])
+
+
+def test_a_person_is_no_animal(portrait):
+    faces, heads = find_faces_and_heads(portrait)
+    assert [face.score for face in faces] == [face.score for face in find_faces(portrait)]
+    assert heads == []
+
+
+@pytest.mark.parametrize("place", [(0, 0, 30), (199, 99, 20), (-60, 40, 20), (100, 50, 300)])
+def test_eyes_are_sought_in_the_part_of_a_head_that_the_picture_shows(place):
+    x, y, side = place
+    eyes = find_eyes(torch.rand(3, 100, 200), [Face(x, y, side, 0.5, np.zeros((5, 2)))])
+    assert len(eyes) <= MOST_SPOTS
+    assert all(0 <= eye.x <= 200 and 0 <= eye.y <= 100 for eye in eyes)
+
+
+def eye_on_skin(size: tuple[int, int] = (120, 160)) -> torch.Tensor:
+    """Draw a dark eye with a light, faintly green glint on skin (3, H, W); its middle is (80, 60)."""
+    picture = torch.tensor([0.85, 0.65, 0.55])[:, None, None].repeat(1, *size)
+    eye, glint = disc(size, 80, 60, 7), disc(size, 80, 60, 2)
+    picture = torch.lerp(picture, torch.tensor([0.2, 0.1, 0.1])[:, None, None], eye)
+    return torch.lerp(picture, torch.tensor([0.8, 0.95, 0.8])[:, None, None], glint)
+
+
+def test_forms_that_a_palette_flattened_come_back_in_their_place_alone():
+    picture = eye_on_skin()
+    flat = torch.tensor([0.9, 0.8, 0.6])[:, None, None].repeat(1, 120, 160)
+    restored = restore_forms(flat, picture, [(80.0, 60.0, 20.0)])
+    assert float(restored[:, 60, 75].mean()) < float(restored[:, 60, 90].mean()) - 0.25
+    beyond = disc((120, 160), 80, 60, 20 * NONE) == 0
+    assert torch.equal(restored[:, beyond], flat[:, beyond])
+    assert torch.equal(flat, flat[:, :1, :1].expand_as(flat)), "the target itself is left alone"
+    red, green, blue = restored[:, 60, 80].tolist()
+    assert red >= green > blue, "a light place keeps the tint of the palette"
+    assert torch.equal(restore_forms(flat, picture, []), flat)
+
+
+def test_forms_that_a_palette_kept_stay_and_small_places_get_more_contrast():
+    picture = eye_on_skin()
+    kept = restore_forms(picture, picture, [(80.0, 60.0, 20.0)])
+    assert_close(kept, picture, rtol=0, atol=0.02)
+    small = restore_forms(picture, picture, [(80.0, 60.0, 10.0)])
+    assert float(small[:, 60, 75].mean()) < float(picture[:, 60, 75].mean())
+
+
+@pytest.mark.parametrize("place", [(-100, 5, 3), (0, 0, 4), (39, 29, 0.3), (20, 15, 400)])
+def test_forms_of_any_place_in_any_picture_are_colours(place):
+    for picture in (torch.rand(3, 30, 40), torch.zeros(3, 30, 40), torch.ones(3, 30, 40)):
+        restored = restore_forms(torch.rand(3, 30, 40), picture, [place])
+        assert restored.isfinite().all()
+        assert ((restored >= 0) & (restored <= 1)).all()
+
+
+def test_a_look_that_flattens_forms_keeps_those_of_eyes_and_mouths(config, tmp_path, portrait):
+    Image.fromarray(portrait.movedim(0, -1).mul(255).byte().numpy()).save(tmp_path / "portrait.png")
+    words = (f"image={tmp_path / 'portrait.png'}", "look=gouache", "palette.flatness=1", "steps=0")
+    (face,) = find_faces(portrait)
+    contrast = []
+    for value in ("auto", "off"):
+        painter = build_painter(config(*words, f"faces={value}"))
+        target = painter.picture.target.mean(0)
+        places = [target[places_of([feature], (256, 256))] for feature in features_of([face])]
+        contrast.append(min(float(values.std()) for values in places))
+        assert (painter.features is None) == (value == "off")
+    assert contrast[0] > 1.2 * contrast[1]
+
+
+def test_the_places_of_features_are_marked():
+    assert places_of([], (30, 40)) is None
+    marked = places_of([Feature(10, 10, 4), Feature(30, 20, 2)], (30, 40))
+    assert torch.equal(marked.float(), torch.maximum(disc((30, 40), 10, 10, 4), disc((30, 40), 30, 20, 2)))

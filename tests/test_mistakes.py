@@ -209,7 +209,7 @@ MISTAKES = {
     "strokes=100000 resolution=64": "strokes=100000 is more than the 64 x 64 picture has pixels; set strokes to 4096",
     "focus=chelsea": "focus=chelsea has 451 x 300 pixels, the picture 512 x 512; give one with",
     "timelapse_seconds=0.01": "timelapse_seconds=0.01 does not fit; choose 1.2 to ",
-    "task=train simulate=null limit=9": "limit=9 is for sets",
+    "task=train simulate=null limit=9": "limit=9 is for stored sets",
     "task=train_discriminator simulate=300": "simulate is not a key of task=train_discriminator; nearest first:",
     "task=train renderer.window=128": "renderer.window=128, but the strokes have 64 pixels; set renderer.window=64",
     "task=prune renderer=textured": "Textured has no option for the widths of its layers; use renderer=inverse_vgg",

@@ -259,7 +259,7 @@ def unknown_key(typed: str, task: str) -> str:
     text = f"{typed} is not a key of task={task}; {near}"
     others = [
         f"task={name}"
-        for name, schema in TASKS.items()
+        for name, schema in sorted(TASKS.items())
         if any(f"{key}.".startswith(f"{typed}.") for key in (*keys_of(schema), *groups_of(schema)))
     ]
     return text + (f". It is one of {', '.join(others)}" if others else "")

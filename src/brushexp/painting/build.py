@@ -9,7 +9,7 @@ from torch import Tensor
 
 from brushexp.painting.changes import build_changes
 from brushexp.painting.components import STYLE, Components, build_components, first_strokes, plan_steps, stroke_budget
-from brushexp.painting.faces import features_of
+from brushexp.painting.faces import Feature, features_of, places_of
 from brushexp.painting.other_painter import OtherPainter
 from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.stroke_optimizer import GradientClip, StrokeOptimizer
@@ -17,13 +17,15 @@ from brushexp.painting.working_size import Sizes, resolution_of, sizes_of
 from brushexp.pictures.abstraction import simplified
 from brushexp.pictures.color import recolor
 from brushexp.pictures.face import Face
-from brushexp.pictures.faces.spots import Spot, find_spots
+from brushexp.pictures.faces.contrast import restore_forms
+from brushexp.pictures.faces.spots import Spot, find_eyes, find_spots
 from brushexp.pictures.focus import AUTO, OFF, focus_map, focus_weights
 from brushexp.pictures.load import TRANSPARENT, background_color, load_cutout, load_mask, load_picture
 from brushexp.plugins.change.base import Change
 from brushexp.plugins.loss.base import StyleLoss
 from brushexp.plugins.painter.base import Painter
 from brushexp.plugins.palette.base import Palette
+from brushexp.plugins.palette.own import Own
 from brushexp.registry import take_built
 from brushexp.strokes.catalogue import Catalogue
 
@@ -37,17 +39,17 @@ def build_painter(cfg: DictConfig, target: Tensor | None = None) -> PaintingModu
     """
     sizes = sizes_of(cfg) if target is None else None
     picture = _load(cfg, resolution_of(cfg)) if target is None else target
-    target = _in_palette(cfg, picture) if target is None else target
+    painter = take_built(cfg.painter)
+    faces, eyes = ([], []) if isinstance(painter, Painter) else faces_and_eyes_of(cfg, picture)
+    target = _in_palette(cfg, picture, features_of(faces, eyes)) if target is None else target
     changes = build_changes(cfg)
     for change in changes.values():
         target = change.target(target)
-    painter = take_built(cfg.painter)
     if isinstance(painter, Painter):
         return _other_painter(cfg, painter, target, changes)
-    faces = faces_of(cfg, picture)
     if faces:
         log.info("found %d face%s", len(faces), "s" if len(faces) > 1 else "")
-    return _stroke_optimizer(cfg, target, faces, changes, sizes)
+    return _stroke_optimizer(cfg, target, faces, eyes, changes, sizes)
 
 
 def target_of(cfg: DictConfig) -> Tensor:
@@ -55,9 +57,12 @@ def target_of(cfg: DictConfig) -> Tensor:
     return _in_palette(cfg, _load(cfg, resolution_of(cfg)))
 
 
-def _in_palette(cfg: DictConfig, picture: Tensor) -> Tensor:
+def _in_palette(cfg: DictConfig, picture: Tensor, features: Sequence[Feature] = ()) -> Tensor:
     palette: Palette = take_built(cfg.palette)
-    return palette(picture)
+    target = palette(picture)
+    if isinstance(palette, Own):
+        return target
+    return restore_forms(target, picture, [(feature.x, feature.y, feature.radius) for feature in features])
 
 
 def faces_of(cfg: DictConfig, picture: Tensor) -> list[Face]:
@@ -66,24 +71,31 @@ def faces_of(cfg: DictConfig, picture: Tensor) -> list[Face]:
     A mask adds the faces that it marks. With ``faces=off``, or if all strokes are given and there is no automatic
     focus, it loads no network and returns no faces.
     """
+    return faces_and_eyes_of(cfg, picture)[0]
+
+
+def faces_and_eyes_of(cfg: DictConfig, picture: Tensor) -> tuple[list[Face], list[Spot]]:
+    """Find the faces of a picture as `faces_of`, and without faces, the eyes in the heads of animals."""
     if cfg.faces == OFF or not (cfg.focus == AUTO or cfg.catalogue is None):
-        return []
-    from brushexp.pictures.faces.detection import find_faces  # noqa: PLC0415  (not every painting asks for it)
+        return [], []
+    from brushexp.pictures.faces.detection import find_faces_and_heads  # noqa: PLC0415  (not every painting asks)
     from brushexp.pictures.faces.marked import marked_faces  # noqa: PLC0415
 
-    faces = find_faces(picture)
-    if cfg.faces == AUTO:
-        return faces
-    mask = load_mask(cfg.faces, (picture.shape[1], picture.shape[2]), "faces", f"{AUTO}, {OFF}, ")
-    return faces + marked_faces(picture, mask, faces)
+    faces, heads = find_faces_and_heads(picture)
+    if cfg.faces != AUTO:
+        mask = load_mask(cfg.faces, (picture.shape[1], picture.shape[2]), "faces", f"{AUTO}, {OFF}, ")
+        faces += marked_faces(picture, mask, faces)
+    return faces, find_eyes(picture, heads) if _seeks_spots(cfg) and not faces else []
+
+
+def _seeks_spots(cfg: DictConfig) -> bool:
+    """Tell whether spots get strokes; a typed number is reserved for the picture: spots are less certain than faces."""
+    return bool(cfg.faces != OFF and cfg.focus == AUTO and cfg.strokes is None and cfg.catalogue is None)
 
 
 def spots_of(cfg: DictConfig, target: Tensor, attended: Tensor | None) -> list[Spot]:
-    """Find spots that may be eyes of animals in the detected focus of a target (3, H, W).
-
-    A typed number of strokes is reserved for the picture, because spots are less certain than faces.
-    """
-    if cfg.faces == OFF or cfg.focus != AUTO or cfg.strokes is not None or cfg.catalogue is not None:
+    """Find possible eyes of animals in a target (3, H, W) where its detected focus lies."""
+    if not _seeks_spots(cfg):
         return []
     assert attended is not None
     return find_spots(target, attended)
@@ -107,7 +119,12 @@ def _other_painter(cfg: DictConfig, painter: Painter, target: Tensor, changes: M
 
 
 def _stroke_optimizer(
-    cfg: DictConfig, target: Tensor, faces: Sequence[Face], changes: Mapping[str, Change], sizes: Sizes | None
+    cfg: DictConfig,
+    target: Tensor,
+    faces: Sequence[Face],
+    eyes: Sequence[Spot],
+    changes: Mapping[str, Change],
+    sizes: Sizes | None,
 ) -> StrokeOptimizer:
     pictures: dict[str, Tensor] = {}
     focus, attended = compute_focus(cfg, target, faces)
@@ -122,7 +139,7 @@ def _stroke_optimizer(
         parts = replace(parts, order=change.order(parts.order))
         background = change.ground(background)
     spots = spots_of(cfg, target, attended) if not faces else []
-    features = features_of(faces, spots)
+    features = features_of(faces, [*eyes, *spots])
     painted = None if sizes is None else sizes.painting
     strokes, budget = first_strokes(cfg, target, parts.density, focus, faces, features, painted=painted)
     parts = plan_steps(parts, cfg.steps_per_stroke, strokes, (target.shape[1], target.shape[2]))
@@ -134,6 +151,7 @@ def _stroke_optimizer(
         background,
         seed=cfg.seed,
         focus=focus,
+        features=places_of(features_of(faces, eyes), (target.shape[1], target.shape[2])),
         budget=budget,
         psnr=cfg.psnr,
         is_timed=cfg.seconds is not None,

@@ -67,6 +67,15 @@ def features_of(faces: Sequence[Face], spots: Sequence[Spot] = ()) -> list[Featu
     return features + [Feature(spot.x, spot.y, spot.radius, FLOOR_OF_SPOT) for spot in spots]
 
 
+def places_of(features: Sequence[Feature], size: tuple[int, int]) -> Tensor | None:
+    """Mark the places of features on a canvas of ``size`` (H, W), bool; None if there are none."""
+    if not features:
+        return None
+    down, across = (torch.arange(side) + 0.5 for side in size)
+    near = [torch.hypot(down[:, None] - one.y, across - one.x) < one.radius for one in features]
+    return torch.stack(near).any(0)
+
+
 def draw_features(
     initializer: Initializer,
     target: Tensor,

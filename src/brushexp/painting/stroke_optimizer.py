@@ -73,6 +73,7 @@ class StrokeOptimizer(PaintingModule):
     """
 
     resumable = True
+    features: Tensor | None  # (H, W) bool
     visits: Tensor  # (N,) steps taken by each stroke
     stage: int  # index of the stage whose renderer draws the strokes
 
@@ -85,6 +86,7 @@ class StrokeOptimizer(PaintingModule):
         *,
         seed: int,  # seed of all randomness in the steps
         focus: Tensor | None = None,  # (H, W) weights of the pixels in the losses, of mean 1; None for equal weights
+        features: Tensor | None = None,  # (H, W) bool: eyes and mouths, whose small strokes stay; None for nowhere
         budget: int | None = None,  # final number of strokes for the density policy; None for the current number
         psnr: float | None = None,  # PSNR in dB at which a density policy that chooses the number of strokes aims
         is_timed: bool = False,  # whether a time limit decides the number of steps
@@ -104,6 +106,7 @@ class StrokeOptimizer(PaintingModule):
         self.coarse, self.clip, self.painted, self.is_untouched = coarse, clip, painted, is_untouched
         self.wanted_psnr, self.is_timed = psnr, is_timed
         self.is_handed_over = False  # whether no further step follows
+        self.register_buffer("features", features, persistent=False)
         self.register_buffer("visits", torch.zeros(len(catalogue), dtype=torch.long), persistent=False)
         self._use_stage(schedule.stage)
         self._begin_changes()
@@ -255,6 +258,7 @@ class StrokeOptimizer(PaintingModule):
             image=image,
             target=picture.target,
             focus=picture.focus,
+            features=self.features,
             strokes=self.strokes(),
             budget=self.budget,
             step=schedule.step,

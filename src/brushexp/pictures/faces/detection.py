@@ -1,6 +1,7 @@
 """Find faces of any size and tilt in a picture."""
 
 import math
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
@@ -19,6 +20,10 @@ CERTAIN_SCORE = 0.88  # minimum confidence of a face that is detected once
 SEEN_AGAIN_SCORE = 0.5  # minimum confidence of the second detection, at another size or tilt
 ROUNDING = 1e-6  # pixels by which a canvas may be too small
 SMALLEST_SIDE = 8  # pixels on the shorter side of the smallest picture that can contain a face
+HEAD_SCORE = 0.38  # minimum confidence of an animal's head that is detected `HEAD_SEEN` times
+HEAD_SEEN_SCORE = 0.2  # minimum confidence of these detections
+HEAD_SEEN = 3  # minimum number of sizes and tilts at which a head is detected
+HEADS_APART = 1.0  # distance of two heads above which they are different, in sides of the larger one
 FACES_APART = 0.5  # distance of two faces above which they are different, in sides of the larger one
 
 
@@ -29,6 +34,22 @@ def find_faces(picture: Tensor, least: float = LEAST_SCORE) -> list[Face]:
     searched at several sizes and turned both ways; a face must be detected more than once unless it is certain
     (``least`` is the confidence needed otherwise). The best of several candidates for a face is kept.
     """
+    return faces_among(search(picture, min(least, SEEN_AGAIN_SCORE)), least)
+
+
+def find_faces_and_heads(picture: Tensor) -> tuple[list[Face], list[Face]]:
+    """Find the faces in a picture as `find_faces`, and, if there are none, the heads of animals.
+
+    The network doubts the heads of animals, and its landmarks miss their eyes, but it sees them at several sizes and
+    tilts, which it seldom does where there is none.
+    """
+    looks = search(picture, HEAD_SEEN_SCORE)
+    faces = faces_among(looks, LEAST_SCORE)
+    return faces, [] if faces else heads_among(looks)
+
+
+def search(picture: Tensor, least: float) -> list[list[Face]]:
+    """Search a picture (3, H, W) at several sizes and tilts; list the candidates of at least ``least`` of each look."""
     if min(picture.shape[1:]) < SMALLEST_SIDE:
         return []
     longer = max(picture.shape[1:])
@@ -39,18 +60,33 @@ def find_faces(picture: Tensor, least: float = LEAST_SCORE) -> list[Face]:
     looks: list[list[Face]] = []
     while True:
         side = max(smaller.shape[1:])
-        looks += [distinct(_search(smaller, longer / side, tilt, min(least, SEEN_AGAIN_SCORE))) for tilt in TILTS]
+        looks += [distinct(_search(smaller, longer / side, tilt, least)) for tilt in TILTS]
         if side < HALVED_SIDE:
-            break
+            return looks
         smaller = downsample(smaller, side // 2)
-    found = []
+
+
+def faces_among(looks: Sequence[Sequence[Face]], least: float) -> list[Face]:
+    """Choose the faces among the candidates of several looks, most certain first."""
+    found, again = [], min(least, SEEN_AGAIN_SCORE)
     for look in looks:
-        others = [face for other in looks if other is not look for face in other]
+        others = [face for other in looks if other is not look for face in other if face.score >= again]
         likely = [face for face in look if face.score >= least]
         found += [
             face for face in likely if face.score >= CERTAIN_SCORE or any(is_at_one_place(face, o) for o in others)
         ]
     return distinct(found)
+
+
+def heads_among(looks: Sequence[Sequence[Face]]) -> list[Face]:
+    """Choose the heads of animals among the candidates of several looks, most certain first."""
+    heads: list[Face] = []
+    for head in distinct([face for look in looks for face in look]):
+        times = sum(any(is_at_one_place(head, other) for other in look) for look in looks)
+        is_apart = all(math.hypot(head.x - a.x, head.y - a.y) > HEADS_APART * max(head.side, a.side) for a in heads)
+        if head.score >= HEAD_SCORE and times >= HEAD_SEEN and is_apart:
+            heads.append(head)
+    return heads
 
 
 def distinct(faces: list[Face]) -> list[Face]:

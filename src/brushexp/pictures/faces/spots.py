@@ -1,12 +1,15 @@
 """Find conspicuous small dark spots, such as the eyes of animals."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+import torch
 from torch import Tensor
 from torch.nn import functional
 
+from brushexp.pictures.face import Face
 from brushexp.pictures.load import BRIGHTNESS, downsample
 
 SIDE = 512  # pixels on the longer side at which spots are sought
@@ -17,7 +20,11 @@ WEAKEST_SPOT = 1e-3  # strength of the weakest spot
 SPOTS_APART = 6.0  # smallest distance between two spots, in sigmas of the larger one
 SPOT_RADIUS = 3.5  # sigmas, radius of a spot with its immediate surroundings
 TINY = 1e-9  # prevents division by zero where luma is constant
-MOST_SPOTS = 4  # maximum number of spots in a picture
+MOST_SPOTS = 4  # maximum number of spots in a picture or a head
+EYE_SIGMAS = (0.01, 0.015, 0.022, 0.033)  # like `SIGMAS`, for spots in the square around a head
+AROUND_HEAD = 0.9  # half the side of this square, in sides of the head
+IN_HEAD = 0.6  # distance from the middle of a head at which the weight of a spot falls to 1/e, in sides of the head
+MOST_HEADS = 3  # maximum number of heads that are searched for eyes
 
 
 @dataclass(frozen=True)
@@ -29,7 +36,7 @@ class Spot:
     radius: float
 
 
-def find_spots(picture: Tensor, attended: Tensor) -> list[Spot]:
+def find_spots(picture: Tensor, attended: Tensor, scales: Sequence[float] = SIGMAS) -> list[Spot]:
     """Find up to `MOST_SPOTS` small dark spots in a picture (3, H, W), weighted by ``attended`` (H, W), 0 to 1.
 
     A spot is a maximum, over place and size, of the smaller eigenvalue of the scale-normalised Hessian of luma
@@ -42,7 +49,7 @@ def find_spots(picture: Tensor, attended: Tensor) -> list[Spot]:
     zoom = max(picture.shape[1:]) / max(small.shape[1:])
     luma = np.tensordot(BRIGHTNESS, small.double().numpy(), 1)
     weight = functional.adaptive_avg_pool2d(attended[None].float(), luma.shape)[0].double().numpy()
-    sigmas = [share * max(luma.shape) for share in SIGMAS]
+    sigmas = [share * max(luma.shape) for share in scales]
     strengths = []
     for sigma in sigmas:
         across = sigma**2 * gaussian_filter(luma, sigma, order=(0, 2))
@@ -62,3 +69,20 @@ def find_spots(picture: Tensor, attended: Tensor) -> list[Spot]:
         if all(math.hypot(x - a, y - b) > SPOTS_APART * max(sigma, c) for a, b, c in found):
             found.append((x, y, sigma))
     return [Spot(zoom * x, zoom * y, zoom * SPOT_RADIUS * sigma) for x, y, sigma in found[:MOST_SPOTS]]
+
+
+def find_eyes(picture: Tensor, heads: Sequence[Face]) -> list[Spot]:
+    """Find the darkest spots, up to `MOST_SPOTS` each, in the first heads of animals in a picture (3, H, W)."""
+    height, width = picture.shape[1:]
+    eyes = []
+    for head in heads[:MOST_HEADS]:
+        reach = AROUND_HEAD * head.side
+        top, bottom = max(0, round(head.y - reach)), min(height, round(head.y + reach))
+        left, right = max(0, round(head.x - reach)), min(width, round(head.x + reach))
+        if top >= bottom or left >= right:
+            continue
+        y, x = torch.arange(top, bottom) + 0.5 - head.y, torch.arange(left, right) + 0.5 - head.x
+        distance = torch.hypot(y[:, None], x) / (IN_HEAD * head.side)
+        found = find_spots(picture[:, top:bottom, left:right], (-(distance**4)).exp(), EYE_SIGMAS)
+        eyes += [replace(spot, x=spot.x + left, y=spot.y + top) for spot in found]
+    return eyes

@@ -28,6 +28,7 @@ class DensificationState:
     importance: Callable[[], Tensor]
     psnr: float | None = None  # PSNR in dB to reach; None for no goal
     may_replan: bool = True  # whether an update may change the number of steps; a time limit forbids it
+    features: Tensor | None = None  # (H, W) bool: eyes and mouths, whose small strokes are not strays; None for nowhere
     front_to_back: Tensor | None = None  # (N,) indices, top stroke first; None if the last is on top
 
 

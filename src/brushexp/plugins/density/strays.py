@@ -26,7 +26,8 @@ class Strays(Density):
 
     This happens once, before the last steps, which then close the gaps. The need for a stroke is the growth of the
     squared error without it, relative to the stroke's area. An isolated mark, such as a spot or a tick, stays if it
-    lies in the focus, or where the picture itself differs from its surroundings.
+    lies in the focus, or where the picture itself differs from its surroundings. Strokes that draw eyes and mouths
+    stay.
 
     Args:
         after: share of the steps after which strays are removed.
@@ -63,6 +64,8 @@ class Strays(Density):
         if self.lone:
             lone = find_lone_marks(strokes, state.image, state.target, self.lone)
             stray |= lone & ~_in_focus(strokes, state.focus)
+        if state.features is not None:
+            stray &= ~_at_places(strokes, state.features)
         return DensificationUpdate(~stray, Strokes.none(width)) if stray.any() and not stray.all() else None
 
     def state_dict(self) -> dict[str, Any]:
@@ -76,5 +79,10 @@ def _in_focus(strokes: Strokes, focus: Tensor | None) -> Tensor:
     """Find strokes (N,) that lie where a ``focus`` (H, W) is closer to its maximum than to its minimum."""
     if focus is None:
         return torch.zeros_like(strokes.opacity, dtype=torch.bool)
-    x, y = (strokes.position[:, k].long().clamp(0, focus.shape[1 - k] - 1) for k in range(2))
-    return focus[y, x] > (focus.min() + focus.max()) / 2
+    return _at_places(strokes, focus) > (focus.min() + focus.max()) / 2
+
+
+def _at_places(strokes: Strokes, values: Tensor) -> Tensor:
+    """Read the values (N,) of a map (H, W) at the positions of strokes."""
+    x, y = (strokes.position[:, k].long().clamp(0, values.shape[1 - k] - 1) for k in range(2))
+    return values[y, x]

@@ -1,0 +1,65 @@
+"""Give eyes and mouths back the forms that a palette flattened."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from brushexp.pictures.color import to_lab, to_rgb
+
+BLUR = 0.7  # radii of a place, deviation of the Gaussian that separates its forms from its tone
+FULL, NONE = 1.0, 1.6  # radii of a place, distances from its middle up to which forms are restored fully, and at all
+MOST_GAIN = 1.8  # most that the forms of the picture are strengthened
+SMALL = 16.0  # pixels, radius of a place below which forms are strengthened, in proportion, to be seen among strokes
+MOST_EMPHASIS = 1.5  # most that they are strengthened for this
+EVEN = 0.5  # deviation of L* of a place below which it has no forms
+
+Place = tuple[float, float, float]  # x, y and radius in pixels
+
+
+def restore_forms(target: Tensor, picture: Tensor, places: Sequence[Place]) -> Tensor:
+    """Return a ``target`` (3, H, W), a ``picture`` in a palette, with the picture's own forms in round places.
+
+    A form is the difference of CIELAB from its blur. Lightness keeps the blur of the target and gets the forms of the
+    picture, as strong as the target's or as the picture's own, whichever is stronger. Colours change only in
+    dark places, such as lips, where the palette weakened them.
+    """
+    restored = target.clone()
+    for x, y, radius in places:
+        _restore(restored, picture, (x, y, radius))
+    return restored
+
+
+def _restore(target: Tensor, picture: Tensor, place: Place) -> None:
+    from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
+
+    x, y, radius = place
+    height, width = target.shape[1:]
+    reach = NONE * radius + 3 * BLUR * radius
+    top, left = max(0, round(y - reach)), max(0, round(x - reach))
+    bottom, right = min(height, round(y + reach)), min(width, round(x + reach))
+    if top >= bottom or left >= right:
+        return
+    rows, columns = np.ogrid[top:bottom, left:right]
+    distance = np.hypot(rows + 0.5 - y, columns + 0.5 - x) / radius
+    share = ((NONE - distance) / (NONE - FULL)).clip(0, 1)[..., None]
+    own, toned = (_lab(one[:, top:bottom, left:right]) for one in (picture, target))
+    own_forms, forms = (one - gaussian_filter(one, (BLUR * radius, BLUR * radius, 0)) for one in (own, toned))
+    inside = distance < FULL
+    weak, strong = (one[..., 0][inside].std() if inside.any() else 0.0 for one in (own_forms, forms))
+    if weak < EVEN:
+        return
+    is_lost = (np.abs(own_forms) > np.abs(forms)) & (own_forms[..., :1] < 0)  # lights keep their colour: white teeth
+    wanted = np.where(is_lost, own_forms, forms)
+    gain = max(strong / weak, 1) * min(max(SMALL / radius, 1), MOST_EMPHASIS)
+    wanted[..., 0] = min(gain, MOST_GAIN) * own_forms[..., 0]
+    lab = toned + share * (wanted - forms)
+    rgb = to_rgb(lab.reshape(-1, 3)).reshape(lab.shape)
+    target[:, top:bottom, left:right] = torch.from_numpy(rgb).movedim(-1, 0).to(target)
+
+
+def _lab(picture: Tensor) -> np.ndarray:
+    pixels = picture.movedim(0, -1).double().numpy()
+    lab: np.ndarray = to_lab(pixels.reshape(-1, 3))
+    return lab.reshape(pixels.shape)
