@@ -12,7 +12,7 @@ from brushexp.strokes.catalogue import Strokes
 
 @dataclass(frozen=True)
 class DensificationState:
-    """The whole painting after a step.
+    """The whole painting after a step, at ``zoom`` times its size: pictures, strokes and importance are as small.
 
     ``importance()`` measures how much the squared error, summed over pixels and channels and weighted by the focus,
     would grow without each stroke (N,). It takes about as long as five steps.
@@ -29,11 +29,12 @@ class DensificationState:
     psnr: float | None = None  # PSNR in dB that the painting should reach; None for no goal
     may_replan: bool = True  # whether an update may change the number of steps, which a time limit forbids
     front_to_back: Tensor | None = None  # (N,) indices of the strokes, uppermost first; None if the last is uppermost
+    zoom: float = 1.0  # pixels of ``image`` per pixel of the painting
 
 
 @dataclass(frozen=True)
 class DensificationUpdate:
-    """A change of the set of strokes: which of the current ones to keep (N,), bool, and new ones.
+    """A change of the set of strokes: which of the current ones to keep (N,), bool, and new ones at the state's zoom.
 
     ``steps`` is the new total number of steps, if the change alters the plan.
     """
@@ -70,6 +71,13 @@ class Density(ABC):
     def idle_reason(self, steps: int) -> str:
         """Say why the policy changes no stroke in a painting of ``steps`` steps, following its name; "" if it does."""
         return ""
+
+    def zoom(self, n: int, size: tuple[int, int], psnr: float | None) -> float:
+        """Choose the size of the picture that the next step of ``n`` strokes looks at, relative to a canvas (H, W).
+
+        ``psnr`` is the goal in dB, or None.
+        """
+        return 1.0
 
     def due(self, step: int, steps: int) -> bool:
         """Tell whether to call `revise` after step number ``step`` (from 1) of ``steps``."""
