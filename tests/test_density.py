@@ -219,3 +219,16 @@ def test_marks_that_stand_alone_go_unless_the_picture_has_a_cause_for_them():
     attended = torch.ones(70, 100)
     attended[:, :40] = 2
     assert Strays(**policy).revise(replace(state, focus=attended)) is None
+
+
+def test_a_smaller_picture_has_the_error_of_its_pixels_as_squares():
+    target, focus = torch.rand(3, 24, 40), torch.rand(24, 40) + 0.5
+    picture, small = Picture(target, focus, torch.ones(3), Tiled()), torch.rand(3, 6, 10)
+    picture.renderer = Analytic()
+    picture.show(small, 0.25)
+    squares = small.repeat_interleave(4, 1).repeat_interleave(4, 2)
+    assert picture.error == pytest.approx(float((squares - target).square().mean()), rel=1e-5)
+    assert torch.equal(picture.at(0.25).last, small)
+    assert picture.at(0.5).last is None
+    assert picture.at(1.0) is picture
+    torch.testing.assert_close(picture.at(0.25).focus.mean(), focus.mean())

@@ -241,3 +241,63 @@ def test_the_page_shows_the_curve_by_strokes_and_says_where_it_ended():
         ("PSNR by strokes, dB", [10, 20, 120], "20 strokes: enough")
     ]
     assert _curves({}, {"strokes_psnr": [[1, 20.0]], "verdict": "1 stroke"}) == []
+
+
+def test_a_few_strokes_grow_on_a_smaller_picture_and_the_last_steps_see_all_of_it():
+    painter, seen = painter_of(Worth(), target=emblem((200, 260)), steps=150, budget=4000), []
+    revise = painter.components.density.revise
+
+    def look(state):
+        seen.append(state)
+        assert state.image.shape == state.target.shape
+        assert state.strokes.position[:, 0].max() < 1.2 * state.target.shape[2]
+        return revise(state)
+
+    painter.components.density.revise = look
+    loop = None
+    while painter.schedule.step < painter.schedule.steps:
+        assert painter.is_unready == (painter.zoom_of_step < 1)
+        loop = take(painter, 1, loop)
+    assert seen[0].target.shape == (3, 100, 130)
+    assert seen[-1].target.shape == (3, 200, 260)
+    assert psnr_of(error_of(painter)) > 26
+
+
+def test_importance_and_new_strokes_of_a_smaller_picture_are_those_of_the_painting():
+    painter = painter_of(Worth(), target=emblem((200, 260)), n=12)
+    painter.prepare()
+    take(painter, 1)
+    whole, small = painter._seen(painter.draw_whole()), painter._seen(painter.latest(0.5), 0.5)
+    torch.testing.assert_close(small.strokes.position * 2, whole.strokes.position)
+    assert float(4 * small.importance().sum() / whole.importance().sum()) == pytest.approx(1, rel=0.1)
+    before = len(painter.catalogue)
+    painter._densify(painter.configure_optimizers()["optimizer"], 0.5)
+    added = painter.strokes()[before:]
+    assert len(added)
+    assert added.position[:, 0].max() > 130, "beyond the width of the smaller picture"
+
+
+def test_the_picture_is_halved_only_if_it_leaves_room_for_each_stroke():
+    density = Worth()
+    paintings = [(9, (512, 512)), (500, (512, 512)), (5000, (512, 512)), (9, (96, 900))]
+    sizes = [density.zoom(n, size, None) for n, size in paintings]
+    assert sizes == [0.25, 0.5, 1.0, 1.0]
+    assert density.zoom(9, (512, 512), 30.0) == 1, "a goal is one of the whole picture"
+    density._grown = 10
+    assert density.zoom(9, (512, 512), None) == 1
+
+
+def test_steps_end_when_a_round_of_them_does_not_pay():
+    target, density = torch.full((3, 24, 24), 0.5), Worth()
+    density._limit, density._grown = 400, 100
+    about = {"steps": 300, "importance": lambda: torch.ones(3), "strokes": random_strokes(3, (24, 24))}
+
+    def after(step, error):
+        return density.revise(state_of(target + error, target, step=step, **about))
+
+    assert after(120, 0.4).steps is None
+    assert after(140, 0.4).steps is None, "no better, but the learning rate is still high"
+    assert after(220, 0.3).steps is None
+    assert after(240, 0.2999).steps == 240
+    timed = density.revise(state_of(target + 0.3, target, step=260, may_replan=False, **about))
+    assert timed.steps is None, "seconds decide"

@@ -106,9 +106,12 @@ class PaintingModule(L.LightningModule):
         """Draw the whole picture (3, H, W)."""
         return self.picture.draw(self.strokes(), self.front_to_back)
 
-    def latest(self) -> Tensor:
-        """Return the whole picture as last painted by the steps, or draw it before the first step."""
-        return self.draw_whole() if (last := self.picture.last) is None else last
+    def latest(self, zoom: float = 1.0) -> Tensor:
+        """Return the whole picture as last painted by the steps, or draw it before the first step.
+
+        With a ``zoom`` below 1 the steps must have painted it at that size.
+        """
+        return self.draw_whole() if (last := self.picture.at(zoom).last) is None else last
 
     def hand_over(self) -> None:
         """Convert the strokes to those that the run saves."""

@@ -20,8 +20,6 @@ from brushexp.plugins.sampler.base import View
 from brushexp.strokes.catalogue import Strokes
 from brushexp.system.precision import at_least_single
 
-COARSE_ZOOM = 0.5  # size of the picture of coarse steps relative to the canvas
-
 
 class Picture(nn.Module):
     """Paints what a step compares, and keeps the whole picture as last painted, with its error.
@@ -43,7 +41,8 @@ class Picture(nn.Module):
         self.renderer: Renderer  # renderer of the strokes, set before the first picture
         self.memory: CanvasMemory | None = None  # the whole picture, while steps compare only parts of it
         self._last: Tensor | None = None  # the last picture, perhaps a smaller one, if the last step compared all of it
-        self._small: tuple[Tensor, Tensor | None] | None = None  # target and focus of the coarse steps
+        self._small: dict[float, tuple[Tensor, Tensor | None, float]] = {}  # by zoom, what `_goal` returns
+        self._zoom = 1.0  # size of the last picture relative to the canvas
         self._error: float | None = math.inf  # error of the last picture; None until it is needed
 
     @property
@@ -62,7 +61,7 @@ class Picture(nn.Module):
         is_own = target is self.own_target and background is self.own_background
         self._aim = None if is_own else (target, background)
         if is_other:
-            self._small = None
+            self._small = {}
             self.memory = None if self.memory is None else self.memory_of(self.memory.picture)
 
     @property
@@ -72,13 +71,15 @@ class Picture(nn.Module):
 
     @property
     def error(self) -> float:
-        """Mean squared error of the whole picture as last painted; a smaller picture is enlarged first."""
+        """Mean squared error of the whole picture as last painted; pixels of a smaller one count as squares."""
         if self.memory is not None:
             return self.memory.error
         if self._error is None:
             assert self._last is not None
-            difference = at_least_single(self._enlarge(self._last) - self.target).flatten()
-            self._error = float(difference.dot(difference)) / len(difference)  # a third of the time of mse_loss
+            target, _, detail = self._goal(self._zoom)
+            difference = at_least_single(self._last.to(target.device) - target).flatten()
+            mean = float(difference.dot(difference)) / len(difference)  # a third of the time of mse_loss
+            self._error = mean + detail
         return self._error
 
     @property
@@ -94,20 +95,38 @@ class Picture(nn.Module):
             return picture
         return interpolate(picture[None], self.size, mode="bilinear", align_corners=False)[0]
 
-    def _goal(self, *, coarse: bool) -> tuple[Tensor, Tensor | None]:
-        """Return target and focus; for coarse steps, both are averaged to half the size."""
-        if not coarse:
-            return self.target, self.focus
-        if self._small is None:
-            height, width = (max(1, round(side * COARSE_ZOOM)) for side in self.size)
+    def _goal(self, zoom: float) -> tuple[Tensor, Tensor | None, float]:
+        """Return target and focus, averaged to ``zoom`` times their size, and the variance within the averages.
+
+        This variance and the error of averages add up to the error of squares of one colour.
+        """
+        if zoom == 1:
+            return self.target, self.focus, 0.0
+        if zoom not in self._small:
+            height, width = (max(1, round(side * zoom)) for side in self.size)
             target = interpolate(self.target[None], (height, width), mode="area")[0].contiguous()
             focus = None if self.focus is None else resized(self.focus, (height, width)).contiguous()
-            self._small = target, focus
-        return self._small
+            detail = float(self.target.square().mean() - target.square().mean())
+            self._small[zoom] = target, focus, max(0.0, detail)
+        return self._small[zoom]
 
-    def show(self, picture: Tensor) -> None:
-        """Set the last picture to a whole picture (3, H, W)."""
-        self._last, self._error, self.memory = picture, None, None
+    def at(self, zoom: float) -> "Picture":
+        """Return a picture with the same target and focus, averaged to ``zoom`` times their size.
+
+        Its last picture is the last one of this picture if that was as small.
+        """
+        if zoom == 1:
+            return self
+        target, focus, _ = self._goal(zoom)
+        small = Picture(target, focus, self.background, self.blend)
+        small.renderer = self.renderer
+        if self._last is not None and self._zoom == zoom:
+            small.show(self._last)
+        return small
+
+    def show(self, picture: Tensor, zoom: float = 1.0) -> None:
+        """Set the last picture to a whole picture (3, H, W) of ``zoom`` times the canvas."""
+        self._last, self._zoom, self._error, self.memory = picture, zoom, None, None
 
     @torch.no_grad()
     def draw(self, strokes: Strokes, front_to_back: Tensor) -> Tensor:
@@ -125,19 +144,19 @@ class Picture(nn.Module):
         With ``accuracy``, also measure the accuracy of the active strokes.
         """
         if view.active is None:
-            return self._see_whole(moving, front_to_back, view.coarse, accuracy)
+            return self._see_whole(moving, front_to_back, view.zoom, accuracy)
         if self.memory is None:
             self.memory = self.memory_of(self.draw(strokes, front_to_back))
         self._last = None
         return self.memory.paint(moving, strokes, view, front_to_back, accuracy=accuracy)
 
     def _see_whole(
-        self, moving: Strokes, front_to_back: Tensor, coarse: bool, accuracy: bool
+        self, moving: Strokes, front_to_back: Tensor, zoom: float, accuracy: bool
     ) -> tuple[Canvas, PaintedView]:
-        strokes, (target, focus) = moving.moved(zoom=COARSE_ZOOM) if coarse else moving, self._goal(coarse=coarse)
+        strokes, (target, focus, _) = moving if zoom == 1 else moving.moved(zoom=zoom), self._goal(zoom)
         size = (target.shape[1], target.shape[2])
         canvas = self.blend(self.renderer(strokes), front_to_back, size, self.background, target if accuracy else None)
-        self.show(canvas.image.detach())
+        self.show(canvas.image.detach(), zoom)
         return canvas, PaintedView(canvas.image, target, strokes, focus=focus)
 
     def forget_strokes(self, rows: Tensor | None) -> None:

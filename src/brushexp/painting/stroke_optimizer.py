@@ -32,6 +32,7 @@ from brushexp.system.status import Status
 
 log = logging.getLogger(__name__)
 SHAPE = ("start", "control", "end", "width")  # fields that losses of strokes alone depend on
+COARSE_ZOOM = 0.5  # size of the picture of coarse steps relative to the canvas
 CHANGE_PIXELS = 0.01  # largest change by a renderer that is not logged
 
 
@@ -48,7 +49,8 @@ class StrokeOptimizer(PaintingModule):
 
     When a stage begins, its renderer converts the strokes, and the optimiser and its learning rate start afresh. The
     first steps, a fraction ``coarse`` of the first stage, compare the whole picture at half its size, and no strokes
-    are added or removed during them.
+    are added or removed during them. A density policy may also choose a smaller picture (`Density.zoom`), on which it
+    may add and remove strokes.
 
     >>> import lightning as L
     >>> from brushexp.plugins.init.random import Random
@@ -119,7 +121,16 @@ class StrokeOptimizer(PaintingModule):
 
     @property
     def is_unready(self) -> bool:
-        return self.is_coarse or len(self.catalogue) > self.budget
+        return self.zoom_of_step < 1 or len(self.catalogue) > self.budget
+
+    @property
+    def zoom_of_step(self) -> float:
+        """Size of the picture of the next step relative to the canvas."""
+        if self.is_coarse:
+            return COARSE_ZOOM
+        if self.stage:
+            return 1.0
+        return self.components.density.zoom(len(self.catalogue), self.picture.size, self.wanted_psnr)
 
     @property
     def title(self) -> str:
@@ -167,7 +178,7 @@ class StrokeOptimizer(PaintingModule):
         if self.schedule.stage != self.stage:
             self._begin_stage()
             self._restart(plain_optimizer)
-        view = self.sample()
+        view, is_coarse = self.sample(), self.is_coarse
         self._aim(view)
         if self.components.order.due(*self.schedule.stage_progress):
             self.depth.renew(self.strokes())
@@ -199,21 +210,22 @@ class StrokeOptimizer(PaintingModule):
 
         self.picture.forget_strokes(view.active)
         self.schedule.step += 1
-        if not view.coarse and self.components.density.due(self.schedule.step, self.schedule.steps):
-            self._densify(plain_optimizer)
+        if not is_coarse and self.components.density.due(self.schedule.step, self.schedule.steps):
+            self._densify(plain_optimizer, view.zoom)
         self.picture.aim(self.picture.target, self.picture.own_background)  # the ground of the displayed picture
 
     def _aim(self, view: View) -> None:
         """Ask the changes for the target and ground of the step."""
         target, ground = self.picture.own_target, self.picture.own_background
-        state = self.now(is_whole=view.active is None, is_coarse=view.coarse)
+        state = self.now(is_whole=view.active is None, is_coarse=view.zoom < 1)
         for change in self.changes.values():
             target, ground = change.aim(target, ground, state)
         self.picture.aim(target, ground)
 
     def sample(self) -> View:
         """Choose which strokes the next step moves and what it compares."""
-        return View(Region.whole(self.picture.target), coarse=True) if self.is_coarse else self._sample_at_full_size()
+        zoom = self.zoom_of_step
+        return View(Region.whole(self.picture.target), zoom=zoom) if zoom < 1 else self._sample_at_full_size()
 
     def _sample_at_full_size(self) -> View:
         return self.components.sampler(self.strokes(), self.picture.size, self.schedule.step, self.generator)
@@ -244,34 +256,36 @@ class StrokeOptimizer(PaintingModule):
         broken = next((name for name, fine in zip(self.terms, finite, strict=True) if not fine), None)
         return "" if broken is None and moving.is_finite() else first_broken(self, before, broken)
 
-    def _densify(self, optimizer: optim.Optimizer) -> None:
-        """Let the density policy add and remove strokes."""
-        if (update := self.components.density.revise(self._seen(self.latest()))) is not None:
-            self._revise(update.keep, update.new, optimizer)
+    def _densify(self, optimizer: optim.Optimizer, zoom: float) -> None:
+        """Let the density policy add and remove strokes, looking at the picture of a step."""
+        if (update := self.components.density.revise(self._seen(self.latest(zoom), zoom))) is not None:
+            self._revise(update.keep, update.new if zoom == 1 else update.new.moved(zoom=1 / zoom), optimizer)
             if update.steps is not None:
                 self.schedule.replan(update.steps)
 
-    def _seen(self, image: Tensor) -> DensificationState:
-        """Describe the painting and its picture ``image`` (3, H, W) to the density policy."""
-        picture, schedule = self.picture, self.schedule
+    def _seen(self, image: Tensor, zoom: float = 1.0) -> DensificationState:
+        """Describe the painting at ``zoom`` times its size, with its picture ``image``, to the density policy."""
+        picture, schedule = self.picture.at(zoom), self.schedule
         return DensificationState(
             image=image,
             target=picture.target,
             focus=picture.focus,
-            features=self.features,
-            strokes=self.strokes(),
+            features=self.features if zoom == 1 else None,  # policies that heed them look at the whole canvas
+            strokes=self.strokes().moved(zoom=zoom),
             budget=self.budget,
             step=schedule.step,
             steps=schedule.steps,
-            importance=self._judged,
+            importance=lambda: self._judged(zoom),
             psnr=self.wanted_psnr,
             may_replan=not self.is_timed,
             front_to_back=self.front_to_back,
+            zoom=zoom,
         )
 
-    def _judged(self) -> Tensor:
-        """Measure the importance (N,) of each stroke."""
-        return importance(self.strokes(), self.front_to_back, self.picture, self.generator)
+    def _judged(self, zoom: float = 1.0) -> Tensor:
+        """Measure the importance (N,) of each stroke in the picture at ``zoom`` times its size."""
+        strokes = self.strokes().moved(zoom=zoom)
+        return importance(strokes, self.front_to_back, self.picture.at(zoom), self.generator)
 
     def _revise(self, keep: Tensor, new: Strokes, optimizer: optim.Optimizer | None = None) -> None:
         self.catalogue.revise(keep, self.renderer.convert(new), optimizer)

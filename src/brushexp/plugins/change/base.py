@@ -32,7 +32,7 @@ class PaintingState:
     draw: Callable[[Strokes, Tensor], Tensor]  # strokes, front to back -> whole picture (3, H, W), without gradient
     zoom: float = 1.0  # pixels of the painting per pixel of the target, which may be smaller
     is_whole: bool = True  # whether the current step covers the whole canvas
-    is_coarse: bool = False  # whether the current step works at half the size
+    is_coarse: bool = False  # whether the current step works at a smaller size
     is_over: bool = False  # whether no further step follows, even if the run ends early
     is_untouched: bool = False  # whether the strokes come from a catalogue and no step moves them
 

@@ -12,7 +12,7 @@ from brushexp.strokes.catalogue import Strokes
 
 @dataclass(frozen=True)
 class DensificationState:
-    """The whole painting after a step.
+    """The whole painting after a step, at ``zoom`` times its size: pictures, strokes and importance are as small.
 
     ``importance()`` measures by how much the squared error, summed over pixels and channels and weighted by the focus,
     would grow without each stroke (N,). It takes as long as about five steps.
@@ -30,11 +30,12 @@ class DensificationState:
     may_replan: bool = True  # whether an update may change the number of steps; a time limit forbids it
     features: Tensor | None = None  # (H, W) bool: eyes and mouths, whose small strokes are not strays; None for nowhere
     front_to_back: Tensor | None = None  # (N,) indices, top stroke first; None if the last is on top
+    zoom: float = 1.0  # pixels of ``image`` per pixel of the painting
 
 
 @dataclass(frozen=True)
 class DensificationUpdate:
-    """A change of the set of strokes: which current strokes to keep (N,), bool, and which strokes to add.
+    """A change of the set of strokes: which current strokes to keep (N,), bool, and which to add, at the state's zoom.
 
     ``steps`` is the new total number of steps, if the change alters the plan.
     """
@@ -71,6 +72,13 @@ class Density(ABC):
     def idle_reason(self, steps: int) -> str:
         """Explain, after the policy's name, why it changes no stroke in a painting of ``steps`` steps; otherwise ""."""
         return ""
+
+    def zoom(self, n: int, size: tuple[int, int], psnr: float | None) -> float:
+        """Choose the size of the picture that the next step of ``n`` strokes looks at, relative to a canvas (H, W).
+
+        ``psnr`` is the goal in dB, or None.
+        """
+        return 1.0
 
     def due(self, step: int, steps: int) -> bool:
         """Return whether to call `revise` after step number ``step`` (from 1) of ``steps``."""

@@ -17,15 +17,24 @@ from brushexp.strokes.catalogue import Strokes
 
 BITS = 150  # bits of a stroke, rounded and packed; metric=bits measures 143 for each of 106 strokes of look=plain
 FEWEST, FIRST = 4, 16  # initial number of strokes if there are enough steps for growth, and its maximum
+HALVINGS = 2  # largest number of halvings from the canvas to the smallest picture on which strokes grow
+SMALLEST_SIDE = 96  # pixels on the shorter side of such a picture
+ROOM = 100  # minimum pixels per stroke of such a picture
+REST = 2  # rounds without change after the size of the picture changes, because edges become crisper
 ROUND = 10  # steps between two rounds
+SETTLING_ROUND = 20  # steps between two rounds after growth, for a given price
 BATCH = 3  # number of strokes that every round may add
 GROWTH = 0.5  # share of the strokes that a round of growth may add
 PROMISE = 0.5  # smallest gain of a proposal, relative to the price of a stroke, because steps improve it
 SWAP = 0.3  # importance below which a stroke is removed, relative to the gain of the worst accepted proposal
-GROWN = 0.03  # share of the strokes; growth ends when rounds add less
-PATIENCE = 2  # number of such consecutive rounds that end growth
+GROWN = 0.03  # share of the strokes; growth to a PSNR ends when rounds add less
+GAIN = 0.03  # relative fall of distortion + price * rate below which a round of growth does not pay
+PATIENCE = 2  # number of such consecutive rounds that end growth; one is enough after growth on a smaller picture
 GROWING = 0.45  # largest share of the steps for growth
-SETTLING = 120  # minimum number of steps after growth
+SETTLING = 60, 120  # minimum number of steps after growth, for a given price and to a PSNR
+SETTLING_SHARE = 0.8, 1.0  # steps after growth relative to those of growth, for a given price and to a PSNR
+STEPS_PAY = 0.01  # relative fall of distortion + price * rate below which a later round is the last one
+LAST_ROUNDS = 0.6  # share of the steps after growth from which a round may be the last one
 SETTLED = 2.5  # factor by which these steps lower the squared error
 REMOVED = 0.1  # share of the strokes that a later round may remove
 ADDED = 0.15  # share of the strokes that a later round may add
@@ -51,8 +60,10 @@ class Worth(Density):
     - It starts with 4 strokes, or up to 16 if there are few steps. Every 10 steps it proposes strokes of all sizes
       where they lower the error most, adds up to half as many as exist, and removes strokes whose removal costs less
       than their price.
-    - When rounds add almost nothing, growth ends, and as many steps again follow. Strokes no longer worth their price
-      are removed.
+    - Strokes grow on the picture at a quarter, then half of its size, as long as that has 100 pixels per stroke and a
+      round lowers distortion + price * rate by 3 %. When rounds on the whole picture lower it by less, growth ends.
+    - Steps with a falling learning rate follow, until 20 of them lower it by less than 1 %. Strokes no longer worth
+      their price are removed.
     - With ``psnr=`` the price follows from the PSNR: growth ends when the remaining steps should reach it; later rounds
       remove the least important strokes while the others are good enough, and add some if they are not. At the end,
       strokes are added until the PSNR is reached, each time with 60 more steps. Then a trial removes a tenth of the
@@ -72,7 +83,11 @@ class Worth(Density):
     _limit: int = field(default=0, init=False)  # planned steps
     _grown: int = field(default=0, init=False)  # step at which growth ended; 0 until then
     _is_cut_short: bool = field(default=False, init=False)  # whether lack of steps ended growth
-    _idle: int = field(default=0, init=False)  # number of consecutive rounds that added almost nothing
+    _idle: int = field(default=0, init=False)  # number of consecutive rounds that did not pay
+    _cost: float = field(default=math.inf, init=False)  # lowest distortion + price * rate, on pictures of one size
+    _halvings: int = field(default=HALVINGS, init=False)  # largest number for the picture on which strokes grow
+    _rest: int = field(default=0, init=False)  # remaining rounds without change
+    _patience: int = field(default=PATIENCE, init=False)  # consecutive rounds that do not pay and end growth
     _trials: Trials = field(default_factory=Trials, init=False)  # trials with fewer strokes, at the end
     _history: list[tuple[int, float]] = field(default_factory=list, init=False)  # strokes and PSNR at each round
     _findings: dict[str, Any] = field(default_factory=dict, init=False)
@@ -90,6 +105,12 @@ class Worth(Density):
         most = f"at {FIRST} strokes or fewer in {steps} steps"
         return f"stays {most}; it adds strokes with steps={2 * ROUND} or more"
 
+    def zoom(self, n: int, size: tuple[int, int], psnr: float | None) -> float:
+        halvings = 0 if self._grown or psnr is not None else self._halvings
+        while halvings and (min(size) < SMALLEST_SIDE * 2**halvings or math.prod(size) < ROOM * n * 4**halvings):
+            halvings -= 1
+        return 0.5**halvings
+
     def due(self, step: int, steps: int) -> bool:
         return step % ROUND == 0 or step >= steps
 
@@ -101,16 +122,19 @@ class Worth(Density):
             return self._correct(state) if state.may_replan and state.psnr is not None else None
         if not self._grown:
             return self._grow(state)
-        if state.step >= LATEST * state.steps:
+        if state.step >= LATEST * state.steps or (state.psnr is None and state.step % SETTLING_ROUND):
             return None
         return self._settle(state) if state.psnr is None else self._approach(state, state.psnr)
 
-    def _grow(self, state: DensificationState) -> DensificationUpdate:
+    def _grow(self, state: DensificationState) -> DensificationUpdate | None:
         """Add as many of the best proposals as allowed, and remove strokes that are not worth their price."""
+        is_over = state.step >= GROWING * self._limit
+        if self._is_resting(state) and not is_over:
+            return None
         n, importance = len(state.strokes), state.importance()
         most = min(state.budget - n, max(BATCH, round(GROWTH * n)))
         if state.psnr is None:
-            price = BITS * self.price
+            price = BITS * self.price * state.zoom**2
             new, _ = proposals(state, most, PROMISE * price)
         else:
             missing = _total_error(state) - SETTLED * _allowed(state, state.psnr)
@@ -118,18 +142,48 @@ class Worth(Density):
             price = SWAP * float(gain.min()) if len(new) else 0.0
         keep = _worth_more(importance, price)
         added = len(new) - int((~keep).sum())
-        self._idle = self._idle + 1 if added < max(1, GROWN * n) else 0
+        pays = added >= max(1, GROWN * n) if state.psnr is not None else self._falls(state, GAIN)
+        self._idle = 0 if pays else self._idle + 1
         is_reached = state.psnr is not None and not len(new)
-        if self._idle < PATIENCE and not is_reached and n < state.budget and state.step < GROWING * self._limit:
+        if self._halvings and self._idle and not is_over:
+            self._enlarge(self._halvings - 1)
+            self._patience = 1
             return DensificationUpdate(keep, new)
-        self._grown = state.step
-        self._is_cut_short = self._idle < PATIENCE and not is_reached and n < state.budget
-        steps = min(self._limit, state.step + max(SETTLING, state.step))
-        return DensificationUpdate(keep, new, steps if state.may_replan else None)
+        is_growing = self._idle < self._patience and not is_reached and n < state.budget
+        if is_growing and not is_over:
+            return DensificationUpdate(keep, new)
+        self._grown, self._is_cut_short, self._cost = state.step, is_growing, math.inf
+        is_goal = state.psnr is not None
+        steps = max(SETTLING[is_goal], round(SETTLING_SHARE[is_goal] * state.step))
+        return DensificationUpdate(keep, new, min(self._limit, state.step + steps) if state.may_replan else None)
+
+    def _is_resting(self, state: DensificationState) -> bool:
+        """Check whether a round changes nothing because the size of the picture has changed."""
+        halvings = round(-math.log2(state.zoom))
+        if halvings < self._halvings:  # there are too many strokes for a smaller picture, or it would be too small
+            self._enlarge(halvings)
+            self._rest = REST if len(self._history) > 1 else 0
+        self._rest -= 1
+        return self._rest >= 0
+
+    def _enlarge(self, halvings: int) -> None:
+        """Begin to grow strokes on a larger picture."""
+        self._halvings, self._idle, self._cost, self._rest = halvings, 0, math.inf, REST
+
+    def _falls(self, state: DensificationState, share: float) -> bool:
+        """Check whether distortion + price * rate is lower by a ``share`` than at any round before."""
+        cost = _total_error(state) / state.zoom**2 + BITS * self.price * len(state.strokes)
+        is_lower = cost <= (1 - share) * self._cost
+        self._cost = min(self._cost, cost)
+        return is_lower
 
     def _settle(self, state: DensificationState) -> DensificationUpdate:
         """Remove strokes that are no longer worth their price; in early rounds, add proposals that are."""
         n, price = len(state.strokes), BITS * self.price
+        done = (state.step - self._grown) / max(1, state.steps - self._grown)
+        if not self._falls(state, STEPS_PAY) and done >= LAST_ROUNDS and state.may_replan:
+            keep = _worth_more(state.importance(), price)
+            return DensificationUpdate(keep, Strokes.none(state.strokes.position), state.step)
         most = min(state.budget - n, max(BATCH, round(ADDED * n))) if state.step < ADDING * state.steps else 0
         new, _ = proposals(state, most, price)
         return DensificationUpdate(_worth_more(state.importance(), price), new)
@@ -212,6 +266,10 @@ class Worth(Density):
             "grown": self._grown,
             "is_cut_short": self._is_cut_short,
             "idle": self._idle,
+            "cost": self._cost,
+            "halvings": self._halvings,
+            "rest": self._rest,
+            "patience": self._patience,
             "history": self._history,
             "trials": self._trials.state_dict(),
         }
@@ -219,6 +277,8 @@ class Worth(Density):
     def load_state_dict(self, state: dict[str, Any]) -> None:
         self._limit, self._grown, self._idle = state["limit"], state["grown"], state["idle"]
         self._is_cut_short = state["is_cut_short"]
+        self._cost, self._halvings = state["cost"], state["halvings"]
+        self._rest, self._patience = state["rest"], state["patience"]
         self._history = [(int(count), float(psnr)) for count, psnr in state["history"]]
         self._trials.load_state_dict(state["trials"])
 

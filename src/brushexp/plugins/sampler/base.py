@@ -17,18 +17,18 @@ class View:
 
     ``region`` is the part of the canvas that the step renders and compares, the whole canvas if ``active`` is None. The
     step moves the strokes ``active`` (A,), int64, or all strokes for None, and also draws the strokes ``ring`` (R,). A
-    ``coarse`` step compares the whole canvas at half its size.
+    coarse step compares the whole canvas at ``zoom`` times its size, below 1.
     """
 
     def __init__(
-        self, region: Region, active: Tensor | None = None, ring: Tensor | None = None, *, coarse: bool = False
+        self, region: Region, active: Tensor | None = None, ring: Tensor | None = None, *, zoom: float = 1.0
     ) -> None:
-        self.region, self.active, self.ring, self.coarse = region, active, ring, coarse
+        self.region, self.active, self.ring, self.zoom = region, active, ring, zoom
 
     def to(self, device: Any) -> View:
         """Move the indices to a device, as Lightning does with batches."""
         active, ring = (None if numbers is None else numbers.to(device) for numbers in (self.active, self.ring))
-        return View(self.region, active, ring, coarse=self.coarse)
+        return View(self.region, active, ring, zoom=self.zoom)
 
 
 class Sampler(ABC):
