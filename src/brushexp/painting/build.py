@@ -89,7 +89,7 @@ def faces_and_eyes_of(cfg: DictConfig, picture: Tensor) -> tuple[list[Face], lis
 
 
 def _seeks_spots(cfg: DictConfig) -> bool:
-    """Check whether spots get strokes; a typed number is reserved for the picture: spots are less certain than faces."""
+    """Check whether spots get strokes. A typed number is kept for the picture: spots are less certain than faces."""
     return bool(cfg.faces != OFF and cfg.focus == AUTO and cfg.strokes is None and cfg.catalogue is None)
 
 
