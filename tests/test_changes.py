@@ -87,7 +87,7 @@ def chosen_by(*words):
 
 
 def test_the_changes_of_a_look_keep_its_options_and_typed_ones_win():
-    assert chosen_by("coffee").variety.amount == 0.4
+    assert chosen_by("coffee").variety.amount == 0.55
     assert chosen_by("coffee", "look=pastel", "wet=0.2").variety.amount == 0.55
     both = chosen_by("coffee", "look=pastel", "wet=0.2", "variety=0.1")
     assert (both.variety.amount, both.wet.amount, set(both)) == (0.1, 0.2, {"variety", "wet"})

@@ -343,7 +343,7 @@ def test_a_folder_has_all_that_is_read_and_tells_the_rest(tmp_path):
         "x.DNG left out: develop",
         "x.MOV, y.mp4 left out: paint a film",
         "x.svg left out",
-        "notes.txt left out: their names",
+        "notes.txt left out: they lack the extension of a picture",
     ):
         assert any(words in line for line in lines), (words, lines)
     assert any("in such folders, image='" in line and "/*/*.jpg'" in line for line in lines)

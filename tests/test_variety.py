@@ -121,7 +121,7 @@ def test_a_full_brush_covers_as_several_strokes_do():
 def test_a_goal_of_steps_is_told_from_what_a_painting_has(caplog):
     small = {"image": "astronaut", "resolution": 48, "strokes": 40, "threads": 1}
     brushexp.paint(**small, steps=3, psnr=5)
-    assert "psnr=5 is the goal of the steps, and variety=0.4 lowers it afterwards; variety=0 keeps it" in caplog.text
+    assert "psnr=5 is the goal of the steps, and variety=0.55 lowers it afterwards; variety=0 keeps it" in caplog.text
     caplog.clear()
     brushexp.paint(**small, steps=3, psnr=5, variety=0)
     assert "variety" not in caplog.text

@@ -178,7 +178,7 @@ def test_tubes_and_the_look_ask_for_each_other_unless_another_look_is_typed():
         assert cfg.metric == chosen[0].metric
         assert "ciede2000" in cfg.metric
     oil = settings_of("paint", {"image": "chelsea", "tubes": "zorn", "look": "oil"}).cfg
-    assert (oil.light.depth, oil.change.tubes.tubes, oil.change.variety.amount) == (0.9, "zorn", 0.4)
+    assert (oil.light.depth, oil.change.tubes.tubes, oil.change.variety.amount) == (0.9, "zorn", 0.55)
     assert "ciede2000" in oil.metric
 
 

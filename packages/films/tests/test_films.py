@@ -211,8 +211,8 @@ def test_a_film_that_was_killed_goes_on_to_the_same_strokes_although_one_picture
     assert code == 0, output
     assert "000001.h5 is damaged" in output
     assert "killed/film.mp4  4 pictures\n" in output
-    assert " s a picture" not in output
-    assert " s a picture" in (tmp_path / "killed" / "run.log").read_text()
+    assert " s per picture" not in output
+    assert " s per picture" in (tmp_path / "killed" / "run.log").read_text()
     assert len(decoded(tmp_path / "killed" / "film.mp4")[0]) == 4
     for k in range(4):
         one, other = (load_catalogue(tmp_path / run / "frames" / f"00000{k}.h5") for run in ("whole", "killed"))
