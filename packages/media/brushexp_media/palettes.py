@@ -120,7 +120,7 @@ class Toned(Palette):
     flatness: Annotated[float, between(0, 2)] = 0.0
     irradiation: Annotated[float, between(0, 2)] = 0.0
     outlines: Annotated[float, between(0, 1)] = 0.0
-    night: Annotated[float, between(0, 1)] = 0.65
+    night: Annotated[float, between(0, 1)] = 0.75
     warmth: Annotated[float, between(0, 50)] = 0.0
 
     def __call__(self, picture: Tensor) -> Tensor:
@@ -195,7 +195,7 @@ TINTED = 55.0, 85.0  # L* up to which no green is a tint of white, and from whic
 NEUTRAL = 0.3  # share of its chroma that such a tint keeps where other colours become purer
 NIGHT = 32.0  # mean L* up to which a picture shows the night
 NIGHT_LIFT, TWILIGHT_LIFT = 1.0, 1.5  # L* by which a palette may lighten it, and L* more for each L* above `NIGHT`
-LAMPLIGHT = 20.0, 50.0  # L* of places from which on, and of those where, a night is as light as in a day
+LAMPLIGHT = 28.0, 56.0  # L* of places from which on, and of those where, a night is as light as in a day
 BIN, SOFT = 2.0, 8.0  # CIELAB: sides of the cells in which colours are counted; softness of the borders of hues
 ACCENT = 12.0  # CIELAB: so far from all hues of the picture, a colour is drawn to them by less
 IRRADIATED = 0.02  # longer sides: deviation of the blur with which a place is compared

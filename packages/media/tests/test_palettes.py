@@ -72,7 +72,7 @@ def test_darks_of_a_night_stay_dark_and_its_lit_places_are_as_light_as_by_day(lo
     assert lab[6, 30] > 88
     assert share_of_night(50.0, 62.0) == 0
     assert share_of_night(20.0, 19.0) == 0
-    kept = share_of_dark(np.array([0.0, LAMPLIGHT[0], 35.0, LAMPLIGHT[1], 100.0]))
+    kept = share_of_dark(np.array([0.0, LAMPLIGHT[0], sum(LAMPLIGHT) / 2, LAMPLIGHT[1], 100.0]))
     assert np.allclose(kept, [1, 1, 0.5, 0, 0])
 
 
