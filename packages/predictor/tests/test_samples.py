@@ -228,4 +228,4 @@ def test_intervals_are_fitted_by_one_command_and_used_by_the_next(tmp_path, run_
     assert scaled["psnr"] == plain["psnr"] >= plain["psnr_worst"]
     with Image.open(tmp_path / "brushwork.png") as sheet:
         assert np.asarray(sheet).std() > 5
-    refuses("intervals for a different temperature than 2", run_task, sample_task, "task=sample", *options, *picture, "temperature=2")
+    refuses("different temperature", run_task, sample_task, "task=sample", *options, *picture, "temperature=2")
