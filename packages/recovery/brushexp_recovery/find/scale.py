@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from brushexp_recovery.find.agreement import find_candidates
 from brushexp_recovery.find.look import look_at
+from brushexp_recovery.find.plain_ground import width_on_plain_ground
 from brushexp_recovery.model.channels import StrokeAttribute
 from brushexp_recovery.model.recovery_model import Classifiers, RecoveryModel
 from brushexp_recovery.raster.boxes import Box
@@ -30,8 +31,12 @@ def find_zoom(model: RecoveryModel, classifiers: Classifiers, image: Array) -> f
 
     It is the scale at which the network takes strokes to be as wide as it knows them best, unless the picture's own
     scale, or the one half-way to it, explains more: grain and canvas, enlarged enough, look like strokes, but the
-    network is not sure of them.
+    network is not sure of them. On a plain ground, which the network has seldom seen, the shapes of the strokes tell
+    their width.
     """
+    width = width_on_plain_ground(image)
+    if width is not None:
+        return float(np.clip(BEST_WIDTH / width, *SCALES))
     guess = guess_zoom(model, image)
     if abs(np.log(guess)) < SETTLED:
         return guess

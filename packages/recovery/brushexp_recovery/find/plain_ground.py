@@ -1,0 +1,44 @@
+"""Measure the width of strokes that lie on a plain ground, by their shapes alone."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from brushexp_recovery.raster.resampling import resample
+
+Array = NDArray[Any]
+
+SIDE = 1000  # pixels on the longer side to which a larger picture is reduced
+BLUR = 1.0  # standard deviation in pixels of the blur that removes grain
+CELL = 6.0  # CIELAB: side of the cells in which colours are counted
+OF_GROUND = 8.0  # CIELAB: largest distance of a colour of the ground from the median of the ground
+LEAST_GROUND = 0.6  # smallest share of a picture that its ground covers
+HAIR = 1.5  # pixels: largest half width that is not counted as a stroke
+FEWEST_POINTS = 5  # smallest number of points on the centre lines of strokes
+
+
+def width_on_plain_ground(image: Array) -> float | None:
+    """Measure the median width in pixels of strokes on a plain ground in a picture (H, W, 3).
+
+    The ground is the most frequent colour. A stroke's width is twice the distance of its centre line (a skeleton) from
+    the ground; points of the centre lines count by their width. Return None if the ground covers less than 60 % of the
+    picture, or all of it. Where strokes overlap, the width is that of the overlapping shape.
+    """
+    from scipy.ndimage import distance_transform_edt, gaussian_filter  # noqa: PLC0415  (slow to import)
+    from skimage.color import rgb2lab  # noqa: PLC0415
+    from skimage.morphology import skeletonize  # noqa: PLC0415
+
+    reduction = min(1.0, SIDE / max(image.shape[:2]))
+    lab = gaussian_filter(rgb2lab(resample(image, reduction)), (BLUR, BLUR, 0))
+    cells, counts = np.unique((lab / CELL).round().reshape(-1, 3), axis=0, return_counts=True)
+    is_near = np.linalg.norm(lab - CELL * cells[counts.argmax()], axis=2) < 1.5 * CELL
+    is_bare = np.linalg.norm(lab - np.median(lab[is_near], axis=0), axis=2) < OF_GROUND
+    if is_bare.mean() < LEAST_GROUND or is_bare.all():
+        return None
+    half = distance_transform_edt(~is_bare)
+    half = np.sort(half[skeletonize(~is_bare) & (half > HAIR)])
+    if len(half) < FEWEST_POINTS:
+        return None
+    total = half.cumsum()
+    return float(2 * half[np.searchsorted(total, 0.5 * total[-1])] / reduction)
