@@ -6,7 +6,7 @@ import time
 
 
 def main() -> None:
-    """Run the program with the words of its command line."""
+    """Run the program with its command-line arguments."""
     start = time.monotonic()  # before the slow imports, so that their time counts
     gc.disable()  # until the task begins: modules are not garbage, and collecting takes a seventh of the startup time
     from brushexp.cli.opening import open_with  # noqa: PLC0415

@@ -65,7 +65,7 @@ class Sizes(Change):
         return self.within(strokes, state.size[1], state.zoom)
 
     def within(self, strokes: Strokes, width: int, zoom: float = 1.0) -> Strokes:
-        """Clamp stroke thickness to the bounds, on a picture ``width`` pixels wide.
+        """Clamp stroke thickness to the bounds for a picture ``width`` pixels wide.
 
         ``zoom`` is the number of pixels of the painting per pixel of the picture.
         """

@@ -11,7 +11,7 @@ from brushexp_losses.calibrated import CALIBRATED, open_distance
 
 @register("loss", "lpips")
 class Lpips(Loss):
-    """LPIPS perceptual distance (Zhang et al.) between painting and target, in a network's features.
+    """LPIPS perceptual distance (Zhang et al.) between painting and target, in the feature space of a network.
 
     Source: Zhang et al., 2018, arXiv:1801.03924. With alexnet, squeeze or vgg16 it uses the published weights and is
     logged as lpips-alexnet and so on. Differs by default: ``effl0`` has one weight for all channels of an activation.

@@ -212,7 +212,7 @@ def _apart(lines: Lines, n: int, least: float, size: tuple[int, ...]) -> Array:
 
 
 def _curves(lines: Lines, chosen: Array) -> Array:
-    """Fit quadratic curves (n, 3, 2) to the ends and the middle of lines; dots become short horizontal curves."""
+    """Fit quadratic curves (n, 3, 2) to the end points and midpoints of lines; dots become short horizontal curves."""
     points, used, each = lines.points[chosen], lines.used[chosen], np.arange(len(chosen))
     first = used.argmax(1)
     last = first + used.sum(1) - 1

@@ -1,4 +1,4 @@
-"""The folders of the package follow the data flow, and imports go only one way along it."""
+"""The folders of the package follow the data flow, and imports run in one direction only."""
 
 import ast
 import re

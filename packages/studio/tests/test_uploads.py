@@ -49,7 +49,7 @@ CHELSEA = Path(skimage.data.__file__).parent / "chelsea.png"
 
 @pytest.fixture
 def uploads(tmp_path, caplog):
-    """Serve a studio without its page in this process; check at the end that no upload caused a traceback."""
+    """Run a studio server in this process, without its page; on exit, check that no upload caused a traceback."""
     works = Works(tmp_path, {})
     with running(application(Photos(tmp_path), works, Drafts(works)), 0) as address:
         yield address

@@ -29,7 +29,7 @@ def problem_of_summary(text: str) -> str:
 
 
 def problem_of_help(text: str) -> str:
-    """Describe what is wrong with the help of an option; "" if nothing is wrong."""
+    """Describe what is wrong with an option's help text; "" if nothing is wrong."""
     if len(text) > LONGEST_HELP:
         return f"it has {len(text)} characters, more than {LONGEST_HELP}"
     if not re.match(r"[A-Za-z0-9`'\"(]", text):

@@ -125,7 +125,7 @@ class Picture(nn.Module):
         return small
 
     def show(self, picture: Tensor, zoom: float = 1.0) -> None:
-        """Set the last picture to a whole picture (3, H, W) of ``zoom`` times the canvas."""
+        """Set the last picture to a complete picture (3, H, W) at ``zoom`` times the size of the canvas."""
         self._last, self._zoom, self._error, self.memory = picture, zoom, None, None
 
     @torch.no_grad()

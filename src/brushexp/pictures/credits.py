@@ -33,7 +33,7 @@ SRGB = (b"sRGB", b"\0")  # PNG chunk
 
 
 def credits_of(image: str) -> dict[str, str]:
-    """Read the credits of a picture file under the keywords of PNG; empty if the file has no readable credits.
+    """Read the credits of a picture file, by PNG keyword; empty if the file has no readable credits.
 
     Text chunks of a PNG take precedence over XMP, EXIF and IPTC. A catalogue has the credits of its ``painting.png``.
     """

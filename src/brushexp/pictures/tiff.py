@@ -88,7 +88,7 @@ def codec_needs(compression: int, bits: int, predictor: int) -> list[str]:
 
 
 def has_codecs() -> bool:
-    """Check whether imagecodecs is installed, which lets tifffile unpack more formats."""
+    """Check whether imagecodecs, which lets tifffile unpack more formats, is installed."""
     return find_spec("imagecodecs") is not None
 
 

@@ -30,7 +30,7 @@ def place_of(cls: type) -> str:
 
 
 def modules_behind(cls: type) -> list[str]:
-    """List the module of a class, those of its bases in the same package, and the package's loaded ``_modules``."""
+    """List the modules of a class and of its bases in the same package, plus the package's loaded ``_modules``."""
     package = cls.__module__.partition(".")[0]
     bases = [base.__module__ for base in cls.__mro__ if base.__module__.partition(".")[0] == package]
     begin = f"{package}."

@@ -120,7 +120,7 @@ def _picture(brush: _Bytes, before: int, spacing: float) -> Stamp:
 
 
 def _unpacked(packed: bytes, length: int) -> bytes:
-    """Unpack ``length`` bytes by PackBits: n + 1 bytes follow n >= 0; after n < 0 a byte is repeated 1 - n times."""
+    """Unpack ``length`` bytes of PackBits data: n >= 0 precedes n + 1 bytes, n < 0 one byte repeated 1 - n times."""
     source, row = _Bytes(packed), b""
     while source.left and len(row) < length:
         count = source.number("b")

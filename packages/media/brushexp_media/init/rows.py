@@ -183,7 +183,7 @@ class Rows:
         return np.array([*before[::-1], seed, *after])
 
     def _traced(self, seed: Array, way: int, turns: Array) -> list[Array]:
-        """Follow the flow, turned at each step, until the picture has another colour, or another mark is near."""
+        """Follow the flow, turning at each step, until the picture changes colour or another mark is near."""
         point, going, points = seed, way * self.ahead[_pixel(seed)], []
         color = self._color(seed)
         for c, s in zip(np.cos(turns), np.sin(turns), strict=True):

@@ -10,7 +10,7 @@ F = np.float32
 
 @inline
 def unit(value):
-    """Clamp a number to 0 and 1."""
+    """Clamp a number to [0, 1]."""
     return min(max(value, F(0)), F(1))
 
 

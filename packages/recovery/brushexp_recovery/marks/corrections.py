@@ -26,7 +26,7 @@ SURE = 1.0  # confidence of a hand-drawn mark
 
 
 def check_marks(path: Path, size: tuple[int, int]) -> None:
-    """Raise UserError if a file has no marks, or marks for a picture with a size other than (H, W)."""
+    """Raise UserError if a file has no marks, or if its marks are for a picture of a size other than (H, W)."""
     marks = read_marks(path)
     if marks.size is not None and marks.size != size:
         raise UserError(

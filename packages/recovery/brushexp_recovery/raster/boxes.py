@@ -23,7 +23,7 @@ class Box(NamedTuple):
 
     @property
     def is_empty(self) -> bool:
-        """Check whether the box contains no pixel."""
+        """Check whether the box contains no pixels."""
         return self.top >= self.bottom or self.left >= self.right
 
     def intersection(self, other: "Box") -> "Box":

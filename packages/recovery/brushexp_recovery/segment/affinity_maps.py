@@ -1,4 +1,4 @@
-"""Predict the network's maps of a picture, averaged over rotated and mirrored copies."""
+"""Predict the maps of a picture with the network, averaged over rotated and mirrored copies."""
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple

@@ -96,7 +96,7 @@ def fit_judges(model: RecoveryModel, image: Array, marks: Marks, scale: float, s
 
 
 def fit_to(model: RecoveryModel, parts: Sequence[MarkedPart], seed: int) -> RecoveryModel:
-    """Fit the judges of a copy of a model to marked parts of a painting."""
+    """Fit the judges in a copy of a model to the marked parts of a painting."""
     fitted, random = copy.deepcopy(model), np.random.default_rng(seed)
     labels = np.concatenate([part.segmented.labels.ravel() for part in parts])
     count = max(len(np.unique(labels[labels >= 0])), 1)

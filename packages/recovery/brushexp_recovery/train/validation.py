@@ -41,7 +41,7 @@ class Counts(NamedTuple):
 
 
 def count_strokes(output: Tensor, crops: Crops) -> Counts:
-    """Count the strokes found by maps (B, `CHANNELS`, H, W) in crops by merging regions of high mean affinity."""
+    """Count the strokes in crops from their maps (B, `CHANNELS`, H, W), by merging regions of high mean affinity."""
     total = Counts(0, 0, 0)
     images = crops.image.numpy().transpose(0, 2, 3, 1)
     for maps, image, labels in zip(output.numpy(), images, crops.labels.numpy(), strict=True):

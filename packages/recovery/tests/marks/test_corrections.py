@@ -19,7 +19,7 @@ SIZE = (60, 80)
 
 
 def painting() -> np.ndarray:
-    """Draw three horizontal dark strokes at y = 10, 30 and 50."""
+    """Draw three dark horizontal strokes at y = 10, 30 and 50."""
     image = np.ones((*SIZE, 3), np.float32)
     for y in (10, 30, 50):
         image[y - 3 : y + 3, 20:60] = (0.2, 0.1, 0.0)

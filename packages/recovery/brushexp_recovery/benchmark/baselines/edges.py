@@ -98,7 +98,7 @@ def longest_path(skeleton: Array) -> float:
 
 
 def quantise_colors(lab: Array) -> Array:
-    """Number the pixels (H, W) of a picture in CIELAB by the nearest of `COLORS` colours."""
+    """Label each pixel of a picture (H, W) in CIELAB with the index of the nearest of `COLORS` colours."""
     from scipy.cluster.vq import kmeans2, vq  # noqa: PLC0415  (slow to import)
 
     pixels = lab.reshape(-1, 3)
