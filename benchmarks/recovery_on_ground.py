@@ -10,7 +10,7 @@ import argparse
 
 import numpy as np
 import torch
-from brushexp_recovery.find import scale
+from brushexp_recovery.find.scale import find_zoom, find_zoom_by_network
 from brushexp_recovery.model.recovery_model import load_model
 from brushexp_recovery.raster.labels import count_pixels
 from brushexp_recovery.raster.overlap import MATCH_IOU, overlaps_between
@@ -64,17 +64,17 @@ def main():
     parser.add_argument("--enlargement", type=float, default=2.0, help="of the pictures of 320 pixels")
     options = parser.parse_args()
     torch.set_num_threads(1)
-    model, scans, measure = load_model("strokes"), read_scans(), scale.width_on_plain_ground
+    model, scans = load_model("strokes"), read_scans()
+    classifiers = model.classifiers()
     print("| ground | strokes | without | with the rule |\n|---|---:|---:|---:|")
     for name, ground in GROUNDS.items():
         for count in COUNTS:
             f1 = []
-            for rule in (lambda image: None, measure):
-                scale.width_on_plain_ground = rule
+            for find in (find_zoom_by_network, find_zoom):
                 counts = np.zeros(3)
                 for seed in range(*options.seeds):
                     image, labels = paint(ground, count, seed, scans, options.enlargement)
-                    found = recover_with(model, image, None, 1, lambda *_: None).labels
+                    found = recover_with(model, image, find(model, classifiers, image), 1, lambda *_: None).labels
                     counts += matches(labels, found)
                 f1.append(2 * counts[0] / max(counts[1:].sum(), 1))
             print(f"| {name} | {count} | {f1[0]:.2f} | {f1[1]:.2f} |", flush=True)

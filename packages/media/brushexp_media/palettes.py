@@ -5,28 +5,15 @@ from functools import cached_property
 from typing import Annotated
 
 import numpy as np
-import torch
 from torch import Tensor
 
 from brushexp.contracts import between, register
 from brushexp.contracts.families import Palette
-from brushexp.contracts.pictures import flattened, load_picture, palette, recolor, to_lab, to_rgb
+from brushexp.contracts.pictures import as_lab, as_picture, flattened, load_picture, palette, recolor
 from brushexp.contracts.tasks import PICTURE
 from brushexp_media.picture.lines import edge_lines
 
 Array = np.ndarray
-
-
-def as_lab(picture: Tensor) -> Array:
-    """Convert a picture (3, H, W) to CIELAB (H, W, 3)."""
-    rgb = picture.movedim(0, -1).double().numpy()
-    return to_lab(rgb.reshape(-1, 3)).reshape(rgb.shape)
-
-
-def as_picture(lab: Array) -> Tensor:
-    """Convert CIELAB (H, W, 3) to a picture (3, H, W), float32; what no display shows is clipped."""
-    rgb = to_rgb(lab.reshape(-1, 3)).reshape(lab.shape)
-    return torch.from_numpy(rgb).movedim(-1, 0).float().contiguous()
 
 
 def grouped(lightness: Array, values: int, blend: float) -> Array:

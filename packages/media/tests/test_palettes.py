@@ -13,8 +13,6 @@ from brushexp_media.palettes import (
     LAMPLIGHT,
     NIGHT,
     STEEPEST,
-    as_lab,
-    as_picture,
     grouped,
     harmonised,
     limited,
@@ -27,6 +25,7 @@ from omegaconf import OmegaConf
 from scipy.ndimage import gaussian_filter
 from torch.testing import assert_close
 
+from brushexp.pictures.color import as_lab, as_picture
 from brushexp.plugins.loss.base import PaintedView
 from brushexp.registry import build_named
 from brushexp.strokes.catalogue import Strokes

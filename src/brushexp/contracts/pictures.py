@@ -5,7 +5,7 @@ from brushexp.features.base import Backbone, packaged_file, read_tensors
 from brushexp.features.distance import Distance, bundled_distance
 from brushexp.pictures.abstraction import flattened
 from brushexp.pictures.boxes import Crop, boxes, clean_aperture_in, properties_of_film
-from brushexp.pictures.color import hex_of, nearest_ink, palette, recolor, to_lab, to_rgb
+from brushexp.pictures.color import as_lab, as_picture, hex_of, nearest_ink, palette, recolor, to_lab, to_rgb
 from brushexp.pictures.colorimetry import BT709, HIGH_RANGE, decode_srgb, encode_srgb, encoding_of, unless_srgb
 from brushexp.pictures.cut_short import has_end
 from brushexp.pictures.decode import MOVING, declared_by, decode_image, open_picture, picture_size, read_picture
@@ -49,6 +49,8 @@ __all__ = [
     "FarStructure",
     "Region",
     "along_edges",
+    "as_lab",
+    "as_picture",
     "background_color",
     "boxes",
     "bundled_distance",

@@ -97,3 +97,15 @@ def to_rgb(lab: Array) -> Array:
         warnings.simplefilter("ignore", UserWarning)
         rgb: Array = lab2rgb(lab.reshape(-1, 1, 3)).reshape(-1, 3)
     return rgb.clip(0, 1)
+
+
+def as_lab(picture: Tensor) -> Array:
+    """Convert a picture (3, H, W) to CIELAB (H, W, 3)."""
+    rgb = picture.movedim(0, -1).double().numpy()
+    return to_lab(rgb.reshape(-1, 3)).reshape(rgb.shape)
+
+
+def as_picture(lab: Array) -> Tensor:
+    """Convert CIELAB (H, W, 3) to a picture (3, H, W), float32; what no display shows is clipped."""
+    rgb = to_rgb(lab.reshape(-1, 3)).reshape(lab.shape)
+    return torch.from_numpy(rgb).movedim(-1, 0).float().contiguous()

@@ -29,14 +29,21 @@ LEAST_PAINT = 0.02  # share of pixels, below which nothing is said of widths
 def find_zoom(model: RecoveryModel, classifiers: Classifiers, image: Array) -> float:
     """Find the scale at which to look for the strokes of a picture (H, W, 3).
 
-    It is the scale at which the network takes strokes to be as wide as it knows them best, unless the picture's own
-    scale, or the one half-way to it, explains more: grain and canvas, enlarged enough, look like strokes, but the
-    network is not sure of them. On a plain ground, which the network has seldom seen, the shapes of the strokes tell
-    their width.
+    On a plain ground, which the network has seldom seen, the scale follows from the shapes of the strokes; otherwise
+    the network finds it.
     """
     width = width_on_plain_ground(image)
-    if width is not None:
-        return float(np.clip(BEST_WIDTH / width, *SCALES))
+    if width is None:
+        return find_zoom_by_network(model, classifiers, image)
+    return float(np.clip(BEST_WIDTH / width, *SCALES))
+
+
+def find_zoom_by_network(model: RecoveryModel, classifiers: Classifiers, image: Array) -> float:
+    """Find the scale of a picture (H, W, 3) at which strokes have the width that the network knows best.
+
+    The picture's own scale, or the scale half-way to it, is taken instead if it explains more: grain and canvas,
+    enlarged enough, look like strokes, but the network is not sure of them.
+    """
     guess = guess_zoom(model, image)
     if abs(np.log(guess)) < SETTLED:
         return guess

@@ -3,10 +3,9 @@
 from collections.abc import Sequence
 
 import numpy as np
-import torch
 from torch import Tensor
 
-from brushexp.pictures.color import to_lab, to_rgb
+from brushexp.pictures.color import as_lab, as_picture
 
 BLUR = 0.7  # radii of a place, deviation of the Gaussian that separates its forms from its tone
 FULL, NONE = 1.0, 1.6  # radii of a place, distances from its middle up to which forms are restored fully, and at all
@@ -44,7 +43,7 @@ def _restore(target: Tensor, picture: Tensor, place: Place) -> None:
     rows, columns = np.ogrid[top:bottom, left:right]
     distance = np.hypot(rows + 0.5 - y, columns + 0.5 - x) / radius
     share = ((NONE - distance) / (NONE - FULL)).clip(0, 1)[..., None]
-    own, toned = (_lab(one[:, top:bottom, left:right]) for one in (picture, target))
+    own, toned = (as_lab(one[:, top:bottom, left:right]) for one in (picture, target))
     own_forms, forms = (one - gaussian_filter(one, (BLUR * radius, BLUR * radius, 0)) for one in (own, toned))
     inside = distance < FULL
     weak, strong = (one[..., 0][inside].std() if inside.any() else 0.0 for one in (own_forms, forms))
@@ -55,11 +54,4 @@ def _restore(target: Tensor, picture: Tensor, place: Place) -> None:
     gain = max(strong / weak, 1) * min(max(SMALL / radius, 1), MOST_EMPHASIS)
     wanted[..., 0] = min(gain, MOST_GAIN) * own_forms[..., 0]
     lab = toned + share * (wanted - forms)
-    rgb = to_rgb(lab.reshape(-1, 3)).reshape(lab.shape)
-    target[:, top:bottom, left:right] = torch.from_numpy(rgb).movedim(-1, 0).to(target)
-
-
-def _lab(picture: Tensor) -> np.ndarray:
-    pixels = picture.movedim(0, -1).double().numpy()
-    lab: np.ndarray = to_lab(pixels.reshape(-1, 3))
-    return lab.reshape(pixels.shape)
+    target[:, top:bottom, left:right] = as_picture(lab)
