@@ -12,17 +12,17 @@ from brushexp.contracts.members import InLayers
 from brushexp.contracts.pictures import to_lab, to_rgb
 from brushexp.contracts.strokes import Strokes
 
-CALMER = 0.5  # power of the size of dots with which they go apart: in details less
+CALMER = 0.5  # exponent of dot size in the separation of hues: small dots differ less
 DIVISION_CHROMA = 100.0  # chroma by which dots of division 1 leave the colour of their place
 WARM = torch.tensor([0.34, 0.94], dtype=torch.float64)  # direction of orange in a* and b*; that of blue is the opposite
 SHADE = 55.0  # L* below which a place is in shadow
 GREY = 6.0  # chroma of the pair of orange and blue in which greys are divided
-BROAD, LONG, SHIFTED = 2.2, 1.2, 0.2  # width, length and deviation of the shift of touches below, in their distances
+BROAD, LONG, SHIFTED = 2.2, 1.2, 0.2  # width, length and random shift of the touches below, in their spacing
 SHADOW = 56.0  # L* below which a touch is in shadow
 WHITE = 87.0  # L* from which on a touch keeps its colour
 DULL, DUSK, MUTED, COOL = 0.92, 0.15, 0.6, 40.0  # of touches: lightness over the place's, less in shadow; chroma; blue
 OPPOSITE, LIGHT, PURER = 0.15, 0.2, 0.55  # shares of dots of the opposite and of the light, and how far others go
-TURNED, UNEVEN = 0.45, 0.08  # deviations from dot to dot: of hue, radians, and of L*, over the chroma
+TURNED, UNEVEN = 0.45, 0.08  # standard deviation between dots: of hue in radians, and of L* relative to chroma
 
 
 @register("init", "dots")

@@ -30,7 +30,7 @@ WET, SOAKED = 0.2, 0.2  # longer sides from one wet place to the next; share of 
 SPARED, NEARBY = 4.0, 6.0  # how much drier paper is where there is detail; deviation in grains of what is near
 HUES, COOLER = 0.15, (0.3, 0.0, -0.3)  # longer sides between hues of a wash; density of red, green, blue in cool ones
 POOLED, POOLS = 3.0, 0.1  # times the darkness of a wash at which all of its pigment settles; longer sides between pools
-GRANULATED = 0.35  # share of the granulation that every wash has, between pools, too
+GRANULATED = 0.35  # share of the granulation that every wash has, even between pools
 LEFT = 0.5  # share of the paint that is dust which a hollow keeps
 STREAK, HAND = 1.4, 2.5  # grains across a streak; deviation of the blur of the picture along whose directions they run
 

@@ -39,11 +39,11 @@ CHANGES = (Change(1.0, 0.0), Change(1.4, 0.0), Change(0.7, 0.0), Change(1.0, 1.0
 class Search(NamedTuple):
     """A search of the whole picture."""
 
-    zoom: float  # times the scale of the picture
-    worth: float  # of the chance of a region that it finds
+    zoom: float  # factor on the scale of the picture
+    worth: float  # factor on the chance of each region found
 
 
-SEARCHES = (Search(1.0, 1.0), Search(0.5, 0.75))  # the second finds broad strokes, where it is clearly surer
+SEARCHES = (Search(1.0, 1.0), Search(0.5, 0.75))  # the second finds broad strokes where it is clearly more certain
 
 
 @dataclass(frozen=True)
@@ -69,10 +69,10 @@ def find_regions(
 ) -> Regions:
     """Find the regions of strokes in a picture (H, W, 3) float32 in [0, 1].
 
-    Without a ``zoom`` they are sought at the scale that suits the strokes. Each of the ``searches`` proposes regions,
-    each look of it at ``copies`` turned and mirrored copies. A region is kept if surer ones leave enough of it free,
-    and if its chance is at least half the mean chance of those that are kept: if there are as many strokes as kept
-    regions, and each region is a stroke with its chance, no other share has a higher expected F1.
+    Without a ``zoom``, the automatic scale is used. Each of the ``searches`` proposes regions, and each of its looks
+    sees ``copies`` rotated and mirrored copies. A region is kept if more certain regions leave enough of it free, and
+    if its chance is at least half the mean chance of the kept regions: if there are as many strokes as kept regions,
+    and each region is a stroke with its chance, no other share has a higher expected F1.
     """
     height, width = image.shape[:2]
     classifiers = model.classifiers()
@@ -107,7 +107,7 @@ def find_regions(
 
 
 def _move_to_picture(candidate: Candidate, tile: Tile, width: int, worth: float) -> Candidate:
-    """Turn indices of pixels of a tile into those of the picture, which is ``width`` pixels wide; weight the chance."""
+    """Map a candidate's pixel indices from a tile to a picture ``width`` pixels wide; scale its chance by ``worth``."""
     y, x = np.divmod(candidate.pixels, tile.box.size[1])
     pixels = (y + tile.box.top) * width + x + tile.box.left
     return replace(candidate, pixels=pixels, chance=worth * candidate.chance)
