@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 import torch
-from brushexp_media.init.drawing import EDGE, LOST, contours
+from brushexp_media.init.drawing import EDGE, LOST, contours, dark_features, forms
 from brushexp_media.picture.lines import find_apart
+from brushexp_media.picture.outlines import find_outlines, strokes_over
 
 from brushexp.errors import UserError
 from brushexp.registry import build_named
@@ -66,3 +67,48 @@ def test_washes_end_crisply_at_edges_and_are_lost_in_soft_forms(soft, expected):
 def test_two_tones_are_refused_in_words(option):
     with pytest.raises(UserError, match=rf"init\.{option}=\[0\.4, 0\.7\] are 2 values; give three"):
         build_named("init", "drawing", {option: (0.4, 0.7)})
+
+
+def disc(size, centre, radius):
+    y, x = np.mgrid[:size, :size]
+    return np.hypot(x - centre[0], y - centre[1]) < radius
+
+
+def test_an_outline_is_one_chain_of_overlapping_strokes_along_the_edge():
+    lightness = np.where(disc(200, (100, 100), 60), 0.2, 0.8)
+    ((points, strength),) = find_outlines(lightness, 2.0, np.ones_like(lightness), 0.1, 0.2)
+    assert np.abs(np.hypot(*(points - 100.5).T) - 60).max() < 1
+    assert strength.min() > 0.5
+    curves, middle = strokes_over(points, 40.0)
+    assert len(curves) == len(middle) > 8
+    t = np.linspace(0, 1, 21)[:, None, None]
+    on = (1 - t) ** 2 * curves[:, 0] + 2 * t * (1 - t) * curves[:, 1] + t**2 * curves[:, 2]
+    assert np.abs(np.hypot(*(on - 100.5).T) - 60).max() < 2.5
+    assert np.linalg.norm(curves[1:, 0] - curves[:-1, 2], axis=1).min() > 10, "each begins on the one before it"
+    ahead, behind = (curves[:, end] - 100.5 for end in (2, 0))
+    turned = np.diff(np.unwrap(np.arctan2(*(ahead[:, ::-1]).T))), np.diff(np.unwrap(np.arctan2(*(behind[:, ::-1]).T)))
+    assert all((part > 0).all() or (part < 0).all() for part in turned)
+
+
+def test_an_even_picture_has_no_outlines_and_a_faint_edge_only_if_it_is_clear():
+    even = np.full((80, 80), 0.5)
+    assert find_outlines(even, 2.0, np.ones_like(even), 0.1, 0.2) == []
+    step = even + 0.3 * (np.arange(80) > 40)
+    assert len(find_outlines(step, 2.0, np.ones_like(even), 0.1, 0.2)) == 1
+    assert find_outlines(step, 2.0, np.zeros_like(even), 0.1, 0.2) == []
+
+
+def test_dark_features_are_filled_and_the_dark_side_of_an_edge_is_none():
+    lightness = np.where(disc(400, (100, 100), 3), 0.1, 0.8)
+    lightness[:, 300:] = 0.1
+    found = dark_features(lightness) > 0
+    assert found[disc(400, (100, 100), 2)].all()
+    assert not found[:, 200:].any()
+
+
+def test_hatching_is_straight_where_a_picture_has_no_forms():
+    picture = np.full((3, 200, 300), 0.5)
+    picture[:, :, :60] += 0.3 * np.sin(np.arange(60) / 3)
+    turned = np.abs(forms(picture))
+    assert turned[:, 200:].max() < 0.05
+    assert turned[:, :40].mean() > 0.3

@@ -16,13 +16,17 @@ CALMER = 0.5  # exponent of dot size in the separation of hues: small dots diffe
 DIVISION_CHROMA = 100.0  # chroma by which dots of division 1 leave the colour of their place
 WARM = torch.tensor([0.34, 0.94], dtype=torch.float64)  # direction of orange in a* and b*; that of blue is the opposite
 SHADE = 55.0  # L* below which a place is in shadow
-GREY = 6.0  # chroma of the pair of orange and blue in which greys are divided
+GREY = 4.0  # chroma of the pair of orange and blue in which greys are divided
 BROAD, LONG, SHIFTED = 2.2, 1.2, 0.2  # width, length and random shift of the touches below, in their spacing
 SHADOW = 56.0  # L* below which a touch is in shadow
 WHITE = 87.0  # L* from which on a touch keeps its colour
 DULL, DUSK, MUTED, COOL = 0.92, 0.15, 0.6, 40.0  # of touches: lightness over the place's, less in shadow; chroma; blue
-OPPOSITE, LIGHT, PURER = 0.15, 0.2, 0.55  # shares of dots of the opposite and of the light, and how far others go
-TURNED, UNEVEN = 0.45, 0.08  # standard deviation between dots: of hue in radians, and of L* relative to chroma
+OPPOSITE, LIGHT = 0.15, 0.2  # shares of dots of the opposite hue, and of the colour of the light
+OPPOSED, PURER = (
+    0.55,
+    0.55,
+)  # how far dots of the opposite hue go, and those that are merely purer, relative to the light's
+TURNED, UNEVEN = 0.3, 0.08  # standard deviation between dots: of hue in radians, and of L* relative to chroma
 
 
 @register("init", "dots")
@@ -72,7 +76,7 @@ class Dots(Initializer):
         angle = torch.atan2(hue[:, 1], hue[:, 0]) + TURNED * turn
         own = torch.stack([angle.cos(), angle.sin()], 1)
         of_light = torch.where(lab[:, :1] > SHADE, WARM, -WARM)
-        by = torch.where(kind < OPPOSITE, -own, torch.where(kind < OPPOSITE + LIGHT, of_light, PURER * own))
+        by = torch.where(kind < OPPOSITE, -OPPOSED * own, torch.where(kind < OPPOSITE + LIGHT, of_light, PURER * own))
         room = (1 - (lab[:, :1] / 50 - 1).abs()).clamp_min(0).sqrt()  # neither black nor white has a hue
         size = (strokes.width * strokes.scale).double()[:, None]
         room = room * (size / size.max()) ** CALMER

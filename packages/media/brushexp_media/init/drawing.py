@@ -24,8 +24,9 @@ from brushexp.contracts.strokes import Strokes
 from brushexp_media.init.dark_shapes import DarkShapes
 from brushexp_media.init.ink import INKED, rgb_of, strokes_of
 from brushexp_media.init.washes import between_tones, cleaned, filled
-from brushexp_media.picture.lines import anisotropy_of, edge_lines, find_apart, followed, luminance
+from brushexp_media.picture.lines import BESIDE, SIGMA, anisotropy_of, edge_lines, find_apart, followed, luminance
 from brushexp_media.picture.noise import fractal_noise
+from brushexp_media.picture.outlines import SPACING, find_outlines, strokes_over
 
 Array = np.ndarray
 ANGLES = (-0.9, -0.7, -0.4)  # radians of the hatchings, the first of the half tones
@@ -34,8 +35,9 @@ DEPTHS = (0.9, 2.4, 6.5)  # of washes, one over the other: powers of the colour 
 LEAST_WASH = 0.003  # share of the picture below which a shape is no wash, and a hole in one is filled
 REED, BLUNT = 0.0065, (2.2, 0.04)  # broadest accent, longer sides; scale and least difference of lines that are accents
 DEEPEST = 0.33  # largest colour channel of a place that gets an accent
-DARK_FEATURE = 0.5  # and where one looks first: lids and pupils are darker, lips are not
-SPECK = 6e-4  # least accent over what is looked at
+FEATURE_BLUR = 0.0016  # standard deviation of the blur under features, in longer sides
+FEATURE_SIZES = ((0.02, 0.12, 0.5), (0.05, 0.25, 0.25))  # breadth, least depth, darkest lightness of features
+SPECK = 1.2e-3  # least accent over what is looked at
 LOOKED_AT = 0.3  # share of the largest focus above which a place counts as looked at
 EDGE, LOST = 0.05, 0.7  # softness of an edge of a wash, and of one that is lost besides, in widths of its strokes
 FOUND = 5.0  # slope of darkness, per longer side, from which on an edge of a wash is crisp
@@ -45,10 +47,11 @@ SMOOTH, SMOOTH_WASH = 0.004, 0.008  # deviation of the blur of tones under hatch
 FLAT_AT = 768  # longer side in pixels at which ``flatness`` is the weight of total variation
 MARGIN, WAVER, WAVES = 0.022, 0.35, 0.06  # longer sides that stay bare; deviation of its edge over it; longer sides
 FAINTEST = 0.12  # strength of a line below which none is drawn
-FEATURES = 0.35  # share of contours that are fine ones where one looks first; as many are elsewhere
+FEATURES = 0.35  # share of contours that draw fine features where one looks first
+SHADED = 0.6  # weakening of outlines where one looks first, lest shades around eyes get one
 FINER = 0.55  # size of fine contours over that of the others
 SPARED = 0.4  # share of darkness that hatching leaves to lines in places that are looked at
-SUBTLE, CLEAR = 0.004, 0.012  # least difference, over the luma around it, of fine ones where one looks first, elsewhere
+SUBTLE = 0.004  # least difference of fine features, relative to the lightness around them
 SPARSE = 0.3  # share of the lines of a hatching that are left where it begins
 GROUPS, SWAY = 0.09, 0.12  # longer sides from one group of lines to the next, by how much they turn, radians
 PRESSED, LONGER = 0.3, 0.45  # deviations of the logarithms of widths and lengths of hatchings
@@ -125,10 +128,7 @@ class Drawing(Initializer):
             contours(picture, lines, self._longest(side), self._widest(side), rgb_of(self.color), weight),
             self._inked(edge_lines(simple, *BLUNT) * (simple.max(0) < DEEPEST) * inner, inner, accents // 2, random),
             self._inked(
-                _fine_lines(picture, SUBTLE) * (attended > LOOKED_AT) * (picture.max(0) < DARK_FEATURE) * inner,
-                attended,
-                accents - accents // 2,
-                random,
+                dark_features(picture.max(0)) * (attended > LOOKED_AT) * inner, attended, accents - accents // 2, random
             ),
         )
 
@@ -187,32 +187,60 @@ class Drawing(Initializer):
 
 
 def contours(picture: Array, n: int, length: float, width: float, color: Array, focus: Array | None = None) -> Strokes:
-    """Trace lines of a picture (3, H, W), at most one from each of its cells: those that are strong and straight.
+    """Draw n contours of a picture (3, H, W): outlines, the longest and clearest first, and fine lines in the focus.
 
-    ``length`` and ``width``, in pixels, are those of the strongest. With a focus (H, W) a share of them is finer, and
-    where it is more than half of its largest, faint ones are drawn, too: eyes and mouths are made of those. Elsewhere
-    blurred edges have no contour.
+    ``length`` and ``width``, in pixels, are the largest of a stroke; an outline is a chain of strokes. With a focus
+    (H, W) a share of the strokes draws faint features where it is more than a share of its largest: eyes and mouths are
+    made of those. Elsewhere blurred edges have no contour.
     """
     side = max(picture.shape)
     frame = round(FRAME * side)
     inner = np.pad(np.ones(np.array(picture.shape[1:]) - 2 * frame), frame) if min(picture.shape[1:]) > 2 * frame else 0
     sharp = sharpness(torch.from_numpy(picture)).numpy()
     crisp = (sharp / max(CRISP * float(sharp.max()), TINY)).clip(0, 1)
-    coarse = np.maximum(edge_lines(picture), 0.8 * edge_lines(picture, 2.0)) * inner * crisp
-    flow = along_edges(structure_tensor(picture, max(1.0, SMOOTH * side)))
-    # Outlines are straight for long, texture is not.
     straight = anisotropy_of(structure_tensor(picture, max(1.0, SMOOTH_WASH * side)))
+    clear = inner * crisp * straight
     if focus is None:
-        return _traced(coarse, flow, straight, n, length, width, color)
-    attended = focus > LOOKED_AT * focus.max()
-    few, finer, area = round(FEATURES * n), FINER * width, float(attended.sum())
-    faint, clear = (_fine_lines(picture, least) * inner for least in (SUBTLE, CLEAR))
-    clear *= crisp
-    return Strokes.join(
-        _traced(coarse, flow, straight, n - 2 * few, length, width, color),
-        _traced(clear * ~attended, flow, straight, few, length, finer, color),
-        _traced(faint * attended, flow, straight, few, FINER * length, finer, color, area),
-    )
+        return _outlined(picture, clear, n, length, width, color)
+    few = round(FEATURES * n)
+    looked_at = focus / focus.max()
+    drawn = _outlined(picture, clear * (1 - SHADED * looked_at), n - few, length, width, color)
+    flow = along_edges(structure_tensor(picture, max(1.0, SMOOTH * side)))
+    attended = looked_at > LOOKED_AT
+    faint, area = _fine_lines(picture, SUBTLE) * inner * attended * looked_at**1.5, float(attended.sum())
+    return Strokes.join(drawn, _traced(faint, flow, straight, few, FINER * length, FINER * width, color, area))
+
+
+def _outlined(picture: Array, clear: Array, n: int, length: float, width: float, color: Array) -> Strokes:
+    """Draw n strokes along the outlines in a picture (3, H, W), broad ones first, where they are ``clear`` (H, W)."""
+    side, near = max(picture.shape), max(1, round(APART * width))
+    taken, curves, widths = np.zeros(picture.shape[1:], bool), [np.zeros((0, 3, 2))], [np.zeros(0)]
+    for scale, broad, lowest in ((2.0, 1.0, 0.8 * FAINTEST), (1.0, FINER, 1.6 * FAINTEST)):
+        lines = find_outlines(luminance(picture), max(0.7, scale * SIGMA * side), clear, lowest, 2 * lowest)
+        lines.sort(key=lambda line: -float(line[1].sum()))
+        for points, strength in lines:
+            x, y = points.astype(int).T
+            if taken[y, x].mean() > BESIDE or len(points) * SPACING < SHORTEST_LINE * length:
+                continue
+            curve, middle = strokes_over(points, 0.5 * length)
+            curves.append(curve)
+            widths.append(broad * width * (0.35 + 0.65 * strength[middle]))
+            for row, column in zip(y, x, strict=True):
+                taken[max(row - near, 0) : row + near + 1, max(column - near, 0) : column + near + 1] = True
+    curve, across = np.concatenate(curves)[:n], np.concatenate(widths)[:n]
+    return strokes_of(curve, across, across > 0, color, n)
+
+
+def dark_features(lightness: Array) -> Array:
+    """Find pupils, lids, nostrils and the like (H, W), 0 or 1: dark shapes with lighter surroundings on all sides."""
+    from scipy.ndimage import black_tophat, gaussian_filter  # noqa: PLC0415  (slow to import)
+
+    side, found = max(lightness.shape), np.zeros(lightness.shape, bool)
+    even = gaussian_filter(lightness, FEATURE_BLUR * side)
+    for breadth, least, darkest in FEATURE_SIZES:
+        pixels = 2 * max(1, round(0.5 * breadth * side)) + 1
+        found |= (black_tophat(even, size=pixels) > least) & (even < darkest)
+    return found.astype(np.float64)
 
 
 def _fine_lines(picture: Array, least: float) -> Array:
@@ -241,10 +269,11 @@ def _traced(
 
 def forms(picture: Array) -> Array:
     """Compute by how much hatchings turn (H, W) to follow the forms of a picture (3, H, W): radians, at most `TURN`."""
-    side = max(picture.shape)
-    flow = along_edges(structure_tensor(picture, FORM * side))
-    angle = (flow - ANGLES[0] + math.pi / 2) % math.pi - math.pi / 2
-    return angle.clip(-TURN, TURN)
+    tensor = structure_tensor(picture, FORM * max(picture.shape))
+    angle = (along_edges(tensor) - ANGLES[0] + math.pi / 2) % math.pi - math.pi / 2
+    strength = tensor[0] + tensor[2]
+    turned: Array = angle.clip(-TURN, TURN) * strength / (strength + strength.mean() + TINY)
+    return turned
 
 
 def _within_margin(size: tuple[int, ...], random: np.random.Generator) -> Array:
