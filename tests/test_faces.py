@@ -494,3 +494,13 @@ def test_the_places_of_features_are_marked():
     assert places_of([], (30, 40)) is None
     marked = places_of([Feature(10, 10, 4), Feature(30, 20, 2)], (30, 40))
     assert torch.equal(marked.float(), torch.maximum(disc((30, 40), 10, 10, 4), disc((30, 40), 30, 20, 2)))
+
+
+def test_an_initialiser_with_details_of_its_own_draws_no_uncertain_features(config):
+    target = torch.full((3, 64, 64), 0.8)
+    target[:, 28:36, 28:36] = 0.1
+    certain = Feature(32, 32, 12)
+    ink = take_built(config("look=ink").init)
+    for feature, expected in ((certain, True), (replace(certain, is_certain=False), False)):
+        drawn = draw_features(ink, target, [feature], Strokes.none(), torch.Generator().manual_seed(0))
+        assert (len(drawn) > 0) == expected

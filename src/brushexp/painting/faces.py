@@ -34,7 +34,7 @@ IN_LAYERS = InLayers(layers=2, ratio=0.5, cover=0.5, length=2.2, width=0.9, edge
 class Feature:
     """A round place to draw with at least ``floor`` small strokes: an eye, a mouth, or a whole face; in pixels.
 
-    A small stroke is narrower than ``radius`` divided by ``fineness``.
+    A small stroke is narrower than ``radius`` divided by ``fineness``. A feature is certain if it belongs to a face.
     """
 
     x: float
@@ -42,6 +42,7 @@ class Feature:
     radius: float
     most: int = FLOOR
     fineness: float = RADII_PER_WIDTH
+    is_certain: bool = True
 
     @property
     def floor(self) -> int:
@@ -64,7 +65,7 @@ def features_of(faces: Sequence[Face], spots: Sequence[Spot] = ()) -> list[Featu
         features += [Feature(x, y, EYE_RADIUS * face.side) for x, y in face.eyes.tolist()]
         x, y = face.mouth.tolist()
         features.append(Feature(x, y, MOUTH_RADIUS * face.side))
-    return features + [Feature(spot.x, spot.y, spot.radius, FLOOR_OF_SPOT) for spot in spots]
+    return features + [Feature(spot.x, spot.y, spot.radius, FLOOR_OF_SPOT, is_certain=False) for spot in spots]
 
 
 def places_of(features: Sequence[Feature], size: tuple[int, int]) -> Tensor | None:
@@ -86,10 +87,12 @@ def draw_features(
 ) -> Strokes:
     """Draw small strokes on the features of a target (3, H, W) where ``strokes`` has fewer than the feature's floor.
 
-    The new strokes lie on top of all others. There are at most ``limit``, shared in proportion to the floors.
+    The new strokes lie on top of all others. There are at most ``limit``, shared in proportion to the floors. An
+    initialiser with details of its own draws certain features only: elsewhere they would be blots.
     """
-    width = 2 * half_width_of(strokes)
-    missing = [feature for feature in features if count_small(feature, strokes.position, width) < feature.floor]
+    width, only_certain = 2 * half_width_of(strokes), initializer.details() is not None
+    sought = [feature for feature in features if feature.is_certain or not only_certain]
+    missing = [feature for feature in sought if count_small(feature, strokes.position, width) < feature.floor]
     share = min(1.0, limit / max(1, sum(feature.floor for feature in missing)))
     drawn = [draw_feature(initializer, target, one, math.floor(share * one.floor), generator) for one in missing]
     return Strokes.join(*drawn) if drawn else strokes[:0]

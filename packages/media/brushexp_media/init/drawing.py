@@ -58,6 +58,7 @@ PRESSED, LONGER = 0.3, 0.45  # deviations of the logarithms of widths and length
 SHORTEST_LINE = 0.3  # of the full length of lines, below which a contour is no line
 MORE, APART = 3, 0.7  # lines that are traced over those that are drawn; widths between two of these
 FORM, TURN = 0.02, 0.9  # deviation of the blur of forms, longer sides, and by how much hatchings follow them, radians
+WEAK = 0.5  # strength of a form, relative to the mean, below which hatchings follow it less
 EVEN = 0.02  # darkness: so much less counts as dark, too, lest even areas be left out
 TINY = 1e-9  # an even focus is none, nor is an even sharpness
 INK = Rule(named_color)
@@ -272,7 +273,7 @@ def forms(picture: Array) -> Array:
     tensor = structure_tensor(picture, FORM * max(picture.shape))
     angle = (along_edges(tensor) - ANGLES[0] + math.pi / 2) % math.pi - math.pi / 2
     strength = tensor[0] + tensor[2]
-    turned: Array = angle.clip(-TURN, TURN) * strength / (strength + strength.mean() + TINY)
+    turned: Array = angle.clip(-TURN, TURN) * (strength / (WEAK * strength.mean() + TINY)).clip(0, 1)
     return turned
 
 
