@@ -24,7 +24,16 @@ from brushexp.contracts.strokes import Strokes
 from brushexp_media.init.dark_shapes import DarkShapes
 from brushexp_media.init.ink import INKED, rgb_of, strokes_of
 from brushexp_media.init.washes import between_tones, cleaned, filled
-from brushexp_media.picture.lines import BESIDE, SIGMA, anisotropy_of, edge_lines, find_apart, followed, luminance
+from brushexp_media.picture.lines import (
+    BESIDE,
+    SIGMA,
+    anisotropy_of,
+    edge_lines,
+    find_apart,
+    followed,
+    luminance,
+    points_of,
+)
 from brushexp_media.picture.noise import fractal_noise
 from brushexp_media.picture.outlines import SPACING, find_outlines, strokes_over
 
@@ -36,7 +45,7 @@ LEAST_WASH = 0.003  # share of the picture below which a shape is no wash, and a
 REED, BLUNT = 0.0065, (2.2, 0.04)  # broadest accent, longer sides; scale and least difference of lines that are accents
 DEEPEST = 0.33  # largest colour channel of a place that gets an accent
 FEATURE_BLUR = 0.0016  # standard deviation of the blur under features, in longer sides
-FEATURE_SIZES = ((0.02, 0.12, 0.5), (0.05, 0.25, 0.25))  # breadth, least depth, darkest lightness of features
+FEATURE_SIZES = ((0.02, 0.15, 0.5), (0.05, 0.3, 0.2))  # breadth, least depth, darkest lightness of features
 SPECK = 1.2e-3  # least accent over what is looked at
 LOOKED_AT = 0.3  # share of the largest focus above which a place counts as looked at
 EDGE, LOST = 0.05, 0.7  # softness of an edge of a wash, and of one that is lost besides, in widths of its strokes
@@ -48,6 +57,7 @@ FLAT_AT = 768  # longer side in pixels at which ``flatness`` is the weight of to
 MARGIN, WAVER, WAVES = 0.022, 0.35, 0.06  # longer sides that stay bare; deviation of its edge over it; longer sides
 FAINTEST = 0.12  # strength of a line below which none is drawn
 FEATURES = 0.35  # share of contours that draw fine features where one looks first
+BOLD = 0.35  # share of the other contours that are single strokes, where edges are strong and straight
 SHADED = 0.6  # weakening of outlines where one looks first, lest shades around eyes get one
 FINER = 0.55  # size of fine contours over that of the others
 SPARED = 0.4  # share of darkness that hatching leaves to lines in places that are looked at
@@ -200,22 +210,30 @@ def contours(picture: Array, n: int, length: float, width: float, color: Array, 
     sharp = sharpness(torch.from_numpy(picture)).numpy()
     crisp = (sharp / max(CRISP * float(sharp.max()), TINY)).clip(0, 1)
     straight = anisotropy_of(structure_tensor(picture, max(1.0, SMOOTH_WASH * side)))
-    clear = inner * crisp * straight
-    if focus is None:
-        return _outlined(picture, clear, n, length, width, color)
-    few = round(FEATURES * n)
-    looked_at = focus / focus.max()
-    drawn = _outlined(picture, clear * (1 - SHADED * looked_at), n - few, length, width, color)
+    clear, looked_at = inner * crisp, np.zeros(picture.shape[1:]) if focus is None else focus / focus.max()
+    few = 0 if focus is None else round(FEATURES * n)
+    bold = round(BOLD * (n - few))
     flow = along_edges(structure_tensor(picture, max(1.0, SMOOTH * side)))
-    attended = looked_at > LOOKED_AT
-    faint, area = _fine_lines(picture, SUBTLE) * inner * attended * looked_at**1.5, float(attended.sum())
-    return Strokes.join(drawn, _traced(faint, flow, straight, few, FINER * length, FINER * width, color, area))
+    coarse = np.maximum(edge_lines(picture), 0.8 * edge_lines(picture, 2.0)) * clear
+    single = _traced(coarse, flow, straight, bold, length, width)
+    clear = clear * straight * (1 - SHADED * looked_at)
+    parts = [single, _outlined(picture, clear, single[0], n - few - bold, length, width)]
+    if few:
+        attended = looked_at > LOOKED_AT
+        faint = _fine_lines(picture, SUBTLE) * inner * attended * looked_at**1.5
+        parts.append(_traced(faint, flow, straight, few, FINER * length, FINER * width, float(attended.sum())))
+    curve, across = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return strokes_of(curve, across, across > 0, color, n)
 
 
-def _outlined(picture: Array, clear: Array, n: int, length: float, width: float, color: Array) -> Strokes:
-    """Draw n strokes along the outlines in a picture (3, H, W), broad ones first, where they are ``clear`` (H, W)."""
+def _outlined(picture: Array, clear: Array, drawn: Array, n: int, length: float, width: float) -> tuple[Array, Array]:
+    """Follow the outlines in a picture (3, H, W) with at most n curves (m, 3, 2) and their widths (m,), broad first.
+
+    There are none where a ``drawn`` curve (k, 3, 2) runs, or where edges are not ``clear`` (H, W).
+    """
     side, near = max(picture.shape), max(1, round(APART * width))
     taken, curves, widths = np.zeros(picture.shape[1:], bool), [np.zeros((0, 3, 2))], [np.zeros(0)]
+    _take(taken, points_of(drawn).reshape(-1, 2), near)
     for scale, broad, lowest in ((2.0, 1.0, 0.8 * FAINTEST), (1.0, FINER, 1.6 * FAINTEST)):
         lines = find_outlines(luminance(picture), max(0.7, scale * SIGMA * side), clear, lowest, 2 * lowest)
         lines.sort(key=lambda line: -float(line[1].sum()))
@@ -226,10 +244,14 @@ def _outlined(picture: Array, clear: Array, n: int, length: float, width: float,
             curve, middle = strokes_over(points, 0.5 * length)
             curves.append(curve)
             widths.append(broad * width * (0.35 + 0.65 * strength[middle]))
-            for row, column in zip(y, x, strict=True):
-                taken[max(row - near, 0) : row + near + 1, max(column - near, 0) : column + near + 1] = True
-    curve, across = np.concatenate(curves)[:n], np.concatenate(widths)[:n]
-    return strokes_of(curve, across, across > 0, color, n)
+            _take(taken, points, near)
+    return np.concatenate(curves)[:n], np.concatenate(widths)[:n]
+
+
+def _take(taken: Array, points: Array, near: int) -> None:
+    """Mark in a map (H, W) the pixels within ``near`` pixels of points (n, 2: x, y), along each axis."""
+    for column, row in points.astype(int).tolist():
+        taken[max(row - near, 0) : row + near + 1, max(column - near, 0) : column + near + 1] = True
 
 
 def dark_features(lightness: Array) -> Array:
@@ -250,12 +272,12 @@ def _fine_lines(picture: Array, least: float) -> Array:
 
 
 def _traced(
-    lines: Array, flow: Array, straight: Array, n: int, length: float, width: float, color: Array,
-    area: float | None = None,
-) -> Strokes:  # fmt: skip
-    """Trace n lines of a map (H, W) of their strength along a flow (H, W), those in ``straight`` places (H, W) first.
+    lines: Array, flow: Array, straight: Array, n: int, length: float, width: float, area: float | None = None
+) -> tuple[Array, Array]:
+    """Trace at most n lines of a map (H, W) of their strength along a flow (H, W): curves (m, 3, 2), widths (m,).
 
-    There is at most one in each of the cells that divide an ``area`` in pixels, or all of the map.
+    Those in ``straight`` places (H, W) come first. There is at most one in each of the cells that divide an ``area`` in
+    pixels, or all of the map.
     """
     _, x, y = worst_of_cells(lines, max(2, round(0.6 * math.sqrt((area or lines.size) / max(n, 1)))))
     strength = sampled_at(lines, x, y)
@@ -265,7 +287,7 @@ def _traced(
     curve = followed(places, flow, 0.5 * length * pressed, lines, FAINTEST)
     seen = (strength > FAINTEST) & (np.linalg.norm(curve[:, 2] - curve[:, 0], axis=1) > SHORTEST_LINE * length)
     kept = find_apart(curve[seen], lines.shape, APART * width)[:n]
-    return strokes_of(curve[seen][kept], (width * pressed)[seen][kept], np.ones(len(kept), bool), color, n)
+    return curve[seen][kept], (width * pressed)[seen][kept]
 
 
 def forms(picture: Array) -> Array:
