@@ -1,4 +1,4 @@
-"""Measure how much a few marks by hand improve the recovery of other strokes, in known and in marked paintings.
+"""Measure how much a few hand-drawn marks improve the recovery of other strokes, in known and in marked paintings.
 
     python benchmarks/recovery_marks.py --kinds impasto daubs dabs
     python benchmarks/recovery_marks.py --kinds --hand FOLDER        # NAME.json and NAME.png

@@ -1,4 +1,4 @@
-"""Paint a canvas's tiles on the workers of a Dask cluster, each tile as soon as its predecessors are painted."""
+"""Paint a canvas's tiles on the workers of a Dask cluster, each as soon as its predecessors are painted."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def out_of_reach() -> Iterator[None]:
 
 
 def _by_slurm(n: int) -> Any:
-    """Submit ``n`` Slurm jobs, one per worker; jobs that end are submitted again."""
+    """Submit ``n`` Slurm jobs, one per worker; jobs that end are resubmitted."""
     at_interrupt = signal.getsignal(signal.SIGINT)
     try:
         from dask import config  # noqa: PLC0415  (the extra ``slurm``)
@@ -92,8 +92,9 @@ def _by_slurm(n: int) -> Any:
 def paint_all(client: Client, canvas: Canvas, grid: Grid, todo: Sequence[Tile], show: Callable[[int], None]) -> float:
     """Paint and draw the remaining tiles ``todo``, and pass the number of finished jobs to ``show``.
 
-    A tile is painted after the tiles ``before`` it, and drawn after all tiles around it. A worker that dies is replaced
-    and its tile starts over. Returns the peak memory of any worker in MB, or NaN if the system does not report it.
+    A tile is painted after the tiles ``before`` it, and drawn after all tiles around it. A worker that dies is
+    replaced, and its tile is repainted. Returns the peak memory of any worker in MB, or NaN if the system does not
+    report it.
     """
     painted: dict[Tile, Future] = {}
     for tile in todo:

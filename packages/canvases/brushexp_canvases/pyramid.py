@@ -28,7 +28,7 @@ Read = Callable[[Region], np.ndarray]
 
 @dataclass(frozen=True)
 class Level:
-    """One resolution of a picture: its size (H, W), and a function that reads a part (3, h, w), uint8."""
+    """One resolution of a picture: its size (H, W), and a function that reads a region (3, h, w), uint8."""
 
     size: tuple[int, int]
     read: Read

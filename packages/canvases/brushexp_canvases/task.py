@@ -108,12 +108,12 @@ def plain_settings(cfg: DictConfig) -> dict[str, Any]:
 
 
 def settings_that_count(cfg: DictConfig) -> dict[str, Any]:
-    """Return the settings that affect the look of the canvas."""
+    """Return the settings that affect the appearance of the canvas."""
     return {key: value for key, value in plain_settings(cfg).items() if key not in OF_THE_RUN}
 
 
 def check_same(store: CanvasStore, cfg: DictConfig) -> None:
-    """Raise UserError if a canvas was begun with different settings."""
+    """Raise UserError if a canvas was started with different settings."""
     before, now = todays_settings(store.record["settings"]), settings_that_count(cfg)
     for key in sorted(before.keys() | now.keys()):
         if before.get(key) != now.get(key):

@@ -74,7 +74,7 @@ class AllButFirst(Sampler):
 
 
 class Remembered(Order):
-    """Wrap another order and remember the depths that it computes; the ``first`` strokes keep their given depths.
+    """Wrap another order and record the depths that it computes; the ``first`` strokes keep their given depths.
 
     Together, the depths of all tiles order the canvas's strokes as they were during optimisation. The last ``passing``
     strokes lie below all others.
@@ -99,9 +99,9 @@ def paint_tile(canvas: Canvas, tile: Tile, *before: object) -> float | None:
 
     Returns this process's peak memory so far in MB, or None if the system does not report it.
 
-    The strokes of painted neighbours stay fixed, like the ring of a partial update (thesis 2020, 6.3). In unpainted
-    neighbours, temporary strokes are laid, optimised and finally discarded, so that the tile's own strokes end up as if
-    the painting continued there. They lie below the tile's strokes, so that they do not help to cover it.
+    The strokes of painted neighbours stay fixed, like the ring of a partial update (thesis 2020, 6.3). Unpainted
+    neighbours get temporary strokes, which are optimised and finally discarded, so that the tile's own strokes end up
+    as if the painting continued there. They lie below the tile's strokes, so that they do not help to cover it.
     """
     store, cfg = canvas.open()
     if store.is_painted(tile):
@@ -131,8 +131,8 @@ def paint_tile(canvas: Canvas, tile: Tile, *before: object) -> float | None:
 def evened(focus: Tensor | None, near: np.ndarray) -> Tensor | None:
     """Increase the weights ``focus`` (h, w), or None for equal ones, of pixels ``near`` (h, w) borders between tiles.
 
-    More strokes are then laid near borders. With equal weights, the error there was 1.07 times as large, because each
-    tile's strokes are laid without regard to its neighbours' strokes.
+    More strokes are then placed near borders. With equal weights, the error there was 1.07 times as large, because each
+    tile's strokes are placed without regard to its neighbours' strokes.
     """
     if not near.any():
         return focus
@@ -144,7 +144,7 @@ def evened(focus: Tensor | None, near: np.ndarray) -> Tensor | None:
 def painter_of(
     cfg: DictConfig, target: Tensor, strokes: Strokes, focus: Tensor | None, ring: Tensor, passing: int
 ) -> tuple[StrokeOptimizer, Remembered]:
-    """Make a painter that keeps the first R strokes fixed at the depths ``ring`` (R,); return it with its order.
+    """Make a painter that keeps the first R strokes fixed at the depths ``ring`` (R,); return it and its order.
 
     The last ``passing`` strokes lie below the others.
     """

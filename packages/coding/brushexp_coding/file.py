@@ -1,4 +1,4 @@
-"""Write and read files of coded strokes, ``strokes.bits``; docs/formats.md specifies the format."""
+"""Write and read files of encoded strokes, ``strokes.bits``; docs/formats.md specifies the format."""
 
 import json
 import struct
@@ -104,7 +104,7 @@ def rounded_of(data: bytes) -> tuple[Rounded, tuple[tuple[int, int], torch.Tenso
 
 
 def _coded(rounded: Rounded, present: list[bool]) -> bytes:
-    """Code the coarseness, the brushes, and the columns group by group, each group with its best prediction."""
+    """Encode the coarseness, the brushes, and the columns group by group, each group with its best prediction."""
     writer, alike = Writer(), np.zeros(len(rounded), np.int64)
     for kind in rounded.coarseness.T:
         writer.write_column(kind, alike)
@@ -150,7 +150,7 @@ def _decoded(data: bytes, count: int, rungs: np.ndarray, present: list[bool], ma
 
 
 def _groups(present: list[bool]) -> list[list[Column]]:
-    """List for each group the columns that are not 0 for all strokes."""
+    """List, for each group, the columns that are not 0 for all strokes."""
     groups = ([column for column in group if column < len(present) and present[column]] for group in GROUPS)
     return [group for group in groups if group]
 

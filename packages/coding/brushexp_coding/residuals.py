@@ -18,7 +18,7 @@ class Prediction(IntEnum):
 
 
 def nearest_before(middle: np.ndarray) -> np.ndarray:
-    """Find the nearest (N,) of the `BEFORE` strokes before each stroke, or the last of equals; 0 for the first stroke.
+    """Find the nearest (N,) of the `BEFORE` preceding strokes, the last in a tie; 0 for the first stroke.
 
     ``middle`` is (N, 2) in pixels. Only differences, squares and a sum are computed, so all machines agree.
     """
@@ -42,7 +42,7 @@ def sources(prediction: Prediction, count: int, nearest: np.ndarray | None) -> n
 
 
 def rescaled(numbers: np.ndarray, octaves: np.ndarray) -> np.ndarray:
-    """Compute numbers * 2**octaves, rounded to integers and clamped to the range that can be coded."""
+    """Compute numbers * 2**octaves, rounded to integers and clamped to the range that can be encoded."""
     finer = numbers << np.maximum(octaves, 0)
     half = (1 << np.maximum(-octaves, 1)) >> 1
     coarser = (numbers + half) >> np.maximum(-octaves, 0)

@@ -23,7 +23,7 @@ MADE = slice(24, 36)  # bytes of an ICC profile that hold its creation time: yea
 class Jpg(SheetExporter):
     """Writes ``painting.jpg``: the picture at any ``resolution``, small enough to send, with an sRGB profile.
 
-    Colours are stored for every pixel (4:4:4), because strokes have crisp edges. Unlike for PNG, the whole picture is
+    Colours are stored for every pixel (4:4:4), because strokes have sharp edges. Unlike with PNG, the whole picture is
     in memory at once.
 
     Args:

@@ -40,8 +40,8 @@ class Carrier:
     """Carry the strokes of a picture to the next picture in a few gradient steps.
 
     Where the film changes, strokes follow its motion and are then optimised for the painting's losses. The harmful and
-    the least important of them are replaced by smaller strokes on top where the error is, which keep row and brush. All
-    other strokes stay bit-identical and keep their depth, so that nothing pops up.
+    the least important of them are replaced by smaller strokes on top where the error is largest; these keep row and
+    brush. All other strokes stay bit-identical and keep their depth, so that nothing pops up suddenly.
     """
 
     components: Components
@@ -71,7 +71,7 @@ class Carrier:
         return replace(cel, strokes=self._optimised(cel, painted, target, moves, region))
 
     def _relaid(self, cel: Cel, target: Tensor, changed: Tensor, moves: Tensor, region: Region) -> Cel:
-        """Remove the least important of the moving strokes and lay them again where the error is largest."""
+        """Remove the least important of the moving strokes, and place them again where the error is largest."""
         number = find_strokes(cel.strokes, region, self.renderer.edge)
         picture = self.picture(region.of(target).contiguous(), cel.background)
         strokes = cel.strokes[number].moved(shift=(-region.left, -region.top))
@@ -161,7 +161,7 @@ class Reel:
             self.show(self.carrier(self.cel, self.image, held, changed, optical_flow(before, held)))
 
     def follow(self, picture: Tensor, cel: Cel) -> None:
-        """Adopt the strokes of the next picture, which is already painted."""
+        """Adopt the strokes of the next picture, which has already been painted."""
         self._see(picture)
         self.show(cel)
 

@@ -57,7 +57,7 @@ class Clip:
 
 
 class Shown(NamedTuple):
-    """A picture (H, W, 3), uint8 sRGB, with the start and end of its time on screen in seconds."""
+    """A picture (H, W, 3), uint8 sRGB, and the start and end of its display time in seconds."""
 
     picture: np.ndarray
     begin: Fraction
@@ -217,7 +217,8 @@ def _shape_of(path: Path, stream: Any) -> Shape:
 def beginning_of(container: Any) -> Fraction:
     """Find the second on the film's own clock at which video or sound begins, whichever is first.
 
-    Sound that leads by less than one picture counts as starting with the video: its codec needs a few samples to start.
+    Sound that leads by less than one picture counts as starting with the video, because its codec needs a few samples
+    to start.
     """
     streams = [*container.streams.video[:1], *container.streams.audio[:1]]
     begins = [(stream.start_time or 0) * stream.time_base for stream in streams if stream.time_base]
@@ -229,7 +230,7 @@ def beginning_of(container: Any) -> Fraction:
 
 
 def _why_unread(path: Path, error: Exception) -> str:
-    """Explain why FFmpeg cannot open a file and what to do about it."""
+    """Explain why FFmpeg cannot open a file and how to fix it."""
     if not path.stat().st_size:
         return "is empty (0 bytes); give a file that contains a film"
     if has_end(path) is False:

@@ -77,7 +77,7 @@ class PaintedFilm:
 
     @property
     def planned(self) -> int:
-        """Number of pictures to paint, as far as the film states its length; at least 1."""
+        """Number of pictures to paint, if the film states its length; at least 1."""
         film, rate, end = self.cfg.film, self.clip.rate, self.clip.count
         if film.stop is not None:
             end = min(max(1, math.ceil(film.stop * rate)), end)
@@ -228,7 +228,7 @@ def conclude_film(film: PaintedFilm, start: float | None, failure: BaseException
 
 
 def frame_in(folder: Path, number: int) -> Path:
-    """Return the path of a picture's strokes in a run's folder."""
+    """Return the path of the file with a picture's strokes in a run's folder."""
     return folder / FRAMES / f"{number:06d}.h5"
 
 

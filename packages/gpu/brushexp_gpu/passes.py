@@ -186,7 +186,7 @@ def backward_pass(
 
     ``picture`` is the gradient of the image (C, H, W), and the output, by slot, is the gradient of the strokes'
     numbers, ``pairs`` (pairs, numbers). With WEIGHS, ``picture`` is image - target and the weight of each pixel (C + 1,
-    H, W), and ``pairs`` (pairs, 1) is the increase of the weighted squared error without the stroke.
+    H, W), and ``pairs`` (pairs, 1) is the increase in the weighted squared error when the stroke is removed.
     """
     chunk, tile, inside, at, count = _open_chunks(first, chunks, chunk_tile, tiles, CHUNK, TILES)
     place, there, ox, oy = pixel_places(tile, columns, height, width, inside)

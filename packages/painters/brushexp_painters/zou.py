@@ -29,10 +29,10 @@ UNITS = {"position": 1.0, "start": 1.0, "control": 1.0, "end": 1.0, "width": 0.3
 class ProgressiveBlocks(Painter):
     """Strokes are added one by one in 1, then 4, 9, ... blocks of the canvas, and optimised by gradient descent.
 
-    Source: Zou et al., 2021 (Stylized Neural Painting, arXiv:2011.08114). A new stroke lies where the error is, in the
-    picture's colour and a random direction, with a tenth to a quarter of the block's size. After each addition, centred
-    RMSprop optimises all strokes of the level for the L1 difference and a transport loss; earlier levels lie below and
-    stay fixed.
+    Source: Zou et al., 2021 (Stylized Neural Painting, arXiv:2011.08114). A new stroke lies where the error is large,
+    in the picture's colour and a random direction, with a tenth to a quarter of the block's size. After each addition,
+    centred RMSprop optimises all strokes of the level for the L1 difference and a transport loss; earlier levels lie
+    below and stay fixed.
 
     Differs from the paper: ``renderer`` draws the strokes, not the paper's networks; all blocks of a level share one
     canvas, so that strokes may leave their block, and the transport loss (`loss.sinkhorn`, debiased) covers the whole
@@ -42,7 +42,7 @@ class ProgressiveBlocks(Painter):
         levels: number of levels; null = chosen so that a block has about ten strokes.
         iterations: iterations per level, divided among the strokes added.
         lr: learning rate of RMSprop, in half-blocks.
-        transport: weight of the transport loss beside the L1 difference; 0 leaves it out.
+        transport: weight of the transport loss relative to the L1 difference; 0 omits it.
     """
 
     kind = "gradients, stroke by stroke"
@@ -102,7 +102,7 @@ def detach(catalogue: Catalogue) -> Strokes:
 
 
 def initial_strokes(request: PaintRequest, strokes: Strokes, m: int, random: np.random.Generator) -> Strokes:
-    """Make a stroke in each of m x m blocks, at a place sampled according to the error of the painting so far."""
+    """Make a stroke in each of m x m blocks, at a position sampled according to the error of the painting so far."""
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (--help does not need it)
 
     height, width = request.size

@@ -17,9 +17,10 @@ from brushexp_predictor.lay.colors import ROUNDS
 @register("init", "predicted")
 @dataclass(kw_only=True)
 class Predicted(Initializer):
-    """Lay strokes from large to small with a network, where the canvas so far is worst, in a fifth of a second.
+    """Place strokes from large to small with a network, where the canvas so far is worst, in a fifth of a second.
 
-    The network is trained through the renderer (``task=train_predictor``), because only the strokes' picture counts.
+    The network is trained through the renderer (``task=train_predictor``), because only the picture that the strokes
+    form counts.
 
     Source: the feed-forward prediction proposed in the thesis (2020), in stages that receive the canvas so far, as in
     Paint Transformer (Liu et al., 2021). Differs: one stroke per cell, which may leave the cell; no labels; and colours

@@ -31,7 +31,7 @@ FILES = {  # names on the page; a film is either an MP4 or a GIF
 
 
 class Easel:
-    """The views of a visit."""
+    """The views of a visit to the page."""
 
     def __init__(self, visit: Visit, receive: Any, begin: Callable[[Wishes], None]) -> None:
         self.visit, self.receive, self.begin = visit, receive, begin
@@ -70,7 +70,7 @@ class Easel:
         self.renew()
 
     def renew(self) -> None:
-        """Show the latest picture of the painting, and redraw everything if more has changed."""
+        """Show the latest picture of the painting, and redraw everything if anything else has changed."""
         work, works = self.visit.work, self.visit.works
         made = tuple((key, download.status) for key, download in work.downloads.items()) if work else ()
         state = (len(works.all), work and (work.number, work.status), bool(work and work.frames))

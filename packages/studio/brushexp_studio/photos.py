@@ -76,7 +76,7 @@ class Photos:
         return self._photos[key]
 
     def add(self, received: Path, name: str) -> Photo:
-        """Read an uploaded file with its name; raise UserError for anything but a picture."""
+        """Read an uploaded file under its name; raise UserError for anything but a picture."""
         key = f"photo{next(self._numbers)}"
         path = Path("".join(letter for letter in name if letter.isprintable()) or "picture")
         short = path.stem[:LONGEST_NAME] + path.suffix[:LONGEST_NAME] or "picture"
@@ -119,7 +119,7 @@ class Photos:
 
 @contextmanager
 def remarks() -> Iterator[list[str]]:
-    """Collect the warnings of this thread while a file is read, such as that it is truncated."""
+    """Collect the warnings issued in this thread while a file is read, for example that it is truncated."""
     told: list[str] = []
     thread = get_ident()
 

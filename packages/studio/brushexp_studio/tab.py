@@ -110,7 +110,7 @@ class Tab:
             self.renew()
 
     def look(self) -> None:
-        """Update the page if any painting has changed."""
+        """Serve files by address inside ``with``, and yield the address of the first file, ``/``."""
         if self.version != self.works.version:
             self.version = self.works.version
             self.visit.join()
@@ -119,7 +119,7 @@ class Tab:
             self.renew()
 
     def renew(self) -> None:
-        """Update the buttons and the line beside them."""
+        """Update the buttons and the line next to them."""
         work, mine = self.visit.work, self.visit.stoppable()
         self.main.allow(self.visit.wishes.photo is not None)
         self.stop.allow(mine is not None and mine.status != FINISHING and not mine.stopped.is_set())

@@ -1,4 +1,4 @@
-"""Repaint a place of a finished painting with finer, larger or different strokes."""
+"""Repaint an area of a finished painting with finer, larger or different strokes."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +21,7 @@ TOO_SMALL = "this place is too small for its strokes; paint over more of it"
 
 @dataclass(frozen=True)
 class Touch:
-    """A place of a painting, bright in a ``mask``, and how to repaint it."""
+    """An area of a painting, bright in a ``mask``, and how to repaint it."""
 
     number: int  # number of the painting
     mask: Path
@@ -29,10 +29,10 @@ class Touch:
 
 
 def lay_fresh_strokes(painting: Any, touch: Touch, seed: int, path: Path) -> None:
-    """Replace the strokes in a place of a painting with fresh strokes in its look, and write the catalogue.
+    """Replace the strokes in an area of a painting with new strokes in its look, and write the catalogue.
 
-    A stroke lies in the place if both ends and the middle of its curve do. ``touch.how`` determines the number of fresh
-    strokes, which lie on top of all others, small over large, and are then optimised. Raises UserError if the place is
+    A stroke lies in the area if both ends and the middle of its curve do. ``touch.how`` determines the number of new
+    strokes, which lie on top of all others, small over large, and are then optimised. Raises UserError if the area is
     too small.
     """
     saved = painting.finished.job.saved
@@ -75,6 +75,6 @@ def picture_at(pixels: np.ndarray, size: tuple[int, int]) -> Tensor:
 
 
 def overrides_of(keys: dict[str, Any], touch: Touch, catalogue: Path) -> dict[str, Any]:
-    """Convert the overrides of a painting to overrides that repaint one place, starting from given strokes."""
+    """Convert the overrides of a painting to overrides that repaint one area, starting from given strokes."""
     kept = {key: value for key, value in keys.items() if key != "strokes" and key.partition(".")[0] != "init"}
     return kept | {"catalogue": str(catalogue), "region": str(touch.mask)}

@@ -103,7 +103,7 @@ class Work:
         return file.getvalue()
 
     def jpeg(self, number: int) -> bytes:
-        """Return a picture or, if it was removed, the next one; raise KeyError if none follows."""
+        """Return a picture or, if it has been removed, the next one; raise KeyError if there is none."""
         frames = dict(self.frames)  # the painting thread continues
         later = [other for other in frames if other >= number]
         return frames[min(later, default=number)][0]
@@ -138,7 +138,7 @@ class Works:
         return next((work for work in self.all if work.is_open), None)
 
     def before(self, work: Work) -> int:
-        """Count the paintings ahead of this one."""
+        """Count the paintings ahead of this one in the queue."""
         return sum(other.is_open and other.number < work.number for other in self.all)
 
     def __getitem__(self, number: int) -> Work:
@@ -175,7 +175,7 @@ class Works:
         self.version += 1
 
     def make(self, work: Work, form: str, choice: Print | Plan | None = None) -> Download:
-        """Start to make a file of a finished painting unless it exists or is being made.
+        """Start making a file of a finished painting unless it exists or is being made.
 
         A print or a plan is remade for another ``choice``.
         """

@@ -65,7 +65,7 @@ def paints_a_picture_of_the_same_size_on_one_colour(make: Make) -> None:
 
 
 def lets_strokes_stay_as_it_has_limited_them(make: Make) -> None:
-    """Check that limiting strokes preserves their number and validity, and that limiting them twice has no effect.
+    """Check that limiting strokes preserves their number and validity, and that limiting them again has no effect.
 
     Enlarging strokes also preserves their number.
     """

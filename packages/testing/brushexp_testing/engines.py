@@ -47,7 +47,7 @@ def _is_simulated(parameters: Tensor, simulated: Simulated) -> None:
 
 
 def returns_pictures_and_heights(make: Make) -> None:
-    """Check that every stroke leaves paint, none in the corner, and has its own colour where no paint is."""
+    """Check that each stroke leaves paint, but none in the corner, and keeps its own colour where there is no paint."""
     engine, parameters = make(window=WINDOW), _valid(6).requires_grad_()
     simulated = engine(parameters, seed=1)
     _is_simulated(parameters, simulated)
@@ -96,7 +96,7 @@ def draws_anything_finite(make: Make) -> None:
 
 
 def lays_paint_where_the_stroke_is(make: Make) -> None:
-    """Check that most of the paint is on the stroke, and most of the stroke has paint."""
+    """Check that most of the paint lies on the stroke, and that most of the stroke has paint."""
     parameters = _valid(12)
     alpha = make(window=WINDOW)(parameters, seed=1).images[:, 3]
     width, distance = strokes_of(parameters).width[:, None, None], _distances(parameters)

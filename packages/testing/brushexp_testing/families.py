@@ -61,7 +61,7 @@ def with_gradients(strokes: Strokes, dtype: torch.dtype = torch.float32) -> Stro
 
 
 def makes_as_many_strokes_as_asked_in_range(make: Make) -> None:
-    """Check that an initialiser's strokes have the right number and ranges, and depend on the seed alone."""
+    """Check that an initialiser's strokes have the right number and ranges, and depend only on the seed."""
     for n in (1, 7, 60):
         target = torch.rand(3, *SIZE)
         strokes, again = (make()(target, n, torch.Generator().manual_seed(1)) for _ in range(2))
@@ -113,7 +113,7 @@ def paints_the_size_it_is_told(make: Make) -> None:
 
 
 def gives_every_stroke_a_depth(make: Make) -> None:
-    """Check that an order gives each depth once, with and without an accuracy of the strokes."""
+    """Check that an order assigns each depth once, both with and without the accuracy of the strokes."""
     order = make()
     assert order.every >= 1
     for accuracy in (None, torch.rand(9)):
@@ -140,7 +140,8 @@ def is_finite_differentiable_and_zero_at_best(make: Make) -> None:
 def is_best_for_equal_pictures(make: Make) -> None:
     """Check that a metric is a number or None for pictures of any size, and is best for equal pictures.
 
-    A metric that needs the ``job`` measures a painting's file, which two pictures lack; it is left to its own tests.
+    A metric that needs the ``job`` measures a painting's file, which two bare pictures do not have; its own tests cover
+    it.
     """
     metric, size = make(), (176, 184)  # some metrics compare several scales
     if "job" in metric.needs:
@@ -212,7 +213,7 @@ def lowers_a_loss(make: Make) -> None:
 
 
 def writes_into_the_folder_of_the_run(make: Make) -> None:
-    """Check that a logger writes the logged values into a file."""
+    """Check that a logger writes the logged values to a file."""
     with tempfile.TemporaryDirectory() as name:
         logger = make()
         curves = logger.open(Run(Path(name)))
@@ -226,7 +227,7 @@ def writes_into_the_folder_of_the_run(make: Make) -> None:
 def paints_with_no_more_strokes_than_asked(make: Make) -> None:
     """Check that a painter yields valid strokes within the budget, counts its steps, and leaves no bare canvas.
 
-    The result depends only on the seed. Tiny pictures and pictures of a single colour are painted as well.
+    The result depends only on the seed. Tiny pictures and pictures of a single colour are also painted.
     """
     if not isinstance(make(), Painter):
         return

@@ -1,4 +1,4 @@
-"""Complement Student's interval of paired gains with tests by ranks, by medians, and for many claims together.
+"""Complement Student's interval of paired gains with tests by ranks, by medians, and for many claims jointly.
 
 ``gains`` has one number for each picture or seed; see `brushexp_studies.paired.Difference`.
 """

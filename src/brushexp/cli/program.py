@@ -1,4 +1,4 @@
-"""Run the program with the words of a command line."""
+"""Run the program with command-line arguments."""
 
 import logging
 import os
@@ -42,7 +42,7 @@ _start = [time.monotonic()]  # start time of the program
 
 @hydra.main(version_base="1.3", config_path="pkg://brushexp.conf", config_name="config")
 def job(cfg: DictConfig) -> dict[str, object] | float:
-    """Run the task of a config and return its metrics or objective; processes of a parallel sweep start here."""
+    """Run the task of a config and return its metrics or objective; worker processes of a parallel sweep start here."""
     if os.getpid() not in _prepared:
         prepare(Path(), warns=False)
         _prepared.add(os.getpid())
@@ -52,7 +52,7 @@ def job(cfg: DictConfig) -> dict[str, object] | float:
 
 
 def run(start: float) -> None:
-    """Run the program with the words of its command line; ``start`` is `time.monotonic` at its start."""
+    """Run the program with its command-line arguments; ``start`` is the `time.monotonic` of its launch."""
     _start[0] = start
     typed_words = sys.argv[1:]
     words = ["--help" if word.startswith("--help=") else word for word in typed_words]
@@ -73,15 +73,15 @@ def run(start: float) -> None:
 
 
 def settings_first(words: Sequence[str]) -> list[str]:
-    """Move flags behind all settings, because Hydra accepts settings in one place only."""
+    """Move flags after all settings, because Hydra accepts settings in one contiguous block only."""
     typed, after_flags = parse_arguments(words)
     return sorted(words, key=lambda word: word not in (*typed.overrides, *after_flags))
 
 
 def expand_arguments(arguments: list[str]) -> list[str]:
-    """Expand the short forms of a command line (`brushexp.config.words`); several pictures become a sweep.
+    """Expand the shorthand of a command line (`brushexp.config.words`); several pictures become a sweep.
 
-    A UserError names the word that is not ``key=value`` or has an impossible value.
+    A UserError names the argument that is not ``key=value`` or has an invalid value.
     """
     arguments = without_general(spell_out([at_home(word) for word in arguments]))
     typed, after_flags = parse_arguments(arguments)
@@ -103,7 +103,7 @@ def expand_arguments(arguments: list[str]) -> list[str]:
 
 
 def refuse_flags(words: Sequence[str]) -> None:
-    """Refuse (UserError) flags that Hydra does not have, because keys have no dashes."""
+    """Raise a UserError for flags that Hydra does not know, because keys have no dashes."""
     for word in words:
         name, equal, value = word.lstrip("-").partition("=")
         if word.startswith("--"):
@@ -113,13 +113,13 @@ def refuse_flags(words: Sequence[str]) -> None:
 
 
 def without_general(words: Sequence[str]) -> list[str]:
-    """Drop words that a more specific word implies, such as strokes=auto next to worth=fine."""
+    """Drop arguments implied by a more specific one, such as strokes=auto next to worth=fine."""
     general = table_of_words("general")
     return [word for word in words if word not in general or not any(one.startswith(general[word]) for one in words)]
 
 
 def refuse_two_of_a_kind(typed: Sequence[str], meant: Sequence[str]) -> None:
-    """Refuse (UserError) two values for one key, such as finer with bolder, or ink with look=oil."""
+    """Raise a UserError for two values of one key, such as finer with bolder, or ink with look=oil."""
     alone: dict[str, tuple[str, str]] = {}
     pairs = [(word, *setting.partition("=")[::2]) for word, setting in zip(typed, meant, strict=True)]
     for word, key, value in sorted(pairs, key=lambda pair: meaning_of(pair[0]) is None):
@@ -131,7 +131,7 @@ def refuse_two_of_a_kind(typed: Sequence[str], meant: Sequence[str]) -> None:
 
 
 def joined(words: Sequence[str], schema: type[Task]) -> list[str]:
-    """Join paths typed alone for a task that takes a list; refuse (UserError) several for a task that takes one."""
+    """Join bare paths for a task that takes a list; raise a UserError for several paths if the task takes one."""
     begin = f"{schema.alone}="
     several = [word.removeprefix(begin) for word in words if word.startswith(begin)]
     if schema.alone in ("", "image") or len(several) < 2:
@@ -144,7 +144,7 @@ def joined(words: Sequence[str], schema: type[Task]) -> list[str]:
 
 
 def in_place(words: Sequence[str]) -> list[str]:
-    """Continue a resumed run in its own folder unless another one is typed."""
+    """Resume a run in its own folder unless the user names another one."""
     resumed = [word.removeprefix("resume=") for word in words if word.startswith("resume=") and word != RESUME_SWEEP]
     if not resumed or any(word.startswith("output=") for word in words):
         return [*words]
@@ -153,7 +153,7 @@ def in_place(words: Sequence[str]) -> list[str]:
 
 @contextmanager
 def reporting_errors(words: Sequence[str]) -> Iterator[None]:
-    """Turn errors that a user can fix into one line on stderr and an exit code; bugs keep their traceback."""
+    """Report errors that a user can fix as one line on stderr with an exit code; bugs keep their traceback."""
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # otherwise Hydra handles exceptions
     warnings.filterwarnings("ignore", REMARKS)
     logging.raiseExceptions = False  # no tracebacks from the log on a full disk

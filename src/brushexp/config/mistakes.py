@@ -48,7 +48,7 @@ def explanation(error: BaseException, folders: Sequence[Path], arguments: Sequen
 
 
 def translate(text: str, task: str, folders: Sequence[Path], arguments: Sequence[str] = ()) -> str | None:
-    """Translate an error message of Hydra or OmegaConf for a task; None for an unknown message."""
+    """Translate an error message of Hydra or OmegaConf for a task; return None for an unknown message."""
     if message := of_grammar(text):
         return message
     if match := re.search(r"Could not (?:find|load) '(\w+)/([^']*)'", text):
@@ -73,7 +73,7 @@ def translate(text: str, task: str, folders: Sequence[Path], arguments: Sequence
 
 
 def of_grammar(text: str) -> str | None:
-    """Translate an error message of Hydra or OmegaConf about a word they cannot parse; None for other messages."""
+    """Translate an error message of Hydra or OmegaConf about an argument they cannot parse; None for other messages."""
     if match := re.match(r"LexerNoViableAltException: (.*?) \^ See |Ambiguous value for argument '(.*?)' ", text):
         return quoting(match[1]) if match[1] else several(match[2])
     if match := re.search(r"Sweep parameters '(.*)' requires --multirun", text):
@@ -90,7 +90,7 @@ def of_grammar(text: str) -> str | None:
 
 
 def unreadable(error: BaseException) -> str | None:
-    """Explain a word that Hydra's parser rejects without explanation; None for other errors."""
+    """Explain an argument that Hydra's parser rejects without explanation; None for other errors."""
     word = getattr(error, "override", None)
     if word and (twice := re.fullmatch(r"([\w.]+)=[=:](.*)", word)):
         return f"{word} has one sign too many; type {twice[1]}={twice[2]}"
@@ -98,13 +98,13 @@ def unreadable(error: BaseException) -> str | None:
 
 
 def quoting(word: str) -> str:
-    """Explain how to type a word that contains characters of Hydra's grammar."""
+    """Explain how to quote an argument that contains characters of Hydra's grammar."""
     key = word.partition("=")[0]
     return f"{word} has characters that need quotes; type both kinds: '{key}=\"...\"'"
 
 
 def several(word: str) -> str:
-    """Explain how to type several values, or a number with a decimal comma or thousands separators."""
+    """Explain how to enter several values, or a number with a decimal comma or thousands separators."""
     key, _, value = word.partition("=")
     if (takes_fractions(key) or "x" in value) and (meant := with_points(value)):
         thousands = f" or {key}={value.replace(',', '')}" if re.fullmatch(r"[1-9]\d{0,2},\d{3}", value) else ""
@@ -148,7 +148,7 @@ def with_points(value: str) -> str | None:
 
 
 def task_of(arguments: Sequence[str], folders: Sequence[Path]) -> str:
-    """Find the task of a command line or of the experiment it names."""
+    """Find the task named by a command line or by its experiment."""
     words = [word for word in add_task(arguments) if re.fullmatch(r"(task|experiment)=\w+", word)]
     if not any(word.startswith("experiment=") for word in words):
         typed = [word.removeprefix("task=") for word in words]
@@ -187,7 +187,7 @@ def wrong_type(text: str, task: str) -> str | None:
 
 
 def meant_by(value: str, kind: Any, meaning: str) -> str | None:
-    """Guess the value meant by a unit, a size, a word for none, or text in place of a list; None if unknown.
+    """Guess what the user meant by a unit, a size, a word for none, or text in place of a list; None if unknown.
 
     >>> meant_by("512px", int, ""), meant_by("1920x1080", int, ""), meant_by("2min", float, "")
     ('512', '1920', '120')
@@ -215,7 +215,7 @@ def meant_by(value: str, kind: Any, meaning: str) -> str | None:
 
 
 def declaration_of(path: str, task: str) -> tuple[Any, Any, str] | None:
-    """Find the type, default and meaning of a key or of a plugin's option; None if it does not exist."""
+    """Find the type, default and description of a key or of a plugin's option; None if it does not exist."""
     if (key := keys_of(TASKS[task]).get(path)) is not None:
         return key.annotation, key.default, key.meaning
     above, _, option = path.rpartition(".")

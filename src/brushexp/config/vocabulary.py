@@ -1,4 +1,4 @@
-"""Look up painters' words and alternative spellings; nothing here is slow to import."""
+"""Look up painters' words and alternative spellings; all imports here are fast."""
 
 import os
 import re
@@ -23,7 +23,7 @@ def spellings(table: str) -> dict[str, str]:
 
 
 def options_of_word(word: str) -> list[str]:
-    """List the options of changes that a word stands for, if any.
+    """List the options of changes that a short word sets, if any.
 
     >>> options_of_word("variety"), options_of_word("steps")
     (['change.variety.amount'], [])
@@ -46,7 +46,7 @@ def with_words_of_changes(message: str) -> str:
 
 
 def members_alone() -> dict[str, str]:
-    """Map each look and quality, shipped or in ``conf/``, to its meaning when typed alone."""
+    """Map each look and quality, shipped or in ``conf/``, to the meaning of its bare name."""
     return {name: f"{group}={name}" for group in ALONE for name in members_of_group(group)}
 
 
@@ -79,7 +79,7 @@ def respelt(text: str) -> str:
 
 
 def as_task(word: str) -> str:
-    """Respell a word of a command line if that makes it the name of a task.
+    """Respell a command-line argument if that makes it the name of a task.
 
     >>> as_task("analyze"), as_task("task=analyze"), as_task("optimiser")
     ('analyse', 'task=analyse', 'optimiser')
@@ -100,7 +100,7 @@ def is_path(text: str) -> bool:
 
 
 def as_found(word: str) -> str:
-    """Spell the paths in a word of a command line like the existing files and folders (`find_spelling`).
+    """Spell the paths in a command-line argument like the existing files and folders (`find_spelling`).
 
     In a list, ``image=a.png,b.png``, each part may be a path. Only an output folder need not exist.
     """
@@ -117,7 +117,7 @@ def as_found(word: str) -> str:
 
 
 def _found(path: str) -> str:
-    """Spell a path as it exists, with the home folder in full; a path that is spelled correctly stays unchanged."""
+    """Spell a path like the existing file, with the home folder expanded; a correctly spelled path stays unchanged."""
     whole = os.path.expanduser(path)
     found = find_spelling(whole)
     return path if found == whole else found

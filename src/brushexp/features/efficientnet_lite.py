@@ -74,7 +74,7 @@ class _Block(nn.Module):
 class SameConvolution(nn.Module):
     """Convolution with constant weights, zero-padded so that ceil(side / stride) outputs remain.
 
-    With odd padding, the far side gets the larger half, as in TensorFlow's "same".
+    Odd padding puts the extra pixel at the right and bottom, as TensorFlow's "same" does.
     """
 
     weight: Tensor  # (O, I / groups, K, K), K odd
@@ -140,7 +140,7 @@ class _Halve(torch.autograd.Function):
 
 
 class Relu6(torch.autograd.Function):
-    """``functional.relu6(x, inplace=True)`` without its clone of x, because the slope follows from the result."""
+    """``functional.relu6(x, inplace=True)`` without cloning x, because the slope follows from the result."""
 
     @staticmethod
     def forward(ctx: Any, x: Tensor) -> Tensor:

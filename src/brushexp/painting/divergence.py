@@ -1,4 +1,4 @@
-"""Find the plugin that produced the first NaN or Inf after a step without a finite result."""
+"""Find the plugin that produced the first NaN or Inf in a step without a finite result."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ from brushexp.strokes.catalogue import Strokes
 
 @torch.enable_grad()
 def first_broken(painter: Any, strokes: Strokes, wrong: str | None) -> str:
-    """Repeat the last step with its N ``strokes``; name the first non-finite result and the plugin that produced it.
+    """Repeat the last step with its N ``strokes``; return its first non-finite result and the plugin that produced it.
 
     ``wrong`` names the loss that was not finite in that step, if any.
     """

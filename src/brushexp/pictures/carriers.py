@@ -1,4 +1,4 @@
-"""Find what a picture file declares about its colours: an ICC profile, numbers of a standard, or a camera setting."""
+"""Find what a picture file declares about its colours: an ICC profile, standard code points, or a camera setting."""
 
 import os
 import struct
@@ -36,7 +36,7 @@ ICC_METHODS = (b"\2", b"\3")  # values in a JPEG 2000 "colr" box that a profile 
 
 
 def colors_of(picture: Image.Image) -> Colors:
-    """Find the colour encoding of a picture before it is decoded, in the most authoritative declaration of its file."""
+    """Find a picture's colour encoding before decoding, from the most authoritative declaration in its file."""
     head, profile = head_of(picture), picture.info.get("icc_profile")
     said: Colors = _of_png(head, picture) if picture.format == "PNG" else profile or _of_others(head, picture)
     if said is None:
@@ -47,9 +47,10 @@ def colors_of(picture: Image.Image) -> Colors:
 
 
 def exif_of(picture: Image.Image) -> Image.Exif:
-    """Read the EXIF data of a picture, empty if they are damaged; raises errors of the picture's decoder.
+    """Read a picture's EXIF data, empty if they are damaged; errors of the picture's decoder are raised.
 
-    Pillow decodes a PNG to find EXIF data after its pixels. If the picture is loaded again after an error, it is black.
+    To find EXIF data after the pixels of a PNG, Pillow decodes it. If the picture is loaded again after an error, it is
+    black.
     """
     if picture.format == "PNG" and "exif" not in picture.info:
         picture.load()
@@ -60,7 +61,7 @@ def exif_of(picture: Image.Image) -> Image.Exif:
 
 @contextmanager
 def place_kept(file: IO[bytes]) -> Iterator[None]:
-    """Restore the position of a file after reading elsewhere in it."""
+    """Restore the position in a file after reading elsewhere in it."""
     place = file.tell()
     try:
         yield
@@ -135,7 +136,7 @@ def _profile_in_jp2(head: bytes) -> bytes | None:
 
 
 def _of_exif(exif: Image.Exif) -> Encoding | None:
-    """Read the colour setting of a camera (Exif 2.32 and DCF 2.0), or primaries and white point of the file."""
+    """Read a camera's colour setting (Exif 2.32 and DCF 2.0), or the primaries and white point in the file."""
     shot = exif.get_ifd(SHOT)
     space, index = shot.get(COLOR_SPACE), str(exif.get_ifd(INTEROPERABILITY).get(INTEROPERABILITY_INDEX, ""))
     if space == ADOBE or (space in (UNCALIBRATED, None) and index.startswith("R03")):

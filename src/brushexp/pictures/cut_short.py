@@ -1,4 +1,4 @@
-"""Decode truncated picture files as far as possible, or refuse them if much is missing."""
+"""Decode truncated picture files as far as possible, or reject them if much is missing."""
 
 import io
 from collections.abc import Iterator
@@ -72,7 +72,7 @@ def rescued(path: Path, kind: str) -> ImageFile.ImageFile | None:
 
 @contextmanager
 def lenient() -> Iterator[None]:
-    """Let Pillow decode truncated files as far as possible."""
+    """Make Pillow decode truncated files as far as possible."""
     ImageFile.LOAD_TRUNCATED_IMAGES = True
     try:
         yield
@@ -81,7 +81,7 @@ def lenient() -> Iterator[None]:
 
 
 def check_missing(picture: Image.Image) -> str:
-    """Report how much of a rescued picture is missing; raise a UserError if much is missing, an OSError if all is."""
+    """Report how much of a truncated picture is missing; raise a UserError if much is, an OSError if everything is."""
     pixels = np.atleast_3d(np.asarray(picture))
     fill = JPEG_FILL if picture.format in JPEGS else 0
     empty = (pixels == fill).all(2)

@@ -69,8 +69,8 @@ def read_picture(path: Path, *, key: str = "image", backdrop: float = 1.0, side:
     CMYK, and TIFF that only Pillow can unpack keep 8. All colour information is applied: an ICC profile (in 8 bits,
     unless it is broken), numbers of ITU-T H.273, gamma and primaries, or a camera's Adobe RGB. Pixels become square.
     Pictures above 100 megapixels are read at a smaller size, with at least ``side`` pixels on the longer side.
-    Truncated files, animations and further pages are logged once. A UserError, naming the ``key`` typed before the
-    path, refuses pictures that cannot be read, are too large, or have floats outside [0, 1].
+    Truncated files, animations and further pages are logged once. Pictures that cannot be read, are too large, or have
+    floats outside [0, 1] raise a UserError that names the ``key`` of the path.
     """
     with _explained(path, key):
         pixels, remark = _read(path, backdrop, side)
@@ -85,7 +85,7 @@ def _tell(line: str) -> None:
 
 
 def picture_size(path: Path, *, key: str = "image") -> tuple[int, int]:
-    """Read height and width of a readable picture from its first and last bytes."""
+    """Read the height and width of a readable picture from its first and last bytes."""
     with _explained(path, key), _opened(path, 1) as (_, picture):
         if picture is None:
             return _read(path, 1.0, None)[0].shape[:2]
@@ -115,13 +115,13 @@ class Declared(NamedTuple):
 
 
 def declared_by(picture: Image.Image) -> Declared:
-    """Read the declared properties of a picture before decoding, after which some decoders close the file."""
+    """Read a picture's declared properties before decoding, because some decoders close the file."""
     return Declared(colors_of(picture), pixel_aspect(picture), clean_aperture(picture))
 
 
 @contextmanager
 def _explained(path: Path, key: str) -> Iterator[None]:
-    """Turn any error with a picture into a UserError that names the key and the file."""
+    """Turn any error about a picture into a UserError that names the key and the file."""
     with _silence():
         try:
             yield
@@ -152,7 +152,7 @@ def _undecoded(path: Path) -> str:
 
 
 def _unknown(path: Path) -> str:
-    """Explain what a file unknown to all decoders is, and what to do."""
+    """Explain what a file unknown to all decoders is, and how to proceed."""
     if is_raw(str(path)):
         return RAW
     with path.open("rb") as file:
@@ -162,7 +162,7 @@ def _unknown(path: Path) -> str:
 
 @contextmanager
 def open_picture(path: Path) -> Iterator[Image.Image]:
-    """Open a picture of a run without decoding it; any error becomes a UserError."""
+    """Open a run's picture without decoding it; any error becomes a UserError."""
     check_file(path, "paint it again")
     with explaining(path, "paint it again"), open_of_any_size(path, WRITTEN) as picture:
         check_pixels(*picture.size, "", None)
@@ -171,7 +171,7 @@ def open_picture(path: Path) -> Iterator[Image.Image]:
 
 @contextmanager
 def _silence() -> Iterator[None]:
-    """Keep messages of decoders off the terminal; those that matter become errors.
+    """Keep decoders' messages off the terminal; those that matter become errors.
 
     `check_pixels` replaces Pillow's own limit on pixels.
     """
@@ -228,7 +228,7 @@ def _load_codec(head: bytes) -> None:
 
 
 def _read(path: Path, backdrop: float, side: int | None) -> tuple[np.ndarray, str]:
-    """Decode a picture and collect remarks about it."""
+    """Decode a picture and collect warnings about it."""
     with _opened(path, side) as (file, picture):
         if picture is None:
             return read_tiff(path, backdrop, None, side), ""
@@ -255,7 +255,7 @@ def _read(path: Path, backdrop: float, side: int | None) -> tuple[np.ndarray, st
 
 
 def _of_several(path: Path, picture: ImageFile) -> str:
-    """Remark that a file has more frames or pages; "" if it has a single picture."""
+    """Note that a file has more frames or pages; "" if it has a single picture."""
     if isinstance(picture, TiffImageFile):
         count = pages_in(path)
         return PAGES.format(count) if count > 1 else ""

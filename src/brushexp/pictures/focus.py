@@ -1,4 +1,4 @@
-"""Weight pixels by how much accuracy matters there, with a mask or an estimate of where people look first."""
+"""Weight pixels by importance, using a mask or an estimate of where people look first."""
 
 from collections.abc import Sequence
 
@@ -27,7 +27,7 @@ BESIDE_FACES = 0.5  # factor on the attention outside the faces of a picture
 
 
 def focus_map(focus: str, target: Tensor, faces: Sequence[Face] = ()) -> Tensor:
-    """Map the importance (H, W), 0 to 1, of the pixels of a picture (3, H, W), by ``auto`` or from a mask file."""
+    """Map the importance (H, W), 0 to 1, of the pixels of a picture (3, H, W), with ``auto`` or from a mask file."""
     if focus == AUTO:
         return attention(target, faces)
     return load_mask(focus, (target.shape[1], target.shape[2]), "focus", f"{AUTO}, ")
@@ -53,9 +53,9 @@ def attention(picture: Tensor, faces: Sequence[Face]) -> Tensor:
     Saliency is the image signature (Hou, Harel and Koch, 2012, "Image signature: highlighting sparse salient regions"):
     the cosine transform of each Lab channel is reduced to its signs, and its squared inverse is bright where something
     stands out. Detail is the gradient of the Lab channels. Both are smoothed, and the root of their product is weighted
-    by a Gaussian around the centre (Judd et al., 2009). Areas with sharp edges, on which the photographer focused, get
-    a share of the attention wherever they lie. ``faces`` are added as in Cerf et al. (2007). The combination differs
-    from the sources and was chosen by eye on ten photographs.
+    by a Gaussian around the centre (Judd et al., 2009). Areas in focus, with sharp edges, get a share of the attention
+    regardless of position. ``faces`` are added as in Cerf et al. (2007). The combination differs from the sources and
+    was chosen by eye on ten photographs.
     """
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (rarely needed)
 
@@ -80,7 +80,7 @@ def attention(picture: Tensor, faces: Sequence[Face]) -> Tensor:
 
 
 def sharpness(picture: Tensor) -> Tensor:
-    """Measure the local sharpness of the edges in a picture (3, H, W): (H, W) float64, 0 (blurred or even) to 1."""
+    """Measure the local sharpness of the edges in a picture (3, H, W): (H, W) float64, 0 (blurred or uniform) to 1."""
     from scipy.ndimage import gaussian_filter, gaussian_gradient_magnitude  # noqa: PLC0415  (rarely needed)
 
     small = downsample(picture, SHARP_SIDE).double()

@@ -1,4 +1,4 @@
-"""Find the pictures in a folder or matching a pattern such as ``photos/*.jpg``, and list the files left out."""
+"""Find the pictures in a folder or matching a pattern such as ``photos/*.jpg``, and list the skipped files."""
 
 import glob
 import os
@@ -28,7 +28,7 @@ def picture_suffixes() -> frozenset[str]:
 
 
 def is_several(image: str) -> bool:
-    """Check whether a value names a folder, or is a pattern and not a file."""
+    """Check whether a value names a folder, or is a pattern rather than a file."""
     path = os.path.expanduser(image)
     return os.path.isdir(path) or (not os.path.exists(path) and glob.has_magic(image) and "(" not in image)
 
@@ -48,7 +48,7 @@ def pictures_of(names: Iterable[str]) -> list[str]:
 
 
 def left_out(image: str) -> list[str]:
-    """List, one line per kind, the files that `pictures_in` leaves out, except hidden ones."""
+    """List, one line per type, the files that `pictures_in` skips, except hidden ones."""
     names = [name for name in _named(image) if _suffix(name) not in picture_suffixes() or not os.path.isfile(name)]
     kinds: dict[str, list[str]] = {}
     for name in names:
@@ -67,7 +67,7 @@ def _suffix(name: str) -> str:
 
 
 def _cure_of(name: str, image: str) -> str:
-    """Explain what to do about a file or folder that is left out."""
+    """Explain what to do about a skipped file or folder."""
     suffix = _suffix(name)
     if os.path.isdir(name):
         inner = ("*", "*.jpg") if os.path.isdir(os.path.expanduser(image)) else ("*.jpg",)
@@ -84,7 +84,7 @@ def _cure_of(name: str, image: str) -> str:
 
 
 def _in_words(names: list[str]) -> str:
-    """Name a few files of a kind, or count them by extension."""
+    """Name a few files of a type, or count them by extension."""
     if len(names) <= NAMED:
         return ", ".join(map(os.path.basename, names))
     counts = Counter("folders" if os.path.isdir(name) else _suffix(name) or "without an extension" for name in names)

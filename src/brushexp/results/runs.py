@@ -69,7 +69,7 @@ def has_ended(folder: Path) -> bool:
 
 
 def objective_in(result: Mapping[str, Any], name: str) -> float:
-    """Return a number of a run by its name; raise a UserError that lists all numbers of the run if it is missing."""
+    """Return a number of a run by its name; if it is missing, raise a UserError that lists all the run's numbers."""
     values = {key: float(value) for key, value in result.items() if type(value) in (int, float)}
     if name not in values:
         raise UserError(f"objective={name} is not a metric of this run; choose one of {', '.join(values)}")
@@ -77,7 +77,7 @@ def objective_in(result: Mapping[str, Any], name: str) -> float:
 
 
 def frame_of(folder: Path, results: Mapping[str, Result]) -> DataFrame:
-    """Make the data frame (see the top of this module) from results by name; each run is in ``folder / name``."""
+    """Make the data frame (see the module's docstring) from results by name; each run is in ``folder / name``."""
     import pandas as pd  # noqa: PLC0415
 
     runs = [_run_columns(folder / name, result) for name, result in results.items()]
@@ -119,7 +119,7 @@ def differences(chosen: Sequence[Mapping[str, str]]) -> list[tuple[str, ...]]:
 
 
 def shorten(values: Sequence[str], longest: int = LONGEST_VALUE) -> dict[str, str]:
-    """Shorten the values of a setting as long as they remain distinct: paths to their ends, and long values."""
+    """Shorten the values of a setting while keeping them distinct: paths to their ends, and long values."""
     depths = range(1, 1 + max(value.count("/") for value in values))
     tails = ([_tail(value, depth) for value in values] for depth in depths)
     names = next((names for names in tails if len(set(names)) == len(names)), list(values))
@@ -195,7 +195,7 @@ def look_of(folder: Path) -> str:
 
 
 def image_name(run: Any) -> str:
-    """Describe the painted picture by name and size, as far as the folder contains them."""
+    """Describe the painted picture by name and size, where the folder records them."""
     name = Path(str(setting_of(run, "image") or "picture")).name
     with suppress(UserError), open_picture(run["folder"] / "target.png") as picture:
         return f"{name}, {picture.width} x {picture.height} pixels"

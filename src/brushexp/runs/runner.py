@@ -49,9 +49,9 @@ log = logging.getLogger(__name__)
 
 
 def run_task(cfg: DictConfig, start: float) -> dict[str, object] | float:
-    """Run ``cfg.task`` and return its metrics, or the metric that ``objective`` names.
+    """Run ``cfg.task`` and return its metrics, or the metric named by ``objective``.
 
-    ``start`` is `time.monotonic` at the start of the program.
+    ``start`` is the `time.monotonic` at which the program started.
     """
     hydra = HydraConfig.get()
     if hydra.mode is RunMode.MULTIRUN:
@@ -121,7 +121,7 @@ def perform(task: ModuleType, cfg: DictConfig, folder: Path, start: float) -> di
 
 @contextmanager
 def explaining_to_users(cfg: DictConfig) -> Iterator[None]:
-    """Turn errors that a user can fix into a UserError: lack of memory, a full disk, a broken plugin."""
+    """Turn errors that a user can fix into a UserError: insufficient memory, a full disk, a broken plugin."""
     try:
         with naming_plugins():
             yield
@@ -148,7 +148,7 @@ def _reason_of(error: BaseException, cfg: DictConfig) -> BaseException:
 
 
 def _threads_per_job(hydra: HydraConf) -> int:
-    """Return the number of cores for this job: all cores, or its share if other jobs run at the same time."""
+    """Return the number of cores for this job: all cores, or its share if other jobs run in parallel."""
     if "cpus_per_task" in hydra.launcher:  # like Slurm, submitit uses one core by default
         return min(cores(), hydra.launcher.cpus_per_task or 1)
     return max(1, cores() // jobs_at_once(hydra.launcher.get("n_jobs", 1) or 1))

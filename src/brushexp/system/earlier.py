@@ -20,7 +20,7 @@ def is_earlier(settings: Mapping[str, Any]) -> bool:
 
 
 def todays_settings(recorded: Mapping[str, Any]) -> dict[str, Any]:
-    """Convert recorded settings of a painting to current keys; current settings are returned unchanged.
+    """Convert recorded settings of a painting to current keys; settings that are already current are unchanged.
 
     Former tasks, callbacks and keys may have become changes: the old ``variety: 0.4`` is now
     ``change: {variety: {amount: 0.4}}``.

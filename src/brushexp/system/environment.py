@@ -54,7 +54,7 @@ def code_state() -> dict[str, Any]:
 
 
 def project_state(folder: Path) -> dict[str, Any] | None:
-    """Describe the repository of a folder with `git_state`; None without a repository or if it is brushexp's own."""
+    """Describe the repository of a folder with `git_state`; None if there is none or if it is brushexp's own."""
     top = _git(folder, "rev-parse", "--show-toplevel")
     if top is None or ("commit" in code_state() and top == _git(PACKAGE, "rev-parse", "--show-toplevel")):
         return None

@@ -18,7 +18,7 @@ Item = TypeVar("Item")
 
 @contextmanager
 def showing(what: str, done: float = 0.0) -> Iterator[Callable[[float, str], None]]:
-    """Yield a function that shows the finished fraction of the work, its state in a few words, and the remaining time.
+    """Yield a function that shows the completed fraction of the work, its state in a few words, and the remaining time.
 
     ``done`` is the initial fraction, and ``what`` names the work, such as "simulating strokes". Text after a comma in
     the state goes only to run.log: "step 6 of 30, 24.80 dB".

@@ -1,4 +1,4 @@
-"""Control how this process waits, keeps memory, shares threads and handles interruptions."""
+"""Control how this process waits, keeps memory, shares work among threads and responds to interruptions."""
 
 import ctypes
 import logging
@@ -52,7 +52,7 @@ def keep_memory(most: int = 2**30) -> None:
 
 
 def give_memory_back() -> None:
-    """Return freed memory to the system, because fragments left by one picture do not fit the next and accumulate."""
+    """Return freed memory to the system, because fragments left by one picture do not fit the next and pile up."""
     if sys.platform == "linux" and hasattr(libc := ctypes.CDLL(None), "malloc_trim"):
         libc.malloc_trim(0)
 
@@ -92,7 +92,7 @@ def _pool() -> ThreadPoolExecutor:
 
 
 def use_threads(n: int) -> None:
-    """Let PyTorch and kernels use ``n`` threads, or one thread in a fork of a process that may have used several."""
+    """Let PyTorch and kernels use ``n`` threads, but only one in a fork of a process that may have used several."""
     import torch  # noqa: PLC0415
 
     torch.set_num_threads(min(n, _most_threads[0]))
@@ -100,7 +100,7 @@ def use_threads(n: int) -> None:
 
 
 def _begin_anew() -> None:
-    """Reset threads after a fork, because OpenMP would wait for the parent's threads forever."""
+    """Reset threads after a fork, because OpenMP would wait forever for the parent's threads."""
     _pool.cache_clear()
     if "torch" in sys.modules and max(_used_threads[0], sys.modules["torch"].get_num_threads()) > 1:
         _most_threads[0] = 1
@@ -137,7 +137,7 @@ def end_on_signals() -> None:
 
 
 def take_lost() -> bool:
-    """Return whether an interruption was lost, and reset the flag; the caller has to raise it again."""
+    """Return whether an interruption was lost, and clear the flag; the caller must raise the interruption again."""
     was_lost = _lost.is_set()
     _lost.clear()
     return was_lost
@@ -163,7 +163,7 @@ def pass_signal_on() -> None:
 def interruptible(stop: Callable[[], None], promise: str) -> Iterator[None]:
     """Call ``stop`` at the first Ctrl-C, SIGTERM or SIGHUP, and log a ``promise`` to end; a second signal ends at once.
 
-    Signals of a cluster act in the same way if they have a handler.
+    A cluster's signals have the same effect if they have a handler.
     """
 
     def finish(signum: int, frame: FrameType | None) -> None:
@@ -206,12 +206,12 @@ def cores() -> int:
 
 
 def jobs_at_once(n_jobs: int) -> int:
-    """Return how many jobs run at once; negative numbers count back from all cores (-1)."""
+    """Return how many jobs run in parallel; negative numbers count back from all cores (-1)."""
     return n_jobs if n_jobs > 0 else max(1, cores() + 1 + n_jobs)
 
 
 def free_memory() -> float:
-    """Return the number of MB that this process may still allocate, as far as it is known."""
+    """Return the number of MB that this process may still allocate, if it is known."""
     limits: list[float] = [NO_LIMIT]
     if resource is not None:
         limits.append(resource.getrlimit(resource.RLIMIT_AS)[0] % 2**64 / 2**20)  # -1 means no limit
@@ -225,7 +225,7 @@ def free_memory() -> float:
 
 
 def check_memory(needed: float, what: str, cure: str) -> None:
-    """Refuse (UserError) work that needs more bytes than this process may allocate."""
+    """Raise a UserError for work that needs more bytes than this process may allocate."""
     free = free_memory()
     if needed > free * 2**20:
         gigabytes = f"{needed / 2**30:.1f} GB of memory, but only {free / 1024:.1f} GB are free"

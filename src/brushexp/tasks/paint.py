@@ -60,9 +60,9 @@ def paint_into(
     checkpoint: Path | None = None,
     callbacks: Sequence[L.Callback] = (),
 ) -> Finished:
-    """Paint from a checked config into the folder of a run, which also receives the result of a failed fit.
+    """Paint from a checked config into the folder of a run; the result of a failed fit is also written there.
 
-    ``start`` is `time.monotonic` at the start of the program, or None for a run resumed from its ``checkpoint``.
+    ``start`` is the `time.monotonic` at which the program started, or None for a run resumed from its ``checkpoint``.
     """
     cfg = changed_settings(cfg)
     if not is_job():
@@ -103,7 +103,7 @@ def optimise(
 ) -> Fitted:
     """Build the painter, callbacks and Trainer of a painting, and take the steps.
 
-    The Trainer writes checkpoints into a ``folder`` and continues from a ``checkpoint``.
+    The Trainer writes checkpoints into a ``folder`` and resumes from a ``checkpoint``.
     """
     heartbeat.say("looking at the picture")
     device = device_of(cfg.device)
@@ -121,7 +121,7 @@ def optimise(
 
 
 class Opening(L.Callback):
-    """Before the first step, writes the input pictures (in case the disk is full) and announces slow steps."""
+    """Writes the input pictures before the first step (in case the disk is full) and announces slow steps."""
 
     def __init__(self, cfg: DictConfig, folder: Path) -> None:
         self.cfg, self.folder = cfg, folder
@@ -163,7 +163,7 @@ def write(
 
 
 def write_page_and_film(folder: Path, finished: Finished, *, page: bool) -> None:
-    """Write the timelapse and, in parallel, the page, because encoding releases Python's lock."""
+    """Write the timelapse and, in parallel, the page, because encoding releases the GIL."""
     assert finished.timelapse is not None
     with ThreadPoolExecutor(1) as beside:
         film = beside.submit(finished.timelapse.write, folder)
@@ -185,7 +185,7 @@ def report_painting(trackers: Trackers, folder: Path, finished: Finished) -> Non
 
 
 def try_to_write_page(folder: Path, finished: Finished, film: Future[Any] | None = None) -> None:
-    """Write the page of a run with its ``film``; log an error, but continue the run."""
+    """Write the page of a run with its ``film``; if that fails, log the error and continue the run."""
     from brushexp.pages.run_page import write_run_page  # noqa: PLC0415  (runs without a page start sooner)
 
     try:

@@ -23,7 +23,7 @@ SOFT = 2.0  # CIELAB units added to distances, so that no single mixture dominat
 @register("palette", "pigments")
 @dataclass(kw_only=True, eq=False)
 class OfPigments(Palette):
-    """A limited palette: any number of the colours that mixtures of named paints can have.
+    """A limited palette: any number of the colours that mixtures of named paints can produce.
 
     Tones are mapped between the darkest and the lightest grey of the paints, and each colour moves to the mixtures
     nearest to it in CIELAB.

@@ -1,4 +1,4 @@
-"""List mixtures of a few tubes in simple proportions, and choose the ones that a picture needs."""
+"""List mixtures of a few tubes in simple proportions, and choose those that a picture needs."""
 
 from dataclasses import dataclass
 from itertools import combinations, product

@@ -151,7 +151,7 @@ def _overview(plan: Plan, title: str, remarks: Sequence[str]) -> Figure:
 
 
 def _ground(plan: Plan) -> str:
-    """Write a sentence that says which mixture tints the ground."""
+    """Write a sentence that says which mixture is used to tint the ground."""
     mixtures = plan.table.mixtures
     if not len(mixtures):
         return "Leave the ground as it is."

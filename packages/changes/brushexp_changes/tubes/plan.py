@@ -38,7 +38,7 @@ class Stage:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """N strokes in painting order, and the table of paints and brushes for them."""
+    """N strokes in painting order, and the paints and brushes for them."""
 
     job: ExportJob  # its strokes have the mixtures' colours and the brushes' widths
     table: Table
@@ -62,7 +62,7 @@ class Plan:
 
     @cached_property
     def _lengths(self) -> tuple[Array, Array]:
-        """Length of each stroke (N,), and the length that its brush paints with one load (N,), in pixels."""
+        """Length (N,) of each stroke, and the length (N,) that its brush paints with one load, in pixels."""
         strokes = self.strokes
         load = self.table.load * self.table.brushes.double()[self.table.brush_of(strokes)]
         return length_of(curve_of(strokes)).double().numpy(), load.numpy()
@@ -108,7 +108,7 @@ class Plan:
         return sum(stage.metres for stage in self.stages)
 
     def without_hidden(self, least_visible: float) -> "Plan":
-        """Leave out strokes whose visible share in the finished painting is below ``least_visible``."""
+        """Omit strokes whose visible share in the finished painting is below ``least_visible``."""
         if len(self.order) < 2 or not least_visible:
             return self
         measures = measure_strokes(self.strokes, torch.arange(len(self.order), dtype=torch.int32), self.job.size)
@@ -123,7 +123,7 @@ class Plan:
     def played(self) -> ExportJob:
         """Return the painting that results from following the plan, with brushes that run dry.
 
-        The stroke of a brush that runs dry is a stack of films: ever shorter copies of the stroke.
+        A stroke whose brush runs dry becomes a stack of films: ever shorter copies of the stroke.
         """
         strokes = self.strokes
         start, end = torch.from_numpy(self.coverage).to(strokes.opacity).unbind(1)
@@ -191,7 +191,7 @@ def without_slivers(regions: Array, side: float) -> Array:
 
 
 def labels_of(mask: Array) -> Iterator[tuple[int, int, float]]:
-    """Find a place (row, column) for a number in each part of a mask (h, w), and its distance from the part's edge."""
+    """Find a position (row, column) for a number in each part of a mask (h, w), and its distance from the edge."""
     from scipy.ndimage import distance_transform_edt, label, maximum_position  # noqa: PLC0415  (slow to import)
 
     parts, count = label(mask)

@@ -1,4 +1,4 @@
-"""Write a plan to paint from by hand: ``to=plan``."""
+"""Write a plan for painting by hand: ``to=plan``."""
 
 import logging
 from dataclasses import dataclass
@@ -111,7 +111,7 @@ def title_of(job: ExportJob) -> str:
 
 
 def remarks_on(plan: Plan, own: bool) -> list[str]:
-    """Summarise the work that a plan requires in a few lines."""
+    """Summarise in a few lines the work that a plan requires."""
     used = len({stage.mixture for stage in plan.stages})
     paint = sum(millilitres_of_tubes(plan).values())
     return [

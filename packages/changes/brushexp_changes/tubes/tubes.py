@@ -34,8 +34,8 @@ class OfTubes(Change):
     """Paint with given tubes and brushes, for painting by hand: ``tubes=zorn brushes=[25,12,6] width_cm=40``.
 
     From the start, strokes are opaque, as wide as one of the brushes, and no longer than a load of paint lasts. After
-    two fifths of the steps, each stroke has the colour of a mixture, which is chosen anew every few steps while place,
-    length and bend continue to be optimised. Strokes of large brushes lie below those of small ones, and within a
+    two fifths of the steps, each stroke has the colour of a mixture, which is chosen anew every few steps while
+    position, length and bend are still optimised. Strokes of large brushes lie below those of small ones, and within a
     brush, dark mixtures lie below light ones.
 
     Args:
@@ -116,7 +116,7 @@ class OfTubes(Change):
 
 
 def choose_anew(strokes: Strokes, table: Table, state: PaintingState) -> Strokes:
-    """Choose for each of N strokes the mixture nearest to the colour that reduces the squared error most.
+    """Choose, for each of N strokes, the mixture nearest to the colour that reduces the squared error most.
 
     The picture is linear in the colours: sum_k w_k c_k, with shares w_k that sum to at most 1. With the picture's
     error e, the colour c_k + sum(w_k e) / sum(w_k), summed over pixels, minimises a separable upper bound of the

@@ -77,7 +77,7 @@ def _check_size(machine: PenExporter, kinds: list[tuple[float, str]], colors: in
 def _with_dips(
     lines: list[Array], brush: float, well: complex, machine: PenExporter, paper: tuple[float, float], changed: bool
 ) -> Iterator[tuple[Array, bool]]:
-    """Yield the lines of a brush: it is rinsed and wiped first, and dipped, as marked, between lines."""
+    """Yield the lines of a brush, which is rinsed and wiped first, and dipped, as marked, between lines."""
 
     def at(place: complex, reach: float, times: int) -> Array:
         there = place.real + 1j * (paper[1] - place.imag)

@@ -1,7 +1,8 @@
 """Plan drawings with pens: filled strokes, by layer and pen, in an order with little travel.
 
-shapely makes outlines and fillings, vpype orders lines, and a grid of stroke numbers tells hidden parts of strokes.
-Lengths are millimetres, x to the right and y down from the paper's upper left corner; lines are complex numbers.
+shapely makes outlines and fillings, vpype orders lines, and a grid of stroke numbers identifies hidden parts of
+strokes. Lengths are millimetres, x to the right and y down from the paper's upper left corner; lines are complex
+numbers.
 """
 
 from collections.abc import Iterable
@@ -129,7 +130,7 @@ def flatten(curves: Array, tolerance: float) -> Array:
 def _fill_stroke(
     middle: shapely.LineString, width: float, machine: PenExporter, frame: tuple[float, ...], step: float
 ) -> list[Array]:
-    """Fill a round-ended stroke with lines (M,) of points a ``step`` apart, cut at the edges of the picture.
+    """Fill a round-ended stroke with lines (M,) of points a ``step`` apart, cut off at the edges of the picture.
 
     The lines are offsets of its curve, from the outline to the centre, at most one pen width apart, and joined where
     they stay on the picture. A stroke no wider than the pen is drawn as its centre line.
@@ -148,7 +149,7 @@ def _fill_stroke(
 
 
 def _join_lines(lines: list[Array], reach: float) -> list[Array]:
-    """Join each line (M,) to the next if that begins or ends within ``reach``; then join any two ends that close."""
+    """Join each line (M,) to the next if the next begins or ends within ``reach``; then join any ends that close."""
     joined: list[Array] = []
     for line in lines:
         gaps = np.abs(joined[-1][-1] - line[[0, -1]]) if joined else [np.inf]

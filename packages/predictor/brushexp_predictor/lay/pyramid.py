@@ -1,4 +1,4 @@
-"""Lay strokes in levels from large to small cells, where the error of the canvas so far is largest."""
+"""Place strokes in levels from large to small cells, where the error of the canvas so far is largest."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -29,7 +29,7 @@ class Level(NamedTuple):
 
 
 class Cells(NamedTuple):
-    """Data about cells: a lattice (B, rows, columns, ...), or K cells of one picture (K, ...)."""
+    """Data on cells: a lattice (B, rows, columns, ...), or K cells of one picture (K, ...)."""
 
     numbers: Tensor  # (..., 11), predicted or sampled
     deviations: Tensor  # (..., 11), logarithms
@@ -81,7 +81,7 @@ def lay(
     temperature: float = 0.0,
     focus: Tensor | None = None,
 ) -> Iterator[list[Laid]]:
-    """Lay the strokes of targets (3, H, W) in the same levels; yield every canvas after each level.
+    """Place the strokes of targets (3, H, W) in the same levels; yield every canvas after each level.
 
     ``focus`` (H, W) weights the pixels when cells are chosen for strokes. Gradients of a level's canvas flow into the
     strokes of that level and earlier levels, but not through the canvases that the network receives.
@@ -115,7 +115,7 @@ def nothing_on(target: Tensor, form: Form, first: Level) -> Laid:
 
 
 def with_level(laid: Laid, target: Tensor, level: Level, following: Level | None, cells: Cells) -> Laid:
-    """Lay a level's strokes where the expected gain is largest, with large strokes below small ones."""
+    """Place a level's strokes where the expected gain is largest, with large strokes below small ones."""
     places = cells.gains.topk(level.keep).indices.sort().values
     own = Cells(*(values[places] for values in cells))
     height, width = target.shape[1] / level.rows, target.shape[2] / level.columns

@@ -70,7 +70,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def _compare(reports: Sequence[Report], by: str) -> list[dict[str, Any]]:
-    """Tabulate the coverage of intervals before and after fitting them to other pictures, one row per measure."""
+    """Tabulate the coverage of intervals before and after a fit to other pictures, one row per measure."""
     test, after, rows = join(reports), join(left_out(reports)), []
     for (of, name), kind in KINDS.items():
         plain, fitted = (coverage_of(report[of, name], kind) for report in (test, after))

@@ -46,7 +46,7 @@ def away_from(values: Array, middle: Array, axial: bool) -> Array:
 
 
 def doubt_of(values: Array, axial: bool) -> Doubt:
-    """Summarise samples (S, ...), NaN where undefined; the interval leaves out 5 % of them at each end."""
+    """Summarise samples (S, ...), NaN where undefined; the interval excludes 5 % of them at each end."""
     flat = values.reshape(len(values), -1)
     said = np.isfinite(flat).any(0)
     parts = np.full((4, flat.shape[1]), np.nan)

@@ -27,7 +27,7 @@ AT_ONCE = 512  # number of places per batch
 
 
 class Evidence(NamedTuple):
-    """Truths of one measure and the samples' summaries, on the scale of `Kind.inner`."""
+    """True values of one measure and the samples' summaries, on the scale of `Kind.inner`."""
 
     truth: Array  # (T,)
     doubt: Doubt  # summary of the samples of T values
@@ -67,7 +67,7 @@ def examine(known: Known, number: int, samples: Sequence[Sample]) -> Report:
 
 @torch.no_grad()
 def topmost(strokes: Strokes, places: Tensor) -> Tensor:
-    """Find the top stroke (P,) at places (P, 2: x, y in pixels), or -1 if there is none.
+    """Find the top stroke (P,) at positions (P, 2: x, y in pixels), or -1 if there is none.
 
     Strokes are ordered bottom to top. Each is a line of its width with round ends; strokes fainter than `SEEN` are
     ignored.
@@ -85,14 +85,14 @@ def topmost(strokes: Strokes, places: Tensor) -> Tensor:
 
 
 def lattice(size: tuple[int, int], step: float) -> Tensor:
-    """Make places (rows, columns, 2: x, y), centres of equal cells about ``step`` pixels wide, on a canvas (H, W)."""
+    """Make points (rows, columns, 2: x, y), centres of equal cells about ``step`` pixels wide, on a canvas (H, W)."""
     rows, columns = (max(1, round(length / step)) for length in size)
     y, x = (torch.arange(rows) + 0.5) * size[0] / rows, (torch.arange(columns) + 0.5) * size[1] / columns
     return torch.stack(torch.meshgrid(x, y, indexing="xy"), 2)
 
 
 def seen_places(strokes: Strokes, size: tuple[int, int]) -> tuple[Array, Tensor]:
-    """Find the visible strokes (K,), and for each the place (K, 2) nearest to the centre of its visible part."""
+    """Find the visible strokes (K,), and for each the point (K, 2) nearest to the centre of its visible part."""
     grid = lattice(size, STEP).flatten(0, 1)
     top, points = topmost(strokes, grid).numpy(), grid.numpy()
     which = np.flatnonzero(np.bincount(top[top >= 0], minlength=len(strokes)) >= FEWEST_PIXELS)
@@ -104,7 +104,7 @@ def seen_places(strokes: Strokes, size: tuple[int, int]) -> tuple[Array, Tensor]
 
 
 def tell_at(samples: Iterable[Strokes], places: Tensor) -> dict[str, Array]:
-    """Measure the top strokes of S samples at places (P, 2): (S, P) for each measure, NaN where there is no stroke."""
+    """Measure the top strokes of S samples at points (P, 2): (S, P) for each measure, NaN where there is no stroke."""
     rows: dict[str, list[Array]] = {name: [] for name in OF_STROKES}
     for strokes in samples:
         top, each = topmost(strokes, places).numpy(), measure_each(strokes)
@@ -135,7 +135,7 @@ def scaled(report: Report, scalings: Scalings) -> Report:
 
 
 def coverage_of(evidence: Evidence, kind: Kind) -> Coverage:
-    """Count the truths that intervals contain, ignoring undefined truths."""
+    """Count the true values that the intervals contain, ignoring undefined values."""
     known = np.isfinite(evidence.truth)
     right = holds(evidence.truth, evidence.doubt, kind.axial)[known]
     numbers = evidence.painting[known]

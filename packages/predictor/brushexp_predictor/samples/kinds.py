@@ -1,4 +1,4 @@
-"""Measure strokes and paintings, each measure on a scale where its errors are additive."""
+"""Measure strokes and paintings, each measure on a scale on which its errors are additive."""
 
 import math
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
 """Make paintings with known strokes for calibration, each determined by a seed and its number.
 
-``init=layers`` lays strokes with random options; then each stroke is randomly rotated, lengthened, widened and
+``init=layers`` places strokes with random options; then each stroke is randomly rotated, lengthened, widened and
 recoloured. In some paintings all strokes run in one direction. Strokes are drawn plain or with brush textures.
 """
 
@@ -72,7 +72,7 @@ def part_of(name: str, side: int, random: Random) -> Tensor:
 
 
 def any_hand(random: Random) -> InLayers:
-    """Choose random options for laying strokes."""
+    """Choose random options for placing strokes."""
     return InLayers(
         layers=int(random.integers(1, 5)),
         ratio=float(random.uniform(0.4, 0.75)),

@@ -70,7 +70,7 @@ def sample_brushwork(
         strokes: approximate number of strokes in the picture; None = one per 100 pixels.
         resolution: longer side in pixels to which the picture is resampled; None = unchanged.
         checkpoint: weights: a .safetensors file, or the name of shipped weights.
-        intervals: file written by task=calibrate; None = the one beside the weights.
+        intervals: file written by task=calibrate; None = the file next to the weights.
         temperature: variation of strokes between samples, in the deviations that the network predicts.
         seed: seed of this variation.
 
@@ -99,7 +99,7 @@ def sample_with(cfg: DictConfig) -> SampledBrushwork:
 
 
 def scalings_for(checkpoint: str, intervals: str | None, temperature: float) -> Scalings | None:
-    """Read the intervals fitted for weights; return None if no file is named and none lies beside the weights."""
+    """Read the intervals fitted for weights; return None if no file is named and none lies next to the weights."""
     weights = PREDICTORS.path_of(checkpoint)
     path = weights.with_suffix(".intervals.json") if intervals is None else find_path(intervals)
     if intervals is None and not path.is_file():

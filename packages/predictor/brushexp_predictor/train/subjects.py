@@ -123,7 +123,7 @@ def recolored(picture: Tensor, random: Random) -> Tensor:
 
 
 def lit(picture: Tensor, random: Random) -> Tensor:
-    """Apply a slow fall-off of light across a picture."""
+    """Apply a gradual fall-off of light across a picture."""
     across = torch.linspace(-0.5, 0.5, picture.shape[1])
     down, right = random.normal(0, 0.25, 2)
     return picture * (1 + down * across[:, None] + right * across)

@@ -2,8 +2,8 @@
 
 A known and a predicted stroke match if the intersection over union of their visible regions is at least `MATCH_IOU`;
 each has at most one partner. A known or predicted stroke counts if at least 30 % of its area and 12 pixels are visible
-(`Truth.counts`). A predicted stroke that lies mostly on bare ground, or whose partner does not count, is neither right
-nor wrong.
+(`Truth.counts`). A predicted stroke that lies mostly on bare ground, or whose partner does not count, counts neither as
+right nor as wrong.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""One look at a part of a picture: its regions, merged in a tree, and the nodes of the tree that are strokes."""
+"""Look at part of a picture once: merge its superpixels in a tree, and choose the nodes that are strokes."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -26,7 +26,7 @@ NODE_PRICE = 0.42  # a node is taken if it is worth more
 
 @dataclass(frozen=True)
 class Look:
-    """What one look at a part of a picture shows."""
+    """The result of one look at part of a picture."""
 
     superpixels: Array  # (h, w) int32, the leaf of the tree at each pixel of what was looked at
     tree: MergeTree
@@ -35,7 +35,7 @@ class Look:
     regions: Array  # (h, w) int32, which of them is at each pixel; -1 where there is none
 
     def pixels_for(self, size: tuple[int, ...]) -> tuple[Array, ...]:
-        """Return the rows and columns that show it as a picture of another size (H, W)."""
+        """Return the rows and columns that resample this look to another picture size (H, W)."""
         return np.ix_(*(nearest_pixels(side, own) for side, own in zip(size, self.superpixels.shape, strict=True)))
 
 

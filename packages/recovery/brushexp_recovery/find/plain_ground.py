@@ -1,4 +1,4 @@
-"""Measure the width of strokes that lie on a plain ground, by their shapes alone."""
+"""Measure the width of strokes on a plain ground from their shapes alone."""
 
 from typing import Any
 
@@ -22,8 +22,8 @@ def width_on_plain_ground(image: Array) -> float | None:
     """Measure the median width in pixels of strokes on a plain ground in a picture (H, W, 3).
 
     The ground is the most frequent colour. A stroke's width is twice the distance of its centre line (a skeleton) from
-    the ground; points of the centre lines count by their width. Return None if the ground covers less than 60 % of the
-    picture, or all of it. Where strokes overlap, the width is that of the overlapping shape.
+    the ground; points of the centre lines are weighted by their width. Returns None if the ground covers less than 60 %
+    of the picture, or all of it. Where strokes overlap, the width is that of the overlapping shape.
     """
     from scipy.ndimage import distance_transform_edt, gaussian_filter  # noqa: PLC0415  (slow to import)
     from skimage.color import rgb2lab  # noqa: PLC0415

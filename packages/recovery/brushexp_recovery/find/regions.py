@@ -1,4 +1,4 @@
-"""The regions of the strokes of a picture of any size: found tile by tile at two scales, the surest kept first."""
+"""Find the regions of strokes in a picture of any size, tile by tile at two scales, keeping the most certain."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -27,7 +27,7 @@ OCCLUSION_STEPS = 16  # 8-bit steps of a unit of log-odds
 
 
 class Change(NamedTuple):
-    """How a tile is changed before it is looked at."""
+    """A transformation of a tile before a look."""
 
     zoom: float  # times the scale of the picture
     blur: float  # pixels of sigma
@@ -37,7 +37,7 @@ CHANGES = (Change(1.0, 0.0), Change(1.4, 0.0), Change(0.7, 0.0), Change(1.0, 1.0
 
 
 class Search(NamedTuple):
-    """A search of the whole picture."""
+    """The settings of one search of the whole picture."""
 
     zoom: float  # factor on the scale of the picture
     worth: float  # factor on the chance of each region found
@@ -70,9 +70,9 @@ def find_regions(
     """Find the regions of strokes in a picture (H, W, 3) float32 in [0, 1].
 
     Without a ``zoom``, the automatic scale is used. Each of the ``searches`` proposes regions, and each of its looks
-    sees ``copies`` rotated and mirrored copies. A region is kept if more certain regions leave enough of it free, and
-    if its chance is at least half the mean chance of the kept regions: if there are as many strokes as kept regions,
-    and each region is a stroke with its chance, no other share has a higher expected F1.
+    averages ``copies`` rotated and mirrored copies. A region is kept if more certain regions leave enough of it free,
+    and if its probability is at least half the mean probability of the kept regions. This threshold maximises the
+    expected F1 if there are as many strokes as kept regions, and if each region is a stroke with its probability.
     """
     height, width = image.shape[:2]
     classifiers = model.classifiers()
@@ -114,7 +114,7 @@ def _move_to_picture(candidate: Candidate, tile: Tile, width: int, worth: float)
 
 
 def _keep_maps(occlusion: Array, paint: Array, maps: StrokeMaps, tile: Tile) -> None:
-    """Keep the occlusions, in 8 bits, and where paint is, in the core of a tile."""
+    """Store the occlusions, in 8 bits, and the paint mask for the core of a tile."""
     height, width = tile.box.size
     rows, columns = tile.core.within(tile.box).slices
     zoomed_rows = nearest_pixels(height, maps.occlusion.shape[1])[rows]

@@ -42,9 +42,9 @@ class MergeTree:
 def grow_tree(
     superpixels: Superpixels, perceptron: PerceptronWeights | None, least_chance: float = LEAST_CHANCE
 ) -> MergeTree:
-    """Repeatedly merge the pair that is most likely one stroke until no pair has a chance of ``least_chance``.
+    """Repeatedly merge the pair most likely to be one stroke until no pair has a probability of ``least_chance``.
 
-    Without a perceptron, the chance is the mean affinity.
+    Without a perceptron, the probability is the mean affinity.
     """
     count = len(superpixels.moments)
     moments = np.concatenate([superpixels.moments, np.zeros_like(superpixels.moments)])

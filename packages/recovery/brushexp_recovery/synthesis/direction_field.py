@@ -32,7 +32,7 @@ def detail_of(picture: Array, pitch: float) -> Array:
 
 
 def add_hatching(angles: Array, share: float, random: Random) -> Array:
-    """Replace a ``share`` of a field (H, W) of directions with patches of one direction each."""
+    """Replace a ``share`` of a direction field (H, W) with patches of uniform direction."""
     if share == 0:
         return angles
     height, width = angles.shape

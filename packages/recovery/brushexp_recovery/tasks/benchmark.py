@@ -70,7 +70,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def choose_kinds(cfg: DictConfig, seen: Collection[str]) -> list[str]:
-    """Choose the requested kinds of paintings, without the ``seen`` kinds if only unseen kinds are requested."""
+    """Choose the requested kinds of paintings, excluding the ``seen`` kinds if only unseen kinds are requested."""
     kinds = cfg.kinds or ([*KINDS, *sorted(find_families())] if cfg.unseen else KINDS)
     chosen = [kind for kind in kinds if not (cfg.unseen and kind in seen)]
     if not chosen:
@@ -119,7 +119,7 @@ def read_strokes_of_others(folder: Path, case: Case) -> Prediction:
 def score_case(
     case: Case, method: str, prediction: Prediction, seconds: float, folder: Path, seen: Collection[str]
 ) -> Row:
-    """Score the strokes of a method and store its regions in a folder; recovery was trained on the kinds ``seen``."""
+    """Score a method's strokes and store its regions in a folder; recovery was trained on the kinds ``seen``."""
     figures = score(case.truth, prediction)
     write_npz(folder / f"{case.name}-{method}.npz", labels=prediction.labels)
     log.info("%s, %s: F1 %.3f in %.1f s", case.name, method, figures["f1"], seconds)

@@ -153,7 +153,7 @@ class ScoreTask(Task):
 
 @dataclass
 class TrainRecoveryTask(NetworkTask):
-    """Train the models of task=recover on paintings that are made during the training."""
+    """Train the models of task=recover on paintings that are generated during training."""
 
     module = "brushexp_recovery.tasks.train"
     presets: ClassVar[dict[str, str]] = {"trainer": "network"}

@@ -33,7 +33,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 class RecoveryJob(NetworkJob):
-    """Train a network on paintings that are made during training, then fit the models that judge regions."""
+    """Train a network on paintings generated during training, then fit the models that score regions."""
 
     module: RecoveryModule
     data: RecoveryData

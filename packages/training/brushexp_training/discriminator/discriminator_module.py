@@ -119,7 +119,7 @@ def discriminator_figures(network: Discriminator, batch: ShapeBatch) -> dict[str
 
 
 def save_discriminator(network: Discriminator, path: Path, seed: int, training: dict[str, Any]) -> dict[str, object]:
-    """Set the threshold to the `THRESHOLD_QUANTILE` of valid scores, measure, save with a recipe; return figures."""
+    """Set the threshold to the `THRESHOLD_QUANTILE` of valid scores, measure, save with a recipe, return figures."""
     network.eval()
     with torch.no_grad():
         scores = network(held_out_shapes(seed, Split.VALIDATION).valid.to(network.threshold.device))

@@ -68,7 +68,7 @@ class Wash(Engine):
 
 
 def _look_up(noise: Tensor, place: Tensor) -> Tensor:
-    """Interpolate periodic noise (PERIOD, PERIOD) smoothly at places (P, 2) in cells."""
+    """Interpolate periodic noise (PERIOD, PERIOD) smoothly at points (P, 2) in cells."""
     cell = place.floor()
     share = 0.5 - 0.5 * torch.cos(math.pi * (place - cell))
     column, row = cell.long().unbind(-1)

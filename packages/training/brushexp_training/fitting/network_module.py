@@ -100,7 +100,7 @@ class NetworkModule(L.LightningModule):
             nn.utils.clip_grads_with_norm_(weights, longest, norm)
 
     def goes_well(self, norm: Tensor) -> bool:
-        """Check whether the gradient's norm and the losses are finite; if not, end the training with this step."""
+        """Check whether the gradient's norm and the losses are finite; if not, end the training after this step."""
         well = bool(torch.stack([norm, *self.terms.values()]).isfinite().all())
         if not well and not self.trouble and getattr(self.trainer.precision_plugin, "scaler", None) is None:
             wrong = next((name for name, term in self.terms.items() if not term.isfinite()), None)

@@ -190,7 +190,7 @@ class RendererModule(NetworkModule):
             self.critic_optimizer.step()
 
     def _ask_critic(self, critic: Critic, drawn: Tensor, truth: Tensor, error: Tensor) -> tuple[Tensor, Tensor]:
-        """Compute the renderer's adversarial loss, and the gradient of the pictures by error and critic."""
+        """Compute the renderer's adversarial loss, and the gradient of the pictures due to error and critic."""
         critic.requires_grad_(False)
         loss = relativistic_loss(critic(drawn), critic(truth))
         (pull,) = torch.autograd.grad(loss, drawn)
@@ -208,9 +208,9 @@ def balance(push: Tensor, pull: Tensor, weight: float) -> Tensor:
 
 
 class FreshStart(L.Callback):
-    """Replaces the weights of a network that draws every stroke alike with those of ``fresh()``.
+    """Replaces the weights of a network that draws all strokes alike with those of ``fresh()``.
 
-    Such a network cannot learn, because its slopes vanish. It is replaced at most ``most`` times.
+    Such a network cannot learn, because its gradients vanish. It is replaced at most ``most`` times.
     """
 
     def __init__(self, fresh: Callable[[], nn.Module], most: int = MOST_STARTS) -> None:
@@ -243,9 +243,9 @@ class FreshStart(L.Callback):
 
 
 def share_drawn(drawn: Tensor, true: Tensor) -> float | None:
-    """Compute the variance of alpha among drawn strokes (n, 4, S, S), averaged over pixels, as a share of the true one.
+    """Compute the variance of alpha among drawn strokes (n, 4, S, S), averaged over pixels, relative to the true value.
 
-    For a single stroke it is None.
+    The result is None for a single stroke.
     """
     ours, theirs = (float(pictures[:, 3].float().var(0, unbiased=False).mean()) for pictures in (drawn, true))
     return ours / theirs if theirs else None

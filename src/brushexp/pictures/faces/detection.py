@@ -38,10 +38,10 @@ def find_faces(picture: Tensor, least: float = LEAST_SCORE) -> list[Face]:
 
 
 def find_faces_and_heads(picture: Tensor) -> tuple[list[Face], list[Face]]:
-    """Find the faces in a picture as `find_faces`, and, if there are none, the heads of animals.
+    """Find the faces in a picture like `find_faces`; if there are none, find the heads of animals.
 
-    The network doubts the heads of animals, and its landmarks miss their eyes, but it sees them at several sizes and
-    tilts, which it seldom does where there is none.
+    The network detects the heads of animals with low confidence, and its landmarks miss their eyes. It detects them at
+    several sizes and tilts, however, which is rare for false detections.
     """
     looks = search(picture, HEAD_SEEN_SCORE)
     faces = faces_among(looks, LEAST_SCORE)
@@ -49,7 +49,7 @@ def find_faces_and_heads(picture: Tensor) -> tuple[list[Face], list[Face]]:
 
 
 def search(picture: Tensor, least: float) -> list[list[Face]]:
-    """Search a picture (3, H, W) at several sizes and tilts; list the candidates of at least ``least`` of each look."""
+    """Search a picture (3, H, W) at several sizes and tilts; list each search's candidates of at least ``least``."""
     if min(picture.shape[1:]) < SMALLEST_SIDE:
         return []
     longer = max(picture.shape[1:])
@@ -67,7 +67,7 @@ def search(picture: Tensor, least: float) -> list[list[Face]]:
 
 
 def faces_among(looks: Sequence[Sequence[Face]], least: float) -> list[Face]:
-    """Choose the faces among the candidates of several looks, most certain first."""
+    """Choose the faces among the candidates of several searches, most certain first."""
     found, again = [], min(least, SEEN_AGAIN_SCORE)
     for look in looks:
         others = [face for other in looks if other is not look for face in other if face.score >= again]
@@ -79,7 +79,7 @@ def faces_among(looks: Sequence[Sequence[Face]], least: float) -> list[Face]:
 
 
 def heads_among(looks: Sequence[Sequence[Face]]) -> list[Face]:
-    """Choose the heads of animals among the candidates of several looks, most certain first."""
+    """Choose the heads of animals among the candidates of several searches, most certain first."""
     heads: list[Face] = []
     for head in distinct([face for look in looks for face in look]):
         times = sum(any(is_at_one_place(head, other) for other in look) for look in looks)
@@ -90,7 +90,7 @@ def heads_among(looks: Sequence[Sequence[Face]]) -> list[Face]:
 
 
 def distinct(faces: list[Face]) -> list[Face]:
-    """Keep the face with the highest score at each place by greedy suppression; return the highest scores first."""
+    """Keep the face with the highest score at each position by greedy suppression; return the highest scores first."""
     kept: list[Face] = []
     for face in sorted(faces, key=lambda face: -face.score):
         if not any(is_at_one_place(face, other) for other in kept):
@@ -120,7 +120,7 @@ def _search(picture: Tensor, zoom: float, tilt: float, least: float) -> list[Fac
 
 
 def turned(picture: Tensor, tilt: float) -> Tensor:
-    """Rotate a picture (3, H, W) clockwise by ``tilt`` radians on a black canvas that contains all of it."""
+    """Rotate a picture (3, H, W) clockwise by ``tilt`` radians onto a black canvas large enough for all of it."""
     if not tilt:
         return picture
     height, width = picture.shape[1:]

@@ -90,7 +90,7 @@ class Surroundings:
 
 
 class Loss(nn.Module, ABC):
-    """A term of the objective; class attributes hold the facts that help users choose.
+    """A term of the objective; class attributes hold facts that help users choose a loss.
 
     >>> import torch
     >>> from brushexp.strokes.catalogue import Strokes
@@ -160,7 +160,7 @@ class StyleLoss(Loss):
 
     @abstractmethod
     def check(self, size: tuple[int, int]) -> int:
-        """Return the longer side of the style picture for a canvas of ``size`` (H, W), or refuse it (UserError)."""
+        """Return the longer side of the style picture for a canvas of ``size`` (H, W), or raise a UserError."""
 
     @abstractmethod
     def picture(self, target: Tensor) -> Tensor:
@@ -191,7 +191,7 @@ def restore(losses: Mapping[str, Loss], state: Mapping[str, Mapping[str, Any]]) 
 
 
 def weighted_sum(losses: Mapping[str, Loss], view: PaintedView) -> tuple[Tensor, dict[str, Tensor]]:
-    """Compute the objective, which is the weighted sum of the losses, and each loss unweighted."""
+    """Compute the objective, which is the weighted sum of the losses, and each unweighted loss."""
     terms, weighted = {}, []
     for name, loss in losses.items():
         wider = view.around(loss.context, loss.grid)
