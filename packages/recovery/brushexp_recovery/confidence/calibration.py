@@ -15,7 +15,7 @@ class ReliabilityBin(NamedTuple):
     """A bin of strokes of similar confidence."""
 
     confidence: float  # mean confidence
-    right: float  # share of right strokes
+    right: float  # share of correct strokes
     strokes: int
 
 

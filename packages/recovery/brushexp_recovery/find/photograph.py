@@ -4,7 +4,7 @@ from brushexp.contracts import UserError
 from brushexp.contracts.pictures import sides_of_picture
 
 SHORTEST_SIDE = 48  # pixels
-MOST_PIXELS = 100_000_000  # which are read whole
+MOST_PIXELS = 100_000_000  # because the photograph is read in full
 
 
 def size_of_photograph(path: str, key: str = "image") -> tuple[int, int]:

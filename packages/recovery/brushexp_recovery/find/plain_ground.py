@@ -9,12 +9,12 @@ from brushexp_recovery.raster.resampling import resample
 
 Array = NDArray[Any]
 
-SIDE = 1000  # pixels on the longer side to which a larger picture is reduced
+SIDE = 1000  # longer side, in pixels, to which larger pictures are reduced
 BLUR = 1.0  # standard deviation in pixels of the blur that removes grain
 CELL = 6.0  # CIELAB: side of the cells in which colours are counted
-OF_GROUND = 8.0  # CIELAB: largest distance of a colour of the ground from the median of the ground
+OF_GROUND = 8.0  # CIELAB: largest distance of a ground colour from the ground's median
 LEAST_GROUND = 0.6  # smallest share of a picture that its ground covers
-HAIR = 1.5  # pixels: largest half width that is not counted as a stroke
+HAIR = 1.5  # pixels: half width up to which a line is too thin to count as a stroke
 FEWEST_POINTS = 5  # smallest number of points on the centre lines of strokes
 
 

@@ -21,26 +21,26 @@ from brushexp_recovery.segment.affinity_maps import StrokeMaps, predict_maps
 
 Array = NDArray[Any]
 
-TILE_SIDE = 512  # pixels, zoomed
-KEPT_SHARE = 0.5  # of the mean chance of the regions that are kept: no region below is kept
-OCCLUSION_STEPS = 16  # 8-bit steps of a unit of log-odds
+TILE_SIDE = 512  # pixels after zooming
+KEPT_SHARE = 0.5  # a region is kept if its probability is at least this share of the mean of the kept regions
+OCCLUSION_STEPS = 16  # 8-bit steps per unit of log-odds
 
 
 class Change(NamedTuple):
     """A transformation of a tile before a look."""
 
-    zoom: float  # times the scale of the picture
-    blur: float  # pixels of sigma
+    zoom: float  # relative to the scale of the picture
+    blur: float  # standard deviation in pixels
 
 
-CHANGES = (Change(1.0, 0.0), Change(1.4, 0.0), Change(0.7, 0.0), Change(1.0, 1.0))  # one for each look at a tile
+CHANGES = (Change(1.0, 0.0), Change(1.4, 0.0), Change(0.7, 0.0), Change(1.0, 1.0))  # one per look at a tile
 
 
 class Search(NamedTuple):
     """The settings of one search of the whole picture."""
 
-    zoom: float  # factor on the scale of the picture
-    worth: float  # factor on the chance of each region found
+    zoom: float  # relative to the scale of the picture
+    worth: float  # factor on the probability of each region found
 
 
 SEARCHES = (Search(1.0, 1.0), Search(0.5, 0.75))  # the second finds broad strokes where it is clearly more certain
@@ -50,13 +50,13 @@ SEARCHES = (Search(1.0, 1.0), Search(0.5, 0.75))  # the second finds broad strok
 class Regions:
     """N regions of a picture, each the visible part of one stroke."""
 
-    labels: Array  # (H, W) int32, 0 to N - 1, -1 where there is none
-    chance: Array  # (N,) how far all looks agree with it, 0 to 1
+    labels: Array  # (H, W) int32, 0 to N - 1, or -1 for none
+    chance: Array  # (N,) agreement of all looks on the region, 0 to 1
     attributes: Array  # (N, len(StrokeAttribute)) predicted, in pixels of the picture
     occlusion: Array  # (len(OCCLUSION_OFFSETS), H, W) int8, log-odds in 1 / OCCLUSION_STEPS that the stroke at an
     # offset, divided by the zoom, lies above the one here
-    paint: Array  # (H, W) bool, whether the network sees paint, and not bare ground
-    zoom: float  # at which the picture was looked at
+    paint: Array  # (H, W) bool, whether the network predicts paint rather than bare ground
+    zoom: float  # scale at which the picture was searched
 
 
 def find_regions(
@@ -121,5 +121,5 @@ def _keep_maps(occlusion: Array, paint: Array, maps: StrokeMaps, tile: Tile) -> 
     zoomed_columns = nearest_pixels(width, maps.occlusion.shape[2])[columns]
     paint[tile.core.slices] = maps.paint[zoomed_rows[:, None], zoomed_columns] > 0
     levels = np.clip(maps.occlusion * OCCLUSION_STEPS, -127, 127).astype(np.int8)
-    for channel, level in enumerate(levels):  # one at a time: a tile of a broad brush has millions of pixels
+    for channel, level in enumerate(levels):  # one by one, because a tile of a broad brush has millions of pixels
         occlusion[channel][tile.core.slices] = level[zoomed_rows[:, None], zoomed_columns]

@@ -17,13 +17,13 @@ from brushexp_recovery.segment.affinity_maps import predict_maps
 
 Array = NDArray[Any]
 
-SCALES = (0.15, 3.0)  # smallest and largest
-BEST_WIDTH = 18.0  # pixels: median width of strokes; a quarter more than in training finds 2 % more strokes
-TRIALS = 3  # looks at parts of a picture, to guess its scale
-PART_SIDE = 384  # pixels of these parts, zoomed
-GUESS_BONUS = 0.05  # by which another scale must explain more of a picture than the guessed one
-SETTLED = 0.2  # change of the logarithm of a scale that is not worth another look
-LEAST_PAINT = 0.02  # share of pixels, below which nothing is said of widths
+SCALES = (0.15, 3.0)  # smallest and largest scale
+BEST_WIDTH = 18.0  # pixels: median stroke width; a quarter wider than in training, which finds 2 % more strokes
+TRIALS = 3  # number of predictions for parts of a picture to estimate its scale
+PART_SIDE = 384  # pixels of these parts after zooming
+GUESS_BONUS = 0.05  # relative lead in explained share that another scale needs over the estimated one
+SETTLED = 0.2  # change of the logarithm of a scale below which no further prediction is made
+LEAST_PAINT = 0.02  # share of paint below which widths are ignored
 
 
 def find_zoom(model: RecoveryModel, classifiers: Classifiers, image: Array) -> float:

@@ -7,15 +7,15 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 
-FREE_SHARE = 0.6  # of a region, that surer ones must leave to it
+FREE_SHARE = 0.6  # share of a region that more certain regions must leave free
 
 
 @dataclass(frozen=True)
 class Candidate:
     """A region as found by one look."""
 
-    pixels: Array  # flat indices int32, in the tile, later in the picture
-    chance: float  # mean over the looks of how far they agree with it
+    pixels: Array  # int32 flat indices in the tile, later in the picture
+    chance: float  # mean agreement of the looks with the region
     attributes: Array  # (len(StrokeAttribute),) in pixels of the picture
 
 
