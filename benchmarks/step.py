@@ -177,7 +177,7 @@ def lightning_cost(blocks: int = 12, steps: int = 15) -> None:
     times: dict[str, list[float]] = {"bare": [], "lightning": [], "bare, only the check for finite numbers": []}
 
     class Alternate(L.Callback):
-        """Callback that runs as many bare steps after each block of Lightning's steps."""
+        """Callback that runs an equal number of bare steps after each block of Lightning's steps."""
 
         begin = 0.0
 

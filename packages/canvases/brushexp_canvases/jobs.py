@@ -44,7 +44,7 @@ def workers(n: int, address: str | None) -> Iterator[Client]:
         if address in (None, SLURM):
             stack.enter_context(config.set(SLIM))
             local = {"threads_per_worker": 1, "dashboard_address": ANY_PORT, "silence_logs": SILENT}
-            with out_of_reach():
+            with blocked_interrupts():
                 cluster = stack.enter_context(_by_slurm(n) if address == SLURM else LocalCluster(n_workers=n, **local))
             yield stack.enter_context(Client(cluster))
             return
@@ -57,7 +57,7 @@ def workers(n: int, address: str | None) -> Iterator[Client]:
 
 
 @contextmanager
-def out_of_reach() -> Iterator[None]:
+def blocked_interrupts() -> Iterator[None]:
     """Block Ctrl-C temporarily here, and permanently in child threads and processes, since terminals send it to all."""
     if not hasattr(signal, "pthread_sigmask"):  # on Windows
         yield

@@ -24,11 +24,11 @@ from brushexp_coding.file import file_of
 from brushexp_coding.ordering import neighbouring_order
 from brushexp_coding.rounding import (
     DRIFT,
-    OF_WINDOWS,
+    WINDOW_COLUMNS,
     Column,
     Rounded,
-    facing_right,
     is_paint,
+    orient_right,
     round_values,
     rung_near,
     strokes_of,
@@ -47,7 +47,7 @@ LEAST_ERROR, MOST_ERROR = 1e-7, 1e-2  # mean squared errors of the finest and th
 RATE = 0.1  # learning rate of the descent (Adam), in rounding steps
 SAME = 1e-8  # mean squared error below which two pictures count as equal
 STAGES = (  # groups of columns that are rounded together, in order
-    (*OF_WINDOWS, Column.CHORD_X, Column.CHORD_Y),
+    (*WINDOW_COLUMNS, Column.CHORD_X, Column.CHORD_Y),
     (Column.BEND_X, Column.BEND_Y),
     (Column.MIDDLE_X, Column.MIDDLE_Y, Column.THICKNESS),
     (Column.SOFTNESS, Column.OPACITY, Column.WIDENING),
@@ -176,7 +176,7 @@ class Template:
     def values(self) -> Tensor:
         """Compute the values (N, C) of the columns, float64."""
         values = values_of(self.strokes, windows=self.windows)
-        return facing_right(values) if self.turned else values
+        return orient_right(values) if self.turned else values
 
     def made_of(self, values: Tensor) -> Strokes:
         """Make strokes from given values (N, C), float64, as when a file is read."""
@@ -210,7 +210,7 @@ class _Rounding:
             self._allocate(-np.log2(self._sensitivity().numpy().clip(UNSEEN)))
 
     def scale_for(self, error: float) -> float:
-        """Estimate the scale at which rounding all at once adds an error, if the picture is linear in the numbers."""
+        """Estimate the scale at which rounding everything adds an error, if the picture is linear in the numbers."""
         return (12 * error / max(1, self._values.numel())) ** 0.5
 
     def error(self, rounded: Rounded) -> float:

@@ -52,7 +52,7 @@ class Column(IntEnum):
 
 DRIFT = tuple(range(Column.DRIFT_RED, Column.DRIFT_BLUE + 1))
 PAINT = (Column.RED, Column.GREEN, Column.BLUE, *DRIFT)
-OF_WINDOWS = (Column.OFFSET_X, Column.OFFSET_Y, Column.SIDE)
+WINDOW_COLUMNS = (Column.OFFSET_X, Column.OFFSET_Y, Column.SIDE)
 REVERSED = (Column.CHORD_X, Column.CHORD_Y, Column.WIDENING, *DRIFT)
 
 
@@ -73,7 +73,7 @@ class Rounded:
     @classmethod
     def none(cls) -> "Rounded":
         """Make an empty set of strokes."""
-        columns = len(Column) - len(OF_WINDOWS)
+        columns = len(Column) - len(WINDOW_COLUMNS)
         return cls(np.zeros((0, columns), np.int64), np.zeros((0, 2), np.int64), np.zeros(columns, np.int64), False)
 
     def __len__(self) -> int:
@@ -165,7 +165,7 @@ def round_values(values: Tensor, steps: np.ndarray) -> np.ndarray:
     return np.clip(numbers, 1 - LARGEST // 2, LARGEST // 2 - 1).astype(np.int64)
 
 
-def facing_right(values: Tensor) -> Tensor:
+def orient_right(values: Tensor) -> Tensor:
     """Reverse strokes (N, C) that lead to the left, which changes no picture unless the renderer has textures."""
     back = (values[:, Column.CHORD_X] < 0) | ((values[:, Column.CHORD_X] == 0) & (values[:, Column.CHORD_Y] < 0))
     signs = torch.ones_like(values)

@@ -41,13 +41,19 @@ class Jpg(SheetExporter):
         density = {} if self.density is None else {"dpi": (round(self.density),) * 2}
         with replacing(folder / "painting.jpg") as temporary:
             picture.save(
-                temporary, "JPEG", quality=self.quality, subsampling=0, progressive=True, icc_profile=srgb(), **density
+                temporary,
+                "JPEG",
+                quality=self.quality,
+                subsampling=0,
+                progressive=True,
+                icc_profile=srgb_profile(),
+                **density,
             )
         return [folder / "painting.jpg"]
 
 
 @cache
-def srgb() -> bytes:
+def srgb_profile() -> bytes:
     """Make an sRGB profile that is always byte-identical."""
     profile = bytearray(ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes())
     profile[MADE] = struct.pack(">6H", 2000, 1, 1, 0, 0, 0)

@@ -89,7 +89,7 @@ class Carrier:
         state = DensificationState(*pictures, strokes, budget, 0, 0, lambda: matter)
         new = new_strokes(state, count, NEW_STROKE_SIZE, TOLERANCE).moved(shift=(region.left, region.top))
         removed = number[matter.argsort(stable=True)[: len(new)]]
-        new = self.renderer.convert(in_manner_of(new, cel.strokes[removed], self.components.optimizer.units))
+        new = self.renderer.convert(with_paint_of(new, cel.strokes[removed], self.components.optimizer.units))
         above = torch.zeros_like(moves)
         above[removed] = True
         front_to_back = torch.cat([removed, cel.front_to_back[~above[cel.front_to_back]]])
@@ -222,7 +222,7 @@ def find_strokes(strokes: Strokes, region: Region, edge: float) -> Tensor:
     return ((high > corner) & (low < corner + low.new_tensor([region.width, region.height]))).all(1).nonzero()[:, 0]
 
 
-def in_manner_of(new: Strokes, old: Strokes, units: Mapping[str, float]) -> Strokes:
+def with_paint_of(new: Strokes, old: Strokes, units: Mapping[str, float]) -> Strokes:
     """Give new strokes the opacity of ``old`` strokes, and also their colour and shape if these are not optimised."""
     fields = {"opacity"} | ({"color"} if not units.get("color") else set())
     if not any(units.get(name) for name in SHAPE):

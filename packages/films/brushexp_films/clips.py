@@ -56,7 +56,7 @@ class Clip:
     seconds: float = 0.0  # length of the video that the file states; 0 if it does not
 
 
-class Shown(NamedTuple):
+class TimedPicture(NamedTuple):
     """A picture (H, W, 3), uint8 sRGB, and the start and end of its display time in seconds."""
 
     picture: np.ndarray
@@ -129,7 +129,7 @@ def _rate_of(frames: list[Any]) -> Fraction:
     return (1 / steps[len(steps) // 2]).limit_denominator(1000) if steps else USUAL_RATE
 
 
-def timed_pictures(clip: Clip) -> Iterator[Shown]:
+def timed_pictures(clip: Clip) -> Iterator[TimedPicture]:
     """Decode the pictures one by one, upright, with times since the film's beginning, until its end or a defect.
 
     Each picture is shown until the next; the last is shown as long as the film states, or as long as the one before.
@@ -140,17 +140,17 @@ def timed_pictures(clip: Clip) -> Iterator[Shown]:
             last = picture, time, length
             continue
         begin = max(time, last[1] + SHORTEST_FRAME)
-        yield Shown(last[0], last[1], begin)
+        yield TimedPicture(last[0], last[1], begin)
         last = picture, begin, length or begin - last[1]
     if last is not None:
-        yield Shown(last[0], last[1], last[1] + (last[2] or 1 / clip.rate))
+        yield TimedPicture(last[0], last[1], last[1] + (last[2] or 1 / clip.rate))
 
 
-def pictures_between(clip: Clip, start: float, stop: float | None, every: int) -> Iterator[Shown]:
+def pictures_between(clip: Clip, start: float, stop: float | None, every: int) -> Iterator[TimedPicture]:
     """Decode every n-th picture shown between two seconds, with times relative to ``start``."""
     first = Fraction(start).limit_denominator(10**6)
     last = None if stop is None else Fraction(stop).limit_denominator(10**6)
-    held: Shown | None = None
+    held: TimedPicture | None = None
     number = 0
     for shown in timed_pictures(clip):
         if shown.end <= first + SHORTEST_FRAME:
@@ -164,7 +164,7 @@ def pictures_between(clip: Clip, start: float, stop: float | None, every: int) -
         else:
             if held is not None:
                 yield held._replace(end=begin - first)
-            held = Shown(shown.picture, begin - first, end - first)
+            held = TimedPicture(shown.picture, begin - first, end - first)
         number += 1
     if held is not None:
         yield held

@@ -253,7 +253,7 @@ def _pull_color(
 
 @jit(do_not_specialize=["numbers"])
 def sum_rows(pairs, space, order, sums, numbers, WIDTH: tl.constexpr, ROWS: tl.constexpr):
-    """Sum each stroke's rows of ``pairs`` (., numbers), from ``space`` on, in double precision into ``sums`` (N, .)."""
+    """Sum each stroke's rows of ``pairs`` (., numbers), from ``space``, into ``sums`` (N, .) in double precision."""
     k = tl.program_id(0)
     begin, end = tl.load(space + k), tl.load(space + k + 1)
     row, column = tl.arange(0, ROWS)[:, None], tl.arange(0, WIDTH)[None, :]

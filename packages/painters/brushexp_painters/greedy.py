@@ -33,7 +33,7 @@ class Greedy(Painter):
 
     Differs from the source: shapes are strokes; candidates are sampled in proportion to the error, not uniformly;
     several mutations are tried at a time, and they shrink from round to round; and errors are measured at about 400
-    pixels per stroke. The search assumes plain strokes, whatever the renderer.
+    pixels per stroke. The search assumes plain strokes, even with other renderers.
 
     Args:
         candidates: random candidates per stroke.

@@ -15,7 +15,7 @@ from brushexp.contracts.pictures import sampled_at
 from brushexp.contracts.strokes import Catalogue, Strokes
 from brushexp_painters._laying import numpy_generator, strokes_from_arrays, vectors
 
-IN_A_BLOCK = 10  # approximate number of strokes per block, unless ``levels`` is set
+STROKES_PER_BLOCK = 10  # approximate number of strokes per block, unless ``levels`` is set
 INSIDE = 0.9  # share of a block, measured from each side, in which a stroke's middle may lie
 BLUR = 1 / 16  # standard deviation, in blocks, by which the error map is blurred before sampling
 WIDTHS = (0.02, 0.6)  # range of stroke widths, in blocks
@@ -59,7 +59,7 @@ class ProgressiveBlocks(Painter):
 
     def __call__(self, request: PaintRequest) -> Iterator[PaintState]:
         random, strokes = numpy_generator(request.generator), Strokes.none(request.target)
-        levels = self.levels or max(1, round((3 * request.n / IN_A_BLOCK) ** (1 / 3)))
+        levels = self.levels or max(1, round((3 * request.n / STROKES_PER_BLOCK) ** (1 / 3)))
         while levels > 1 and sum(m * m for m in range(1, levels + 1)) > request.n:
             levels -= 1
         each = request.n // sum(m * m for m in range(1, levels + 1))
@@ -121,7 +121,7 @@ def initial_strokes(request: PaintRequest, strokes: Strokes, m: int, random: np.
     along = vectors(0.5 * length, angle)
     curves = np.stack([middle - along, middle, middle + along], 1)
     color = sampled_at(request.target.cpu().numpy(), *middle.T).T
-    new = in_windows(strokes_from_arrays(curves, thickness, color, 0.95), block)
+    new = with_windows(strokes_from_arrays(curves, thickness, color, 0.95), block)
     return new.map(lambda value: value.to(request.target))
 
 
@@ -132,7 +132,7 @@ def block_span(number: int, m: int, side: int) -> tuple[int, int]:
     return first, max(int(last), first + 1)
 
 
-def in_windows(strokes: Strokes, side: float) -> Strokes:
+def with_windows(strokes: Strokes, side: float) -> Strokes:
     """Express strokes in windows of ``side`` pixels, so that all strokes of a level have the same learning rates."""
     share = strokes.scale / side
     points = {name: getattr(strokes, name) * share[:, None] for name in ("start", "control", "end")}

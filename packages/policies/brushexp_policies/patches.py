@@ -125,7 +125,7 @@ def places(position: Tensor, most: int, side: float, generator: torch.Generator)
 
 
 def nearest_to_box(position: Tensor, among: Tensor, low: Tensor, high: Tensor, n: int) -> Tensor:
-    """List, in order, the ``n`` strokes ``among`` (N,), bool, that are nearest to a box from ``low`` to ``high``."""
+    """List the ``n`` strokes nearest to a box from ``low`` to ``high``, in order, out of those ``among`` (N,), bool."""
     outside = (low - position).clamp_min(0) + (position - high).clamp_min(0)
     distance = torch.where(among, outside.square().sum(1), torch.inf)
     return distance.topk(min(n, int(among.sum())), largest=False).indices.sort().values

@@ -1,4 +1,4 @@
-"""Grow a painting in strata: a few large strokes, then repeatedly as many again, smaller and on top."""
+"""Grow a painting in strata: a few large strokes, then repeatedly double their number with smaller ones on top."""
 
 from dataclasses import dataclass, replace
 from typing import Annotated
@@ -38,8 +38,8 @@ class Strata(Traced):
     moved: Annotated[float, between(0, 0.5)] = 0.0
     surplus: Annotated[float, between(0, 0)] = 0.0
 
-    def replaced(self, state: DensificationState, missing: int, weakest: Tensor) -> tuple[Strokes, int]:
-        return super().replaced(replace(state, budget=len(state.strokes) + missing), missing, weakest)
+    def replacements(self, state: DensificationState, missing: int, weakest: Tensor) -> tuple[Strokes, int]:
+        return super().replacements(replace(state, budget=len(state.strokes) + missing), missing, weakest)
 
     def _goal(self, current: int, rounds: int, budget: int) -> int:
         first = max(1, self._first)

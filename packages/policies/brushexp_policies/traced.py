@@ -59,7 +59,7 @@ class Traced(Rounds):
 
     price: Annotated[float, at_least(0)] = 0.1
 
-    def replaced(self, state: DensificationState, missing: int, weakest: Tensor) -> tuple[Strokes, int]:
+    def replacements(self, state: DensificationState, missing: int, weakest: Tensor) -> tuple[Strokes, int]:
         new, gain = traced_strokes(state, missing + len(weakest), CHANNELS * self.tolerance**2)
         offered = gain[missing:]  # the best lines fill missing strokes; the next ones compete with the weakest strokes
         pays = int((offered > self.price * weakest[: len(offered)]).long().cumprod(0).sum())

@@ -41,9 +41,9 @@ class Predicted(Initializer):
 
     def __call__(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None = None) -> Strokes:
         from brushexp_predictor.lay.network import load_predictor  # noqa: PLC0415  (``--help`` needs no compiled kernels)
-        from brushexp_predictor.lay.predicting import in_best_colors, predict  # noqa: PLC0415
+        from brushexp_predictor.lay.predicting import predict, with_best_colors  # noqa: PLC0415
 
         network = load_predictor(self.checkpoint)
         *_, strokes = predict(network, target, n, generator, self.temperature, focus)
         strokes = strokes[Area().depth(strokes, None).argsort(stable=True)]  # colours are fitted for this initial order
-        return in_best_colors(network, strokes, target, self.color_rounds)
+        return with_best_colors(network, strokes, target, self.color_rounds)

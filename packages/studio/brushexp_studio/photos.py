@@ -110,7 +110,7 @@ class Photos:
             picture = Image.fromarray(pixels)
             picture.thumbnail((LARGEST_SIDE, LARGEST_SIDE), Image.Resampling.LANCZOS)
             del pixels
-        file = self.folder / key / f"{in_plain_letters(Path(name).stem)}.png"  # the page of the painting shows its name
+        file = self.folder / key / f"{portable_name(Path(name).stem)}.png"  # the page of the painting shows its name
         file.parent.mkdir(exist_ok=True)
         write_picture(file, np.asarray(picture))
         remark = " ".join(told).replace(f"picture={path}", name)
@@ -136,6 +136,6 @@ def remarks() -> Iterator[list[str]]:
         root.removeHandler(listener)
 
 
-def in_plain_letters(name: str) -> str:
+def portable_name(name: str) -> str:
     """Make a file name that is valid on every system."""
     return re.sub(r"[^\w-]+", "_", name)

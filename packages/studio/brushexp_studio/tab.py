@@ -38,7 +38,7 @@ def add_page(app: FastAPI, photos: Photos, works: Works, drafts: Drafts) -> None
     def studio() -> None:
         ui.add_head_html(head)
         ui.html(bar, sanitize=False)
-        Tab(Visit(photos, works, drafts, sorted(look_names(), key=likelihood)))
+        Tab(Visit(photos, works, drafts, sorted(look_names(), key=by_popularity)))
 
     ui.run_with(
         app, title="brushexp studio", favicon=ICON, dark=None, language="en-US", tailwind=False,
@@ -46,7 +46,7 @@ def add_page(app: FastAPI, photos: Photos, works: Works, drafts: Drafts) -> None
     )  # fmt: skip
 
 
-def likelihood(look: str) -> tuple[int, str]:
+def by_popularity(look: str) -> tuple[int, str]:
     """Order looks by popularity; users' own looks come last, by name."""
     return (LIKELY.index(look) if look in LIKELY else len(LIKELY)), look
 

@@ -13,7 +13,7 @@ from brushexp.contracts import UserError, build
 from brushexp.contracts.pictures import load_mask
 from brushexp.contracts.strokes import Strokes, curve_of, half_width_of, length_of, point_at, save_catalogue
 
-HOWS = {"finer": "Finer here", "looser": "Looser here", "again": "Again"}
+TOUCH_KINDS = {"finer": "Finer here", "looser": "Looser here", "again": "Again"}
 FACTORS = {"finer": 3.0, "looser": 0.25, "again": 1.0}  # number of fresh strokes per removed stroke
 FEWEST_STROKES = 6  # minimum number of strokes for a place
 TOO_SMALL = "this place is too small for its strokes; paint over more of it"
@@ -25,7 +25,7 @@ class Touch:
 
     number: int  # number of the painting
     mask: Path
-    how: str  # a key of `HOWS`
+    how: str  # a key of `TOUCH_KINDS`
 
 
 def lay_fresh_strokes(painting: Any, touch: Touch, seed: int, path: Path) -> None:

@@ -16,7 +16,7 @@ import brushexp
 from brushexp.contracts import UserError
 from brushexp.contracts.pages import encode
 from brushexp_studio.downloads import BROKEN, FORMS, MADE, MAKING, PRINTS, Download, Stopped, make_file
-from brushexp_studio.photos import JPEG, in_plain_letters
+from brushexp_studio.photos import JPEG, portable_name
 from brushexp_studio.plans import Plan
 from brushexp_studio.prints import Print
 from brushexp_studio.touches import TOO_SMALL, lay_fresh_strokes, overrides_of
@@ -61,7 +61,7 @@ class Work:
     @property
     def name(self) -> str:
         """Name of saved files, valid on every system."""
-        return in_plain_letters(f"{Path(self.wishes.subject.name).stem}-{self.wishes.look}-{self.number}")
+        return portable_name(f"{Path(self.wishes.subject.name).stem}-{self.wishes.look}-{self.number}")
 
     @property
     def ratio(self) -> float:

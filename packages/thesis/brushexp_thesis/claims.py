@@ -26,7 +26,7 @@ class Claim:
     """A sentence of the thesis and the comparison that decides whether it holds; see claims.yaml.
 
     ``cannot`` gives the reason why no study here could test the claim. ``needs`` describes what such a study would
-    need; the claim is then *not run*, whatever its study has measured.
+    need; the claim is then *not run*, regardless of what its study has measured.
     """
 
     study: str = ""
@@ -45,8 +45,8 @@ class Claim:
     def answer(self, difference: Difference) -> tuple[str, Bounds]:
         """Decide the claim by a measured difference; the verdict of an open claim is the difference's own verdict.
 
-        The bounds are those of the mean gain stated by the verdict or, if it is undecided, by the claim. A claim of a
-        gain is first tested for the absence of a gain that matters.
+        The bounds are those on the mean gain that the verdict states or, if it is undecided, that the claim states. A
+        claim of a gain is first tested for the absence of a gain that matters.
         """
         matters, least = difference.quantity.matters, math.log(self.at_least)
         larger = (0.0, math.inf) if difference.mean > 0 else (-math.inf, 0.0)

@@ -16,7 +16,7 @@ from brushexp_studies.paired import (
 
 from brushexp.contracts.results import holm
 from brushexp_thesis.claims import CANNOT, DEPENDS, NOT_RUN, Claim
-from brushexp_thesis.evidence import detectable_effect, median_of, p_of_both_ways, p_of_mean, p_of_ranks
+from brushexp_thesis.evidence import detectable_effect, median_of, p_of_gains_and_losses, p_of_mean, p_of_ranks
 from brushexp_thesis.study_records import Study
 
 LEAST_RANKED = 6  # minimum number of units at which ranks can be significant
@@ -106,7 +106,7 @@ def _judge_alone(claim: Claim, studies: Mapping[str, Study]) -> Judgement:
     verdict, stated = claim.answer(difference)
     gains = list(difference.gains.values())
     if verdict == DEPENDS:
-        return Judgement(claim, difference, verdict, verdict, p_of_both_ways(gains, difference.quantity.matters))
+        return Judgement(claim, difference, verdict, verdict, p_of_gains_and_losses(gains, difference.quantity.matters))
     return Judgement(claim, difference, verdict, verdict, p_of_mean(gains, stated), p_of_ranks(gains, stated))
 
 

@@ -120,14 +120,14 @@ def _read_sweeps(folders: Sequence[Path], into: Path) -> Iterator[Study]:
             continue
         frame = gather([path], into)
         if (table := paired_table(frame)) is not None:
-            table = as_listed(table, record.get("jobs", []))
+            table = rename_options(table, record.get("jobs", []))
             finished = frame[~frame["run", "status"].isin(UNFINISHED)]
             sizes = (len(record.get("jobs", [])), len(frame), len(finished))
             remark = remark_on_provenance(finished)
             yield Study(name, tuple(_short(words)), table, *sizes, _cost(finished["metric"]), provenance=remark)
 
 
-def as_listed(table: pd.DataFrame, jobs: Sequence[Sequence[str]]) -> pd.DataFrame:
+def rename_options(table: pd.DataFrame, jobs: Sequence[Sequence[str]]) -> pd.DataFrame:
     """Rename the options of a `paired_table` to the study's settings, the arguments of ``jobs`` after the picture.
 
     The table's own options lack the arguments that all jobs share, and are ordered differently.

@@ -191,7 +191,7 @@ def paint(
             ``**{"init.length": 3}``. ``style`` and ``focus`` may be pictures, too.
 
     Raises:
-        UserError: says in one line what is wrong, as on the command line.
+        UserError: if an argument is wrong; the message is that of the command line.
 
     >>> painting = paint("astronaut", look="plain", resolution=32, strokes=20, steps=3)
     >>> painting.image.shape, len(painting.strokes), painting.metrics["steps"]

@@ -14,12 +14,12 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.config.changes import expand_changes
-from brushexp.config.check import check, leave_to_others
+from brushexp.config.check import check, check_stand_ins
 from brushexp.config.compose import composed, folders_of
 from brushexp.config.key_types import type_of_key
 from brushexp.config.mistakes import explanation
 from brushexp.config.publish import prepare
-from brushexp.config.vocabulary import as_found
+from brushexp.config.vocabulary import spell_paths
 from brushexp.config.words import as_typed, expand_shorthand, parse_value
 from brushexp.errors import UserError
 from brushexp.pictures.held import HeldPicture, hold, is_picture
@@ -99,8 +99,8 @@ def settings_of(task: str, options: Mapping[str, Any], output: str | os.PathLike
     held: dict[str, HeldPicture] = {}
     folder = None if output is None else find_path(output).resolve()
     words = [f"task={task}", *words_from(options, held), *([] if folder is None else [f"output={folder}"])]
-    words = [expand_shorthand(word, task=task) for word in expand_changes([as_found(word) for word in words])]
-    leave_to_others(task, dict(word.split("=", 1) for word in words))
+    words = [expand_shorthand(word, task=task) for word in expand_changes([spell_paths(word) for word in words])]
+    check_stand_ins(task, dict(word.split("=", 1) for word in words))
     try:
         cfg = _composed(tuple(word for word in words if not word.startswith(PICTURE)), tuple(folders)).copy()
         for word in words:

@@ -11,7 +11,7 @@ from io import TextIOWrapper
 from pathlib import Path
 
 from brushexp import __version__
-from brushexp.config.vocabulary import as_found, as_task, is_path, meaning_of, respelt, task_names
+from brushexp.config.vocabulary import is_path, meaning_of, respell_task, spell_paths, switch_spelling, task_names
 from brushexp.pictures.folders import is_several
 from brushexp.system.heartbeat import heartbeat
 from brushexp.system.words import table_of_words
@@ -28,7 +28,7 @@ def open_with(words: Sequence[str]) -> list[str]:
     open_streams()
     if isinstance(sys.stdout, TextIOWrapper):  # tests may have replaced it
         sys.stdout.reconfigure(errors="backslashreplace")  # like stderr: the encoding may lack some characters
-    words = [as_task(as_found(word)) for word in words]
+    words = [respell_task(spell_paths(word)) for word in words]
     if "--version" in words:
         print(f"brushexp {__version__}")
         sys.exit()
@@ -82,7 +82,7 @@ def painting_line(keys: Mapping[str, str], alone: Sequence[str]) -> str:
     if not all(is_path(one) or is_several(one) or is_sample(one) or "pictures" in keys for one in pictures):
         return ""
     look, words = keys.get("look", "oil"), table_of_words("look_in_words")
-    way = words.get(look) or words.get(respelt(look)) or f"with look={look}"
+    way = words.get(look) or words.get(switch_spelling(look)) or f"with look={look}"
     style = keys.get("style", keys.get("style.image"))
     several = "the pictures of " if len(pictures) == 1 and is_several(pictures[0]) else ""
     return f"painting {several}{', '.join(pictures)} {way}" + (f", in the style of {style}" if style else "")

@@ -15,9 +15,9 @@ from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.cli.help import help_text, topic_of
-from brushexp.cli.many_pictures import as_sweep
+from brushexp.cli.many_pictures import expand_pictures
 from brushexp.compat.hidden_packages import REMARKS
-from brushexp.compat.hydra import composing_once, one_store, parse_arguments
+from brushexp.compat.hydra import parse_arguments, shared_store, skip_sweep_check
 from brushexp.config.changes import expand_changes
 from brushexp.config.compose import composed, folders_of, search_path, without_folder
 from brushexp.config.key_types import type_of_key
@@ -28,7 +28,7 @@ from brushexp.config.schema import Task
 from brushexp.config.stands_for import spell_out
 from brushexp.config.tasks import TASKS, add_task
 from brushexp.config.vocabulary import is_path, meaning_of
-from brushexp.config.words import ALL_PIXELS, RESUME_SWEEP, at_home, expand_positional, expand_shorthand
+from brushexp.config.words import ALL_PIXELS, RESUME_SWEEP, expand_home, expand_positional, expand_shorthand
 from brushexp.errors import UserError
 from brushexp.system.heartbeat import heartbeat
 from brushexp.system.runtime import end_on_signals, interrupted_code
@@ -68,7 +68,7 @@ def run(start: float) -> None:
             print(help_text(composed(settings, folders), typed.overrides, folders, topic))
         else:
             sys.argv[1:] = search_path(folders) + without_folder(words)
-            with one_store(), composing_once(words):
+            with shared_store(), skip_sweep_check(words):
                 job()
 
 
@@ -83,18 +83,18 @@ def expand_arguments(arguments: list[str]) -> list[str]:
 
     A UserError names the argument that is not ``key=value`` or has an invalid value.
     """
-    arguments = without_general(spell_out([at_home(word) for word in arguments]))
+    arguments = drop_implied(spell_out([expand_home(word) for word in arguments]))
     typed, after_flags = parse_arguments(arguments)
     refuse_flags(after_flags)
     overrides = {*typed.overrides, *after_flags}
     task = next((word.removeprefix("task=") for word in arguments if word.removeprefix("task=") in TASKS), "paint")
     beside = dict(word.split("=", 1) for word in overrides if "=" in word)
     words = [expand_positional(word, task, beside) if word in overrides else word for word in arguments]
-    refuse_two_of_a_kind(arguments, words)
+    check_duplicates(arguments, words)
     flags = {word for word, argument in zip(words, arguments, strict=True) if argument not in overrides}
-    whole = expand_changes(add_task(in_place(joined(words, TASKS[task]))), sweep=typed.multirun)
+    whole = expand_changes(add_task(resume_in_own_folder(join_paths(words, TASKS[task]))), sweep=typed.multirun)
     ours = {*whole} - flags
-    plain = as_sweep(whole, typed.multirun)
+    plain = expand_pictures(whole, typed.multirun)
     has_study = any(word.startswith("experiment=") for word in plain)
     task = "" if has_study else next((word[5:] for word in reversed(plain) if word.startswith("task=")), "paint")
     if typed.multirun and task == "paint" and not any(word.startswith(RESOLUTIONS) for word in plain):
@@ -112,13 +112,13 @@ def refuse_flags(words: Sequence[str]) -> None:
             raise UserError(f"{word} is not a flag; {cure or '--help lists the keys, which have no dashes'}")
 
 
-def without_general(words: Sequence[str]) -> list[str]:
+def drop_implied(words: Sequence[str]) -> list[str]:
     """Drop arguments implied by a more specific one, such as strokes=auto next to worth=fine."""
     general = table_of_words("general")
     return [word for word in words if word not in general or not any(one.startswith(general[word]) for one in words)]
 
 
-def refuse_two_of_a_kind(typed: Sequence[str], meant: Sequence[str]) -> None:
+def check_duplicates(typed: Sequence[str], meant: Sequence[str]) -> None:
     """Raise a UserError for two values of one key, such as finer with bolder, or ink with look=oil."""
     alone: dict[str, tuple[str, str]] = {}
     pairs = [(word, *setting.partition("=")[::2]) for word, setting in zip(typed, meant, strict=True)]
@@ -130,7 +130,7 @@ def refuse_two_of_a_kind(typed: Sequence[str], meant: Sequence[str]) -> None:
             raise UserError(f"{other} and {word} both set {key}; {cure}")
 
 
-def joined(words: Sequence[str], schema: type[Task]) -> list[str]:
+def join_paths(words: Sequence[str], schema: type[Task]) -> list[str]:
     """Join bare paths for a task that takes a list; raise a UserError for several paths if the task takes one."""
     begin = f"{schema.alone}="
     several = [word.removeprefix(begin) for word in words if word.startswith(begin)]
@@ -143,7 +143,7 @@ def joined(words: Sequence[str], schema: type[Task]) -> list[str]:
     return [*words[:first], begin + ",".join(several), *others]
 
 
-def in_place(words: Sequence[str]) -> list[str]:
+def resume_in_own_folder(words: Sequence[str]) -> list[str]:
     """Resume a run in its own folder unless the user names another one."""
     resumed = [word.removeprefix("resume=") for word in words if word.startswith("resume=") and word != RESUME_SWEEP]
     if not resumed or any(word.startswith("output=") for word in words):

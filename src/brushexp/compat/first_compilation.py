@@ -10,7 +10,7 @@ log = logging.getLogger(__name__)
 
 
 @cache
-def tell_of_compilation() -> None:
+def log_compilation() -> None:
     """Log when the first compilation in this process starts; loading stored code logs nothing."""
     from numba.core import event  # noqa: PLC0415  (a second)
 

@@ -95,7 +95,7 @@ def store_when_read(
 
 
 def move_choice(group: str, name: str, to: str, by: str) -> bool:
-    """Move a published member to another group, without its package; return False if ``by`` published it."""
+    """Move a published member to another group, without its package; return False if its publisher is ``by``."""
     choices, file = _group(group), f"{name}.yaml"
     if file not in choices or choices[file].provider == by:
         return False
@@ -118,7 +118,7 @@ def _group(path: str) -> dict[str, Any]:
 
 
 @contextmanager
-def composing_once(words: Sequence[str]) -> Iterator[None]:
+def skip_sweep_check(words: Sequence[str]) -> Iterator[None]:
     """Skip the extra composition in which Hydra checks whether a config requests a sweep; only studies do."""
     if any(word.startswith(("experiment=", "+experiment=", "hydra.mode=", "hydra/")) for word in words):
         yield
@@ -128,11 +128,11 @@ def composing_once(words: Sequence[str]) -> Iterator[None]:
 
 
 @contextmanager
-def isolated() -> Iterator[None]:
+def isolated_hydra() -> Iterator[None]:
     """Give the block a fresh Hydra, and restore another program's Hydra afterwards."""
     singletons: dict[Any, Any] = Singleton._instances
     kinds = (GlobalHydra, VersionBase)
-    with _lock, one_store():
+    with _lock, shared_store():
         before = {kind: singletons.pop(kind) for kind in kinds if kind in singletons}
         try:
             yield
@@ -143,7 +143,7 @@ def isolated() -> Iterator[None]:
 
 
 @contextmanager
-def one_store() -> Iterator[None]:
+def shared_store() -> Iterator[None]:
     """Share one config store among all compositions in the block.
 
     Compositions never change the store, and copying it takes a third of the time of a composition.

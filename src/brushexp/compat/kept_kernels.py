@@ -16,7 +16,7 @@ def keep_compiled(function: Any) -> None:
     try:
         function._cache = _forgiving_cache()(function.py_func)
     except RuntimeError:  # Numba has found no folder
-        _tell_of(function.py_func.__qualname__)
+        _log_unstored(function.py_func.__qualname__)
 
 
 def is_kept() -> bool:
@@ -24,7 +24,7 @@ def is_kept() -> bool:
     return not _unkept
 
 
-def _tell_of(name: str) -> None:
+def _log_unstored(name: str) -> None:
     """Log once that compiled functions cannot be stored."""
     if not _unkept:
         log.warning(
@@ -52,6 +52,6 @@ def _forgiving_cache() -> Any:
             try:
                 super().save_overload(sig, data)
             except OSError:  # a full disk, a quota
-                _tell_of(self._py_func.__qualname__)
+                _log_unstored(self._py_func.__qualname__)
 
     return ForgivingCache

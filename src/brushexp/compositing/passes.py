@@ -213,7 +213,7 @@ def _product(look, seen, own, q, buf):
 
 @inline
 def _miss(look, own, buf):
-    """Compute how much a tile's weighted squared error grows without a stroke; add the stroke to the colour behind."""
+    """Compute how much a tile's weighted squared error grows if a stroke is removed; add it to the colour behind."""
     total = F(0)
     for q in range(AREA):
         seen, light, grown = shade(look, own, q), own[ABOVE * AREA + q], F(0)

@@ -34,7 +34,7 @@ NOT_KEYS = {"task", "hydra", "experiment"}  # names at the top of a config that 
 STYLE_PARTS = {"style.loss": "style.image", "style.strokes": "style.brushwork"}  # losses and the keys that add them
 
 
-def leave_to_others(name: str, values: Mapping[str, Any]) -> None:
+def check_stand_ins(name: str, values: Mapping[str, Any]) -> None:
     """Raise a UserError for values that require another task in place of this one."""
     if (other := task_for(name, values)) != name:
         raise UserError(f"task={other} handles this, not task={name}; repeat the command with task={other}")
@@ -43,7 +43,7 @@ def leave_to_others(name: str, values: Mapping[str, Any]) -> None:
 def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
     """Check a composed config, and keep the plugins built for the run; a UserError names the override to correct."""
     schema = TASKS[cfg.task]
-    leave_to_others(cfg.task, cfg)
+    check_stand_ins(cfg.task, cfg)
     for family in MULTI_SELECT:
         if {f"+{family}", family} <= {override.partition("=")[0] for override in overrides}:
             raise UserError(f"Hydra ignores +{family}=... beside {family}=; type one list: '{family}=[a,b]'")
@@ -87,7 +87,7 @@ def name_scaling_key(cfg: DictConfig, key: Key) -> str:
 def check_collection(name: str, annotation: Any, value: Any) -> None:
     """Raise a UserError for a value that is not a list or mapping of the annotated type.
 
-    OmegaConf checks typed values, but not the values of interpolations such as ``${seed}``.
+    OmegaConf checks values with declared types, but not the values of interpolations such as ``${seed}``.
     """
     kind = without_null(annotation)
     if get_origin(kind) not in COLLECTIONS or (value is None and kind != annotation):
@@ -213,7 +213,7 @@ def meaning_of_option(option: str) -> str:
     return next((plugin.meanings.get(name, "") for plugin in plugins() if plugin.path == above), "")
 
 
-def known_elsewhere(typed: str, task: str) -> str:
+def explain_foreign_key(typed: str, task: str) -> str:
     """Explain an unknown key by giving its name in this program; "" if there is no equivalent."""
     schema, plain = TASKS[task], plain_name(typed)
     keys, words = keys_of(schema), change_words_of(schema)
@@ -234,7 +234,7 @@ def unknown_key(typed: str, task: str) -> str:
     family, _, rest = typed.partition(".")
     keys, plain = keys_of(TASKS[task]), plain_name(typed)
     names = [*keys, *change_words_of(TASKS[task]), *groups_of(TASKS[task])]
-    if known := known_elsewhere(typed, task):
+    if known := explain_foreign_key(typed, task):
         return known
     if family in MULTI_SELECT and rest:
         name, members = rest.partition(".")[0], [plugin.name for plugin in plugins(family)]

@@ -10,7 +10,7 @@ from typing import Any
 from hydra import compose, initialize_config_module
 from omegaconf import DictConfig, OmegaConf
 
-from brushexp.compat.hydra import isolated, parse_arguments
+from brushexp.compat.hydra import isolated_hydra, parse_arguments
 from brushexp.errors import UserError
 from brushexp.registry import FAMILIES, literal
 from brushexp.system.reading import decode_text
@@ -24,7 +24,7 @@ GLOBAL = "# @package _global_\n"  # first line of global config files
 def folders_of(root: Path, words: Sequence[str] = ()) -> list[Path]:
     """List the config folders: the shipped one and the user's, which is ``--config-dir`` or ``root/conf``.
 
-    A UserError names a typed folder that does not exist.
+    Raises a UserError if the given folder does not exist.
     """
     typed = parse_arguments(words)[0].config_dir
     own = root / "conf" if typed is None else Path(typed)
@@ -88,5 +88,5 @@ def composed(words: Sequence[str], folders: Sequence[Path] = ()) -> DictConfig:
 
     The function is thread-safe and does not disturb other users of Hydra in this process.
     """
-    with isolated(), initialize_config_module("brushexp.conf", version_base="1.3"):
+    with isolated_hydra(), initialize_config_module("brushexp.conf", version_base="1.3"):
         return compose("config", overrides=[*words, *search_path(folders or conf_folders())])

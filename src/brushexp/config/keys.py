@@ -54,7 +54,7 @@ def with_types(schema: type[Any], values: DictConfig) -> DictConfig:
 
 
 def without_class(node: DictConfig) -> DictConfig:
-    """Copy typed values into a plain mapping, so that groups can be added."""
+    """Copy values with declared types into a plain mapping, so that groups can be added."""
     children = ((name, node._get_node(name)) for name in node)
     return DictConfig(
         {name: without_class(child) if isinstance(child, DictConfig) else child for name, child in children}

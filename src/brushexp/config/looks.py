@@ -68,7 +68,7 @@ def fast_start(look: str, family: str) -> str:
 
 
 def start_of_draft(look: str, family: str) -> str:
-    """Choose a member for a draft: the look's own if its strokes keep their size, otherwise the one of a fast start."""
+    """Choose a member for a draft: the look's own if its strokes keep their size, otherwise that of a fast start."""
     node = ConfigStore.instance().load(f"look/{look}.yaml").node
     return str(choices_of(node, PaintTask.groups)[family]) if node.get(KEEPS_SIZE) else fast_start(look, family)
 

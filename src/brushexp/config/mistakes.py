@@ -44,12 +44,12 @@ def explanation(error: BaseException, folders: Sequence[Path], arguments: Sequen
     if match := re.search(r"interpolation '\$\{look\}_(\w+)'", text):
         family = next((word.partition("=")[0].lstrip("+") for word in arguments if word.startswith("+")), "loss")
         return f"+{family}={match[1]} has no list to add to; type the whole list, {family}=[...,{match[1]}]"
-    return translate(text, task_of(arguments, folders), folders, arguments) or unreadable(error) or text
+    return translate(text, task_of(arguments, folders), folders, arguments) or explain_unparsed(error) or text
 
 
 def translate(text: str, task: str, folders: Sequence[Path], arguments: Sequence[str] = ()) -> str | None:
     """Translate an error message of Hydra or OmegaConf for a task; return None for an unknown message."""
-    if message := of_grammar(text):
+    if message := explain_grammar_error(text):
         return message
     if match := re.search(r"Could not (?:find|load) '(\w+)/([^']*)'", text):
         names = choices(match[1], folders)
@@ -72,10 +72,10 @@ def translate(text: str, task: str, folders: Sequence[Path], arguments: Sequence
     return wrong_type(text, task)
 
 
-def of_grammar(text: str) -> str | None:
+def explain_grammar_error(text: str) -> str | None:
     """Translate an error message of Hydra or OmegaConf about an argument they cannot parse; None for other messages."""
     if match := re.match(r"LexerNoViableAltException: (.*?) \^ See |Ambiguous value for argument '(.*?)' ", text):
-        return quoting(match[1]) if match[1] else several(match[2])
+        return explain_quoting(match[1]) if match[1] else several(match[2])
     if match := re.search(r"Sweep parameters '(.*)' requires --multirun", text):
         return several(match[1])
     if match := re.search(r"Could not delete (from config\. )?'([\w./@]+)'", text):
@@ -89,7 +89,7 @@ def of_grammar(text: str) -> str | None:
     return None
 
 
-def unreadable(error: BaseException) -> str | None:
+def explain_unparsed(error: BaseException) -> str | None:
     """Explain an argument that Hydra's parser rejects without explanation; None for other errors."""
     word = getattr(error, "override", None)
     if word and (twice := re.fullmatch(r"([\w.]+)=[=:](.*)", word)):
@@ -97,7 +97,7 @@ def unreadable(error: BaseException) -> str | None:
     return f"{word} cannot be parsed; a list is key=[a,b], a text with such characters key='\"...\"'" if word else None
 
 
-def quoting(word: str) -> str:
+def explain_quoting(word: str) -> str:
     """Explain how to quote an argument that contains characters of Hydra's grammar."""
     key = word.partition("=")[0]
     return f"{word} has characters that need quotes; type both kinds: '{key}=\"...\"'"
@@ -106,7 +106,7 @@ def quoting(word: str) -> str:
 def several(word: str) -> str:
     """Explain how to enter several values, or a number with a decimal comma or thousands separators."""
     key, _, value = word.partition("=")
-    if (takes_fractions(key) or "x" in value) and (meant := with_points(value)):
+    if (takes_fractions(key) or "x" in value) and (meant := with_decimal_points(value)):
         thousands = f" or {key}={value.replace(',', '')}" if re.fullmatch(r"[1-9]\d{0,2},\d{3}", value) else ""
         return f"{word} are several values; type {key}={meant}{thousands}, or add -m for a sweep"
     if key == "background" and re.fullmatch(r"\d{1,3}(,\d{1,3}){2}", value):
@@ -132,7 +132,7 @@ def takes_fractions(key: str) -> bool:
     return any(kind is float or float in get_args(kind) for kind in kinds)
 
 
-def with_points(value: str) -> str | None:
+def with_decimal_points(value: str) -> str | None:
     """Replace decimal commas with points in a number or a size such as 29,7x21; None for other values.
 
     >>> with_points("30,5"), with_points("1.000,5"), with_points("-1,5e-3"), with_points("29,7x21")
@@ -180,13 +180,13 @@ def wrong_type(text: str, task: str) -> str | None:
         given = (value[1] or value[2]) if value else "..."
         wrong = f"{path}={given} is not {in_words(annotation)}"
         example = EXAMPLES.get(strip_null(annotation), example) if default is None else example
-        example = meant_by(given, strip_null(annotation), meaning) or example
+        example = guess_value(given, strip_null(annotation), meaning) or example
         if (first := re.match(r"\[([^][{}:,]+),", given)) and "[" not in in_words(annotation):
             wrong, example = f"{wrong}: only one value is allowed", first[1]
     return f"{wrong}; try {path}={example}" + f" ({meaning})" * bool(meaning)
 
 
-def meant_by(value: str, kind: Any, meaning: str) -> str | None:
+def guess_value(value: str, kind: Any, meaning: str) -> str | None:
     """Guess what the user meant by a unit, a size, a word for none, or text in place of a list; None if unknown.
 
     >>> meant_by("512px", int, ""), meant_by("1920x1080", int, ""), meant_by("2min", float, "")
@@ -201,7 +201,7 @@ def meant_by(value: str, kind: Any, meaning: str) -> str | None:
     if kind not in (int, float):
         return f"[{value}]" if get_args(kind) == (str,) and value[:1] != "[" else None
     value = value.strip("'\"").lower()
-    value = (with_points(value) or value) if kind is float else value
+    value = (with_decimal_points(value) or value) if kind is float else value
     if value in UNSET:
         return next((choice for choice in ("0", "null") if f"{choice} = " in meaning), None)
     if (time := re.fullmatch(r"(\d+):(\d\d)", value)) and meaning.startswith("seconds"):

@@ -35,8 +35,8 @@ from brushexp.config.vocabulary import (
     members_alone,
     members_of_group,
     plain_name,
-    respelt,
     spellings,
+    switch_spelling,
 )
 from brushexp.errors import UserError
 from brushexp.pictures.load import samples
@@ -49,7 +49,7 @@ ALL_PIXELS = "working_resolution=null"  # default in sweeps, to keep them compar
 RESUME_SWEEP = "resume=sweep"
 RESULTS = ("metrics.json", "report.html", "multirun.yaml")  # the folder of a run or sweep has one of these files
 NO_FOLDERS = ("nan", "inf", "infinity", "null", "none", "true", "false")  # written by scripts for a missing name
-OF_HYDRA = re.compile(r"[\['\"{]|null$|\w+\(|\$\{")  # start of values that Hydra does not read as text
+NOT_LITERAL = re.compile(r"[\['\"{]|null$|\w+\(|\$\{")  # start of values that Hydra does not read as text
 
 
 def expand_positional(word: str, task: str = "paint", beside: Mapping[str, str] | None = None) -> str:
@@ -146,7 +146,7 @@ def setting_in(word: str) -> str | None:
     return f"resolution={pixels}" + f" or strokes={pixels}" * (not other and unit in (None, "k"))
 
 
-def at_home(word: str) -> str:
+def expand_home(word: str) -> str:
     """Expand the home folder in ``output=~/x``, which some shells leave alone; picture keys expand it themselves."""
     key, _, value = word.partition("=")
     is_other = key in ("image", "pictures", "style", "style.image", "focus", "faces") or os.path.lexists(value)
@@ -192,7 +192,7 @@ def output_folder(value: str) -> str:
         raise UserError(f"output={value} is not a folder; type output=FOLDER, or output=./{value} if that is its name")
     if "${" in value and is_path(value):
         raise UserError(f"Hydra cannot write into output={value}, because its name contains ${{; choose another folder")
-    if OF_HYDRA.match(value) or "${" in value:
+    if NOT_LITERAL.match(value) or "${" in value:
         return quote_text("output", value)
     return verbatim(value)  # a folder, even in a sweep: a comma is part of its name
 
@@ -204,7 +204,7 @@ def spell_value(key: str, value: str, sweep: bool, task: str) -> str:
         return quote_text(key, value, sweep, optional)
     if kind in (int, float) and not value.startswith(("[", "=", ":")) and not is_readable(value):
         return quote(value)  # so that the message says which kind of number is needed
-    if get_origin(kind) is list and value and (is_path(value) or not OF_HYDRA.match(value)):
+    if get_origin(kind) is list and value and (is_path(value) or not NOT_LITERAL.match(value)):
         parts: Sequence[str] = [value] if is_path(value) else value.split(",")
         parts = [quote_text(key, part) for part in parts] if get_args(kind) == (str,) else parts
         return ",".join(f"[{part}]" for part in parts) if sweep else f"[{','.join(parts)}]"
@@ -223,12 +223,14 @@ def refuse_deletion(name: str) -> None:
 def respell(key: str, value: str) -> tuple[str, str]:
     """Use our spelling for a key and for the member of a group: look=watercolor, style.colours=content."""
     plain = key.lstrip("+~")
-    if respelt(plain) != plain and not is_key(plain) and is_key(respelt(plain)):
-        key = key.removesuffix(plain) + respelt(plain)
-    if plain in CHOSEN_GROUPS and respelt(value) != value:
+    if switch_spelling(plain) != plain and not is_key(plain) and is_key(switch_spelling(plain)):
+        key = key.removesuffix(plain) + switch_spelling(plain)
+    if plain in CHOSEN_GROUPS and switch_spelling(value) != value:
         known = {plugin.name for plugin in plugins(plain)} | members_of_group(plain)
         parts = re.split(r"([\[\],])", value)
-        value = "".join(respelt(part) if part not in known and respelt(part) in known else part for part in parts)
+        value = "".join(
+            switch_spelling(part) if part not in known and switch_spelling(part) in known else part for part in parts
+        )
     return key, value
 
 

@@ -23,8 +23,8 @@ class EfficientNetLite0(Backbone):
     """EfficientNet-Lite0 without its classifier, batch norms folded into the convolutions (Tan and Le, 2019).
 
     Taps: ``stem`` (32 channels, 1/2 of the side), ``b<i>`` (the linear output of block i, 0 to 15) and ``b<i>.expand``
-    (its expanded, rectified interior, i from 1). A ``state`` must have exactly the tensors of the published file, or it
-    is refused (UserError).
+    (its expanded, rectified interior, i from 1). A ``state`` must have exactly the tensors of the published file, or a
+    UserError is raised.
     """
 
     taps = ("stem", "b0", *(f"b{i}{part}" for i in range(1, len(STRIDES)) for part in (".expand", "")))

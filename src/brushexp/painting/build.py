@@ -14,7 +14,7 @@ from brushexp.painting.other_painter import OtherPainter
 from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.stroke_optimizer import GradientClip, StrokeOptimizer
 from brushexp.painting.working_size import Sizes, resolution_of, sizes_of
-from brushexp.pictures.abstraction import simplified
+from brushexp.pictures.abstraction import simplify
 from brushexp.pictures.color import recolor
 from brushexp.pictures.face import Face
 from brushexp.pictures.faces.contrast import restore_forms
@@ -129,7 +129,7 @@ def _stroke_optimizer(
     focus, attended = compute_focus(cfg, target, faces)
     if attended is not None:
         pictures["focus"] = attended.expand(3, -1, -1)
-    target = simplified(target, cfg.abstraction, attended)
+    target = simplify(target, cfg.abstraction, attended)
     parts = build_components(cfg)
     if cfg.style.image is not None:
         target, pictures["style"] = match_colors(target, parts)

@@ -152,7 +152,7 @@ def check_size(cfg: DictConfig, strokes: int, size: tuple[int, int]) -> None:
     check_memory(pixels * BYTES_PER_PIXEL + windows, what, f"choose a smaller {smaller}")
 
 
-def tell_of_slow_steps(stages: Sequence[Stage], strokes: int) -> None:
+def warn_of_slow_steps(stages: Sequence[Stage], strokes: int) -> None:
     """Warn if a network that draws each stroke will take minutes for its steps on this machine."""
     for stage in stages:
         if isinstance(stage.renderer, PatchRenderer) and strokes * stage.steps >= MANY_DRAWINGS:
@@ -205,7 +205,7 @@ def first_strokes(
             strokes = initializer(target, first - len(small), generator, focus)
     if cfg.style.brushwork is not None:
         likeness: BrushworkLoss = build(cfg.style.strokes)
-        strokes = likeness.arranged(strokes, (height, width), generator)
+        strokes = likeness.arrange(strokes, (height, width), generator)
     return Strokes.join(strokes, small), n
 
 

@@ -10,7 +10,7 @@ from brushexp.strokes.catalogue import Strokes
 log = logging.getLogger(__name__)
 
 
-def tell_of_idle_parts(parts: Components, strokes: Strokes, size: tuple[int, int]) -> None:
+def log_idle_parts(parts: Components, strokes: Strokes, size: tuple[int, int]) -> None:
     """Log components without effect for ``strokes`` on a canvas of ``size`` (H, W), and step counts set by default."""
     steps = sum(stage.steps for stage in parts.stages)
     if steps and (reason := parts.density.idle_reason(steps)):

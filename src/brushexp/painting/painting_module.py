@@ -140,7 +140,7 @@ class PaintingModule(L.LightningModule):
     def finished_strokes(self) -> tuple[Strokes, Tensor]:
         """Return the final strokes after all changes, and their order, front to back.
 
-        The first N strokes are those of `strokes`, within all limits; others may follow.
+        The first N strokes are those of `strokes`, brought within all limits; others may follow.
         """
         strokes, order = self.strokes(), self.front_to_back
         for change in self.changes.values():

@@ -11,7 +11,7 @@ from brushexp.compositing.bands import bands
 from brushexp.compositing.layers import Canvas
 from brushexp.painting.canvas_memory import CanvasMemory
 from brushexp.painting.schedule import Schedule
-from brushexp.pictures.focus import resized
+from brushexp.pictures.focus import resample_weights
 from brushexp.plugins.blend.base import Compositor
 from brushexp.plugins.loss.base import PaintedView
 from brushexp.plugins.order.base import Order, front_to_back
@@ -105,7 +105,7 @@ class Picture(nn.Module):
         if zoom not in self._small:
             height, width = (max(1, round(side * zoom)) for side in self.size)
             target = interpolate(self.target[None], (height, width), mode="area")[0].contiguous()
-            focus = None if self.focus is None else resized(self.focus, (height, width)).contiguous()
+            focus = None if self.focus is None else resample_weights(self.focus, (height, width)).contiguous()
             detail = float(self.target.square().mean() - target.square().mean())
             self._small[zoom] = target, focus, max(0.0, detail)
         return self._small[zoom]

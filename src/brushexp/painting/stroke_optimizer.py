@@ -14,7 +14,7 @@ from torch.optim.lr_scheduler import LambdaLR
 
 from brushexp.painting.components import Components
 from brushexp.painting.densification import importance
-from brushexp.painting.divergence import first_broken
+from brushexp.painting.divergence import find_non_finite
 from brushexp.painting.gradient_check import check_dependence, check_slope
 from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.partial import STEP_COUNT, partial_update, unwrap_optimizer
@@ -195,7 +195,7 @@ class StrokeOptimizer(PaintingModule):
                 backward(loss)
                 return loss.detach()
 
-            with undone_if_it_fails(moving) as before:
+            with rollback_on_error(moving) as before:
                 optimizer.step(closure)  # type: ignore[arg-type]  # they take tensors, too
                 trouble = self._find_trouble(moving, before)
             if trouble:
@@ -254,7 +254,7 @@ class StrokeOptimizer(PaintingModule):
         """Explain which value became non-finite in a step that moved the strokes ``before``; "" if none did."""
         finite = torch.stack([term.isfinite() for term in self.terms.values()]).tolist() if self.terms else []
         broken = next((name for name, fine in zip(self.terms, finite, strict=True) if not fine), None)
-        return "" if broken is None and moving.is_finite() else first_broken(self, before, broken)
+        return "" if broken is None and moving.is_finite() else find_non_finite(self, before, broken)
 
     def _densify(self, optimizer: optim.Optimizer, zoom: float) -> None:
         """Let the density policy add and remove strokes based on the picture of a step."""
@@ -420,7 +420,7 @@ class StrokeOptimizer(PaintingModule):
 
 
 @contextmanager
-def undone_if_it_fails(catalogue: Catalogue) -> Iterator[Strokes]:
+def rollback_on_error(catalogue: Catalogue) -> Iterator[Strokes]:
     """Yield the strokes of a catalogue, and restore them if the ``with`` block raises an error."""
     with torch.no_grad():
         before = catalogue()

@@ -63,7 +63,7 @@ def sizes_of(cfg: DictConfig) -> Sizes:
     return Sizes(painting, working)
 
 
-def tell_of_sizes(cfg: DictConfig) -> None:
+def log_sizes(cfg: DictConfig) -> None:
     """Log if strokes are optimised on a smaller picture, or if a painting has fewer pixels than its source picture."""
     sizes, own = sizes_of(cfg), size_at(cfg.resolution, *sides_of_picture(cfg.image, "image"))
     (height, width), (rows, columns) = sizes.painting, sizes.working

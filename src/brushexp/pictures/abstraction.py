@@ -17,7 +17,7 @@ def flattened(picture: Tensor, weight: float) -> Tensor:
     return torch.from_numpy(flat).to(picture).clamp(0, 1)
 
 
-def simplified(picture: Tensor, abstraction: float, attended: Tensor | None) -> Tensor:
+def simplify(picture: Tensor, abstraction: float, attended: Tensor | None) -> Tensor:
     """Flatten a picture (3, H, W) by ``abstraction``, 0 to 1, except where ``attended`` (H, W), 0 to 1, is high."""
     if not abstraction:
         return picture

@@ -29,7 +29,7 @@ HEAD = 2**20  # number of first bytes that may declare the colours of a file
 WHITE_POINT, PRIMARY_CHROMATICITIES, SHOT, INTEROPERABILITY = 318, 319, 0x8769, 0xA005  # EXIF tags and sections
 INTEROPERABILITY_INDEX, COLOR_SPACE, EXIF_GAMMA = 1, 0xA001, 0xA500
 UNCALIBRATED, ADOBE = 65535, 2  # values of COLOR_SPACE
-UNSAID = (0, 2)  # numbers of H.273 for unspecified colours
+UNSPECIFIED = (0, 2)  # numbers of H.273 for unspecified colours
 SRGB_GAMMA = 0.45455  # gamma of PNG files that mean sRGB
 PROFILE_IN_FILE, PROFILE_OFFSET, QOI_SPACE = b"DEBM", 126, 13  # BMP: "MBED" backwards; byte offsets
 ICC_METHODS = (b"\2", b"\3")  # values in a JPEG 2000 "colr" box that a profile follows
@@ -118,7 +118,7 @@ def _of_others(head: bytes, picture: Image.Image) -> Colors:
     if picture.format in IN_BOXES:
         said = next((data for name, data in declared_in_boxes(picture) if name == b"colr" and data[:4] == b"nclx"), b"")
         primaries, transfer = struct.unpack(">HH", said[4:8].ljust(4, b"\0"))
-        return encoding_of(primaries, transfer) if transfer not in UNSAID else None
+        return encoding_of(primaries, transfer) if transfer not in UNSPECIFIED else None
     if picture.format == "JPEG2000":
         return _profile_in_jp2(head)
     if picture.format == "BMP" and head[70:74] == PROFILE_IN_FILE:

@@ -63,7 +63,7 @@ def _boxes_fit(file: IO[bytes], size: int) -> bool | None:
     return None if end is None or end < size else end == size
 
 
-def rescued(path: Path, kind: str) -> ImageFile.ImageFile | None:
+def open_truncated(path: Path, kind: str) -> ImageFile.ImageFile | None:
     """Reopen a truncated picture so that its beginning can be decoded; None if it is complete or cannot be decoded."""
     if kind not in ROW_BY_ROW or has_end(path):
         return None
@@ -71,7 +71,7 @@ def rescued(path: Path, kind: str) -> ImageFile.ImageFile | None:
 
 
 @contextmanager
-def lenient() -> Iterator[None]:
+def allow_truncated() -> Iterator[None]:
     """Make Pillow decode truncated files as far as possible."""
     ImageFile.LOAD_TRUNCATED_IMAGES = True
     try:

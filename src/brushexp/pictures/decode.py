@@ -18,7 +18,7 @@ from PIL.TiffImagePlugin import TiffImageFile
 from brushexp.errors import UserError
 from brushexp.pictures.boxes import Crop
 from brushexp.pictures.carriers import Colors, colors_of
-from brushexp.pictures.cut_short import SOME_MISSING, check_missing, has_end, lenient, rescued
+from brushexp.pictures.cut_short import SOME_MISSING, allow_truncated, check_missing, has_end, open_truncated
 from brushexp.pictures.damage import check_sums, remark_on
 from brushexp.pictures.jp2 import bits_of, check_decoder, read_jp2
 from brushexp.pictures.kinds import (
@@ -41,15 +41,15 @@ from brushexp.pictures.second_opinion import remark_of_others
 from brushexp.pictures.shape import clean_aperture, pixel_aspect, resample, squared
 from brushexp.pictures.srgb import SWAPPED, bytes_to_srgb, floats_to_srgb, orientation_of, unit_range, upright
 from brushexp.pictures.tiff import (
-    as_stored,
-    by_libtiff,
     is_misread,
     is_rarely_packed,
+    libtiff_only,
     main_page,
     mend_palette,
     needs_tifffile,
     pages_in,
     read_tiff,
+    restore_byte_order,
 )
 from brushexp.pictures.tiff_directories import BITS, LENGTH, MAGIC, WIDTH
 from brushexp.system.reading import check_file, explaining
@@ -96,7 +96,7 @@ def picture_size(path: Path, *, key: str = "image") -> tuple[int, int]:
         is_whole = has_end(path)
         if not is_whole or isinstance(picture, TiffImageFile):  # much of a TIFF is not read here
             _read(path, 1.0, 1)
-        with nullcontext() if is_whole else lenient():
+        with nullcontext() if is_whole else allow_truncated():
             declared = declared_by(picture)
             is_swapped = orientation_of(picture) >= SWAPPED
     if declared.crop is not None:
@@ -200,7 +200,7 @@ def _opened(path: Path, side: int | None) -> Iterator[tuple[Path | IO[bytes], Im
     check_sums(path)
     is_tiff = head[:4] in MAGIC
     try:
-        with by_libtiff() if is_tiff and is_misread(path) else nullcontext():
+        with libtiff_only() if is_tiff and is_misread(path) else nullcontext():
             picture = Image.open(path)
     except UnidentifiedImageError:
         if not is_tiff or is_raw(str(path)):
@@ -244,9 +244,9 @@ def _read(path: Path, backdrop: float, side: int | None) -> tuple[np.ndarray, st
         except (OSError, ValueError, SyntaxError):
             if is_rarely_packed(picture):
                 return _squared(read_tiff(file, backdrop, declared.colors, side), declared.aspect), remark
-            if (again := rescued(path, picture.format or "")) is None:
+            if (again := open_truncated(path, picture.format or "")) is None:
                 raise
-    with again, lenient():
+    with again, allow_truncated():
         declared = declared_by(again)
         draft(again, side)
         again.load()
@@ -307,7 +307,7 @@ def decode_image(picture: Image.Image, backdrop: float = 1.0, declared: Declared
 def _to_srgb(picture: Image.Image, declared: Declared, backdrop: float) -> np.ndarray:
     mend_palette(picture)
     if picture.mode == "F" or picture.mode.startswith("I"):
-        samples, key = as_stored(np.asarray(picture), picture)[..., None], picture.info.get("transparency")
+        samples, key = restore_byte_order(np.asarray(picture), picture)[..., None], picture.info.get("transparency")
         alpha = None if key is None else (samples != key).astype(np.float32)
         bits = max(picture.tag_v2.get(BITS, (16,))) if isinstance(picture, TiffImageFile) else 16
         rgb = floats_to_srgb(unit_range(samples, bits), alpha, declared.colors, backdrop)

@@ -101,14 +101,14 @@ def is_rarely_packed(picture: ImageFile) -> bool:
     return compression in RARE
 
 
-def as_stored(samples: np.ndarray, picture: Image.Image) -> np.ndarray:
+def restore_byte_order(samples: np.ndarray, picture: Image.Image) -> np.ndarray:
     """Restore the byte order of a TIFF's floats, which Pillow swaps a second time after libtiff."""
     is_exchanged = isinstance(picture, TiffImageFile) and picture.use_load_libtiff and picture.tag_v2.prefix == b"MM"
     return samples.byteswap() if is_exchanged and samples.dtype.kind == "f" else samples
 
 
 @contextmanager
-def by_libtiff() -> Iterator[None]:
+def libtiff_only() -> Iterator[None]:
     """Make Pillow read TIFF files with libtiff only."""
     TiffImagePlugin.READ_LIBTIFF = True
     try:

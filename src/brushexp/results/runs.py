@@ -3,11 +3,12 @@
 The frame has a row per run, indexed by its name, and columns in three parts:
 
 - ``frame["run"]``: ``status``, ``error``, ``folder``; ``picture``, the file of its picture, if any; ``target``, a
-  fingerprint of the painted picture; ``overrides`` as typed; ``anytime``, pairs of seconds and PSNR; ``provenance``,
+  fingerprint of the painted picture; ``overrides`` as entered; ``anytime``, pairs of seconds and PSNR; ``provenance``,
   None for old runs; ``command``, which repeats the run; and, for compared runs, ``image``, the name of the painted
   picture ("" for other tasks), and ``label``, the overrides (except seeds) that distinguish it from other runs of this
   image.
-- ``frame["setting"]``: a column per typed key, missing where it was not set; ``loss`` as names of losses.
+- ``frame["setting"]``: a column per key set on a command line, missing where it was not set; ``loss`` as names of
+  losses.
 - ``frame["metric"]``: every number (or name) that a run returned.
 """
 

@@ -23,7 +23,7 @@ EXPORTS = "to"  # key for exports of a finished painting
 NAMED = 4  # maximum number of files in a message
 
 
-def say_where(folder: Path, strokes: int, start: float | None) -> None:
+def log_result(folder: Path, strokes: int, start: float | None) -> None:
     """Report a painting of ``strokes`` and its page; ``start`` is the `time.monotonic` at which the program started.
 
     A job of a sweep reports only the painting; from Python, nothing is reported.
@@ -33,7 +33,7 @@ def say_where(folder: Path, strokes: int, start: float | None) -> None:
     took = "" if start is None else f" in {time.monotonic() - start:.0f} s"
     log.info("%s  %s strokes%s", as_shown(folder / "painting.png"), f"{strokes:,}", took)
     if not is_job():
-        say_page(folder, "see how it was painted")
+        log_page(folder, "see how it was painted")
         log.info("next: %s", suggestion(list(HydraConfig.get().overrides.task), folder))
 
 
@@ -55,7 +55,7 @@ def how_to_go_on(folder: Path, task: str) -> str:
     return f"{kept}; to start over, repeat the command with: {shlex.join(words)}"
 
 
-def say_page(folder: Path, what: str) -> None:
+def log_page(folder: Path, what: str) -> None:
     """Report the page of a run or sweep, if it exists, and how to view it."""
     if (folder / "report.html").is_file():
         newest = folder.resolve().parent == Path("outputs").resolve()

@@ -75,7 +75,7 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[DictConfig, Path]:
         settings.merge_with({"output": cfg.output, "resume": str(folder)})
         check(settings)
         _check_inputs(check_plain(record.get("inputs", {})), TASKS[task].inputs(settings))
-        _tell_of_others(folder, check_plain(record.get("provenance")), settings)
+        _warn_of_differences(folder, check_plain(record.get("provenance")), settings)
     except UserError as error:
         raise UserError(f"resume={folder}: {error}") from error
     except Exception as error:  # the file may contain anything
@@ -114,7 +114,7 @@ def _check_inputs(before: dict[str, str], now: dict[str, str]) -> None:
             raise UserError(f"{name} has {is_now} now, but the run began with {before.get(name)}; restore it")
 
 
-def _tell_of_others(folder: Path, before: Any, settings: DictConfig) -> None:
+def _warn_of_differences(folder: Path, before: Any, settings: DictConfig) -> None:
     """Warn if a run resumes with versions, plugin files or hardware other than those recorded at its start."""
     if isinstance(before, dict) and (parts := differing_parts([before, provenance_of(settings)])):
         line = "resume=%s continues in a different environment (%s); for a comparable run, start a new one"

@@ -15,7 +15,7 @@ from brushexp.config.words import ALL_PIXELS, verbatim
 from brushexp.errors import UserError, first_line
 from brushexp.registry import drop_built
 from brushexp.results.runs import JOBS, has_finished
-from brushexp.runs.closing import say_page
+from brushexp.runs.closing import log_page
 from brushexp.runs.run_folder import check_free, check_place, take_folder, take_name
 from brushexp.runs.sweep_report import renew_sweep_report
 from brushexp.system.files import write_json
@@ -132,7 +132,7 @@ def launch_jobs(
         raise UserError(f"a job ended without a result ({first_line(error)}); continue with resume=sweep") from error
     finally:
         renew_sweep_report(folder)
-    say_page(folder, "see all of them on one page")
+    log_page(folder, "see all of them on one page")
     failed = [str(k) for k, one in zip(jobs, results, strict=True) if one.status is not JobStatus.COMPLETED]
     if failed:
         table = folder / "table.md"

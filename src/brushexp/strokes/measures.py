@@ -96,8 +96,8 @@ def centre_of(curve: Tensor) -> Tensor:
 def direction_of(curve: Tensor) -> Tensor:
     """Compute the doubled direction (N, 2) of the principal axis of curves, with length 1, or less for points.
 
-    The second moment of B(t), t uniform, about its mean is (4 a^2 + 7 a b + 4 b^2) / 45, for legs a and b as complex
-    numbers; squaring doubles angles.
+    The second moment of B(t) about its mean, for uniform t, is (4 a^2 + 7 a b + 4 b^2) / 45, for legs a and b as
+    complex numbers; squaring doubles angles.
     """
     (x, y), (u, v) = (leg.unbind(1) for leg in _unit_legs(curve))
     real = 4 * (x * x - y * y + u * u - v * v) + 7 * (x * u - y * v)

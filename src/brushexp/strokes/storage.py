@@ -1,7 +1,7 @@
 """Store a finished catalogue as HDF5 with everything needed to redraw it (docs/formats.md).
 
 Packages may publish further formats of catalogues by file extension. Strings have a fixed length, because HDF5 has no
-checksums for others, in which one wrong byte can cause an infinite loop.
+checksums for variable-length strings, in which one wrong byte can cause an infinite loop.
 """
 
 import io

@@ -9,7 +9,7 @@ from pathlib import Path
 CODE = Path(__file__).parents[1]
 KERNELS = "NUMBA_CACHE_DIR"  # environment variable: folder for compiled machine code
 CACHES = "XDG_CACHE_HOME"  # environment variable: all caches of a user (XDG Base Directory Specification)
-OF_LIBRARIES = {  # variables of libraries that ignore this standard -> subfolders
+LIBRARY_CACHES = {  # variables of libraries that ignore this standard -> subfolders
     "MPLCONFIGDIR": "matplotlib",
     "TRITON_CACHE_DIR": "triton",
     "WANDB_CACHE_DIR": "wandb-cache",
@@ -40,7 +40,7 @@ def settle_caches() -> None:
     if is_settled:
         return
     os.environ[CACHES] = str(private)
-    for variable, name in OF_LIBRARIES.items():
+    for variable, name in LIBRARY_CACHES.items():
         os.environ.setdefault(variable, str(private / name))
     if not can_hold(CODE / "__pycache__"):
         os.environ.setdefault(KERNELS, str(private / "kernels"))

@@ -24,7 +24,7 @@ PROGRAM = "brushexp "  # first word of every format
 
 @dataclass(frozen=True)
 class CheckpointFormat:
-    """A type of checkpoint, and how messages describe it."""
+    """A type of checkpoint, and the words that messages use for it."""
 
     noun: str  # name of the network in messages, "renderer"
     family: str  # family of its plugins, as in the recipe

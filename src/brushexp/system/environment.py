@@ -78,7 +78,7 @@ def git_state(folder: Path) -> dict[str, Any] | None:
 
 
 def _git(folder: Path, *words: str) -> str | None:
-    """Return the output of git about a folder; None if it fails, is not installed, or takes too long.
+    """Run git in a folder and return its output; None if it fails, is not installed, or takes too long.
 
     Programs configured by the repository are not run, and variables that name another repository are removed.
     """

@@ -49,14 +49,14 @@ class Heartbeat:
     def end(self) -> None:
         """Stop the heartbeat and clear its line."""
         self._stop()
-        self.make_way()
+        self.clear_line()
 
     def _stop(self) -> None:
         if self._ended is not None:
             self._ended.set()
             self._ended = None
 
-    def make_way(self) -> None:
+    def clear_line(self) -> None:
         """Clear the line to make room for other output."""
         with self._lock:
             if self._is_shown:
@@ -64,9 +64,9 @@ class Heartbeat:
             self._is_shown, self._written = False, time.monotonic()
 
     @contextmanager
-    def behind_a_bar(self) -> Iterator[None]:
+    def paused(self) -> Iterator[None]:
         """Pause while a progress bar is on the terminal."""
-        self.make_way()
+        self.clear_line()
         self._bars += 1
         try:
             yield

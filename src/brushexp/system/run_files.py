@@ -23,7 +23,7 @@ _recorded: set[str] = set()  # real paths of folders
 
 
 def record_files(folder: Path) -> None:
-    """Record every file that this process creates below a folder, from now on, in the folder's manifest."""
+    """From now on, record every file that this process creates below a folder in the folder's manifest."""
     _install_hook()
     _recorded.add(os.path.realpath(folder))
     (folder / MANIFEST).touch()

@@ -17,7 +17,7 @@ from brushexp.contracts.files import write_text
 from brushexp.contracts.pages import pack_strokes, pack_textures, page, textured_of
 from brushexp.contracts.pictures import Region
 from brushexp_canvases.laying import reaching
-from brushexp_canvases.pyramid import TILE, Level, whole_folder, write_dzi
+from brushexp_canvases.pyramid import TILE, Level, atomic_folder, write_dzi
 
 TEMPLATES = Path(__file__).parent / "templates"
 PAGE_NAME = "view.html"
@@ -58,7 +58,7 @@ def write_strokes(folder: Path, size: tuple[int, int], job_of: JobOf) -> dict[st
     corner; a stroke is in every cell that it reaches. ``textures.js`` contains all textures.
     """
     exact, textures = True, None
-    with whole_folder(folder / FOLDER) as into:
+    with atomic_folder(folder / FOLDER) as into:
         for part in Region(0, 0, *size).tiles(CELLS * CELL):
             job = job_of(part)
             for cell in Region(0, 0, part.height, part.width).tiles(CELL):

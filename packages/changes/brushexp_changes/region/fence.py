@@ -23,7 +23,7 @@ class Fence(nn.Module):
     The height of lit paint is relative to the median width of all strokes. A stroke above the median therefore stays
     above it, a narrower stroke stays below it, and the median is bit-identical.
 
-    The region is measured in pixels of the painting, ``zoom`` of which are one unit of the strokes.
+    The region is measured in pixels of the painting; one unit of the strokes is ``zoom`` of these pixels.
     """
 
     room: Tensor

@@ -104,7 +104,7 @@ def choose_mixtures(candidates: Mixtures, picture: Tensor, count: int) -> Mixtur
     return candidates[np.unique(chosen)].from_dark()
 
 
-def within_tones(picture: Tensor, mixtures: Mixtures) -> Tensor:
+def map_tones(picture: Tensor, mixtures: Mixtures) -> Tensor:
     """Map the luminance of a picture (3, H, W) to the range between the mixtures' darkest and lightest grey.
 
     This is the black point compensation used in printing (ISO 18619, 2015), applied to the white point as well; it is

@@ -107,7 +107,7 @@ class Plan:
         """Total length of all strokes."""
         return sum(stage.metres for stage in self.stages)
 
-    def without_hidden(self, least_visible: float) -> "Plan":
+    def drop_hidden(self, least_visible: float) -> "Plan":
         """Omit strokes whose visible share in the finished painting is below ``least_visible``."""
         if len(self.order) < 2 or not least_visible:
             return self
@@ -118,9 +118,9 @@ class Plan:
     def after(self, strokes: int) -> ExportJob:
         """Return the painting after the first ``strokes`` strokes of the plan."""
         begun = Plan(self.job, self.table, self.order[:strokes], self.pixels_per_mm)
-        return begun.played()
+        return begun.play_back()
 
-    def played(self) -> ExportJob:
+    def play_back(self) -> ExportJob:
         """Return the painting that results from following the plan, with brushes that run dry.
 
         A stroke whose brush runs dry becomes a stack of films: ever shorter copies of the stroke.
@@ -157,7 +157,7 @@ def numbered_regions(plan: Plan, smallest_mm: float = 0.0) -> Array:
     Areas too narrow for a disc of diameter ``smallest_mm`` or for the smallest brush, whichever is larger, and parts
     smaller than a square of that side cannot be painted by hand; they are merged with their neighbours.
     """
-    small = plan.played().at_most(NUMBERED)
+    small = plan.play_back().at_most(NUMBERED)
     colors = torch.from_numpy(small.picture()).double() / 255
     mixtures = plan.table.mixtures
     if not len(mixtures):
@@ -166,10 +166,10 @@ def numbered_regions(plan: Plan, smallest_mm: float = 0.0) -> Array:
     regions = away.argmin(1).reshape(small.size).numpy()
     zoom = small.size[1] / plan.job.size[1]
     side = max(float(plan.table.brushes.min()), smallest_mm * plan.pixels_per_mm) * zoom
-    return without_slivers(regions, side)
+    return merge_slivers(regions, side)
 
 
-def without_slivers(regions: Array, side: float) -> Array:
+def merge_slivers(regions: Array, side: float) -> Array:
     """Merge areas narrower than ``side``, and parts smaller than its square, with their neighbours.
 
     An area is narrow if a morphological opening with a disc removes it (Serra, 1982). Removed pixels get the number of

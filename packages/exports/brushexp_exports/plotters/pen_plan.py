@@ -39,7 +39,7 @@ class OnPaper(NamedTuple):
     paper: tuple[float, float]  # width and height
 
 
-def on_paper(job: ExportJob, machine: PenExporter) -> OnPaper:
+def place_on_paper(job: ExportJob, machine: PenExporter) -> OnPaper:
     """Place a painting on the paper of a machine; raise UserError if it is too large for paper or plan."""
     machine.check(len(job.strokes), job.size)
     paper, corner, scale = machine.frame(job.size)
@@ -51,7 +51,7 @@ def on_paper(job: ExportJob, machine: PenExporter) -> OnPaper:
 
 def pen_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
     """Plan the lines that draw a painting with pens; raise UserError if it is too large for paper or plan."""
-    strokes, middles, widths, frame, paper = on_paper(job, machine)
+    strokes, middles, widths, frame, paper = place_on_paper(job, machine)
     opacity = strokes.opacity.numpy()
     outlines = shapely.clip_by_rect(shapely.buffer(middles, widths / 2, quad_segs=16), *frame)
     drawable = (opacity >= LEAST_OPACITY) & (widths > 0) & ~shapely.is_empty(outlines)
@@ -79,7 +79,7 @@ def pen_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
     for (k, which), pieces in sorted(runs.items()):
         also = f", layer {k + 1}" * (machine.layers > 1)
         layers.append(Layer(k * len(tools) + which + 1, which, tools[which], machine.pen_mm, also, pieces))
-    document = ordered(layers, paper, machine, joins=machine.hidden == "cut")
+    document = order_layers(layers, paper, machine, joins=machine.hidden == "cut")
     return PenPlan(document, paper, machine.pen_mm, tools, counts, int((~visible).sum()), job.source)
 
 
@@ -94,7 +94,7 @@ class Layer(NamedTuple):
     lines: list[Array]
 
 
-def ordered(layers: Iterable[Layer], paper: tuple[float, float], machine: PenExporter, *, joins: bool) -> Any:
+def order_layers(layers: Iterable[Layer], paper: tuple[float, float], machine: PenExporter, *, joins: bool) -> Any:
     """Make a document of layers with simplified lines, ordered for little travel and, with ``joins``, joined."""
     vpype = load_vpype()
     document = vpype.Document(page_size=tuple(MM * side for side in paper))

@@ -12,14 +12,14 @@ from torch import Tensor
 
 from brushexp.contracts.strokes import Strokes, closest_parameter, curve_of, half_width_of, point_at
 from brushexp_predictor.lay.predicting import Sample
-from brushexp_predictor.samples.conformal import Doubt, Scalings, doubt_of, fit_scaling, holds, weights_of
-from brushexp_predictor.samples.kinds import OF_PAINTINGS, OF_STROKES, Kind, measure_each, measure_painting
+from brushexp_predictor.samples.conformal import Doubt, Scalings, fit_scaling, holds, summarise_samples, weights_of
+from brushexp_predictor.samples.kinds import PAINTING_KINDS, STROKE_KINDS, Kind, measure_each, measure_painting
 from brushexp_predictor.samples.known import Known
 
 Array = NDArray[Any]
 
-KINDS = {("strokes", name): kind for name, kind in OF_STROKES.items()}
-KINDS |= {("paintings", name): kind for name, kind in OF_PAINTINGS.items()}
+KINDS = {("strokes", name): kind for name, kind in STROKE_KINDS.items()}
+KINDS |= {("paintings", name): kind for name, kind in PAINTING_KINDS.items()}
 STEP = 2.0  # distance in pixels between the places at which the top stroke is determined
 FEWEST_PIXELS = 8  # minimum number of places at which a visible stroke is on top
 SEEN = 0.5  # opacity above which a stroke hides the strokes below
@@ -53,13 +53,13 @@ def examine(known: Known, number: int, samples: Sequence[Sample]) -> Report:
     size, pitch = known.size, math.sqrt(known.size[0] * known.size[1] / known.told)
     which, places = seen_places(known.strokes, size)
     truth = {("strokes", name): values[which] for name, values in measure_each(known.strokes).items()}
-    told = {("strokes", name): values for name, values in tell_at(strokes, places).items()}
+    told = {("strokes", name): values for name, values in measure_at(strokes, places).items()}
     whole, *others = (measure_painting(one, size) for one in (known.strokes, *strokes))
     truth |= {("paintings", name): np.array([value]) for name, value in whole.items()}
     told |= {("paintings", name): np.array([[one[name]] for one in others]) for name in whole}
 
     def evidence(kind: Kind, truth: Array, values: Array) -> Evidence:
-        doubt = doubt_of(kind.inner(values, pitch), kind.axial)
+        doubt = summarise_samples(kind.inner(values, pitch), kind.axial)
         return Evidence(kind.inner(truth, pitch), doubt, np.full(len(truth), number))
 
     return {key: evidence(kind, truth[key], told[key]) for key, kind in KINDS.items()}
@@ -103,9 +103,9 @@ def seen_places(strokes: Strokes, size: tuple[int, int]) -> tuple[Array, Tensor]
     return which, grid[nearest]
 
 
-def tell_at(samples: Iterable[Strokes], places: Tensor) -> dict[str, Array]:
+def measure_at(samples: Iterable[Strokes], places: Tensor) -> dict[str, Array]:
     """Measure the top strokes of S samples at points (P, 2): (S, P) for each measure, NaN where there is no stroke."""
-    rows: dict[str, list[Array]] = {name: [] for name in OF_STROKES}
+    rows: dict[str, list[Array]] = {name: [] for name in STROKE_KINDS}
     for strokes in samples:
         top, each = topmost(strokes, places).numpy(), measure_each(strokes)
         for name, row in rows.items():

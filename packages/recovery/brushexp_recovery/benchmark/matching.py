@@ -24,7 +24,7 @@ BARE_SHARE = 0.5  # share of a predicted stroke on bare ground, above which it i
 
 @dataclass(frozen=True)
 class Matches:
-    """M pairs of known and predicted strokes, and which of the N predicted strokes are judged."""
+    """M pairs of known and predicted strokes, and which of the N predicted strokes are scored."""
 
     truth: Array  # (M,) known strokes that count
     prediction: Array  # (M,) their partners

@@ -12,9 +12,9 @@ Array = NDArray[Any]
 SIDE = 1000  # longer side, in pixels, to which larger pictures are reduced
 BLUR = 1.0  # standard deviation in pixels of the blur that removes grain
 CELL = 6.0  # CIELAB: side of the cells in which colours are counted
-OF_GROUND = 8.0  # CIELAB: largest distance of a ground colour from the ground's median
+GROUND_DISTANCE = 8.0  # CIELAB: largest distance of a ground colour from the ground's median
 LEAST_GROUND = 0.6  # smallest share of a picture that its ground covers
-HAIR = 1.5  # pixels: half width up to which a line is too thin to count as a stroke
+HAIR_HALF_WIDTH = 1.5  # pixels: half width up to which a line is too thin to count as a stroke
 FEWEST_POINTS = 5  # smallest number of points on the centre lines of strokes
 
 
@@ -33,11 +33,11 @@ def width_on_plain_ground(image: Array) -> float | None:
     lab = gaussian_filter(rgb2lab(resample(image, reduction)), (BLUR, BLUR, 0))
     cells, counts = np.unique((lab / CELL).round().reshape(-1, 3), axis=0, return_counts=True)
     is_near = np.linalg.norm(lab - CELL * cells[counts.argmax()], axis=2) < 1.5 * CELL
-    is_bare = np.linalg.norm(lab - np.median(lab[is_near], axis=0), axis=2) < OF_GROUND
+    is_bare = np.linalg.norm(lab - np.median(lab[is_near], axis=0), axis=2) < GROUND_DISTANCE
     if is_bare.mean() < LEAST_GROUND or is_bare.all():
         return None
     half = distance_transform_edt(~is_bare)
-    half = np.sort(half[skeletonize(~is_bare) & (half > HAIR)])
+    half = np.sort(half[skeletonize(~is_bare) & (half > HAIR_HALF_WIDTH)])
     if len(half) < FEWEST_POINTS:
         return None
     total = half.cumsum()

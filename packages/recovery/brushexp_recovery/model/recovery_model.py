@@ -47,7 +47,7 @@ class RecoveryModel(nn.Module):
         return Classifiers(self.pairs.weights(), self.nodes.weights())
 
 
-def families_learnt(checkpoint: str) -> tuple[str, ...]:
+def trained_families(checkpoint: str) -> tuple[str, ...]:
     """Return the paint families on which weights were trained, including those of the initial weights."""
     recipe = CHECKPOINTS.read_recipe(CHECKPOINTS.path_of(checkpoint))
     return tuple(recipe["data"].get("families", ()))

@@ -36,7 +36,7 @@ def fill_pool(
 
 
 def family_among(seed: int, number: int, families: Collection[str]) -> str | None:
-    """Return the paint family of painting ``number`` in a pool with ``families``; None means engines."""
+    """Return the paint family of painting ``number`` in a pool with ``families``; None if engines draw it."""
     return family_of(seed, number) if families else None
 
 

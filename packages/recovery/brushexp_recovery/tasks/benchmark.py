@@ -23,7 +23,7 @@ from brushexp_recovery.benchmark.report_tables import Row
 from brushexp_recovery.benchmark.scenes import KINDS, SEEN, Scene, list_scenes, paint_scene
 from brushexp_recovery.benchmark.score import score
 from brushexp_recovery.benchmark.truth import Truth, write_truth
-from brushexp_recovery.model.recovery_model import families_learnt
+from brushexp_recovery.model.recovery_model import trained_families
 from brushexp_recovery.raster.npz import write_npz
 from brushexp_recovery.synthesis.families.family import find_families
 
@@ -35,7 +35,7 @@ SUFFIXES = (".png", ".npy", ".npz", ".h5", ".json")  # suffixes of files with st
 
 @dataclass(frozen=True)
 class Case:
-    """A picture in which methods find strokes."""
+    """A picture in which methods are to find strokes."""
 
     scene: Scene
     look: str  # clean or hard
@@ -51,7 +51,7 @@ class Case:
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Paint, find strokes, and write ``paintings/``, ``figures.csv``, ``summary.md`` and plots into the folder."""
     (folder / PAINTINGS).mkdir(exist_ok=True)
-    seen = (*SEEN, *families_learnt(cfg.weights))
+    seen = (*SEEN, *trained_families(cfg.weights))
     scenes = list_scenes(choose_kinds(cfg, seen), cfg.counts, cfg.repeats)
     methods = choose_methods(cfg)
     rows: list[Row] = []

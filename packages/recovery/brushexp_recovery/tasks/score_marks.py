@@ -56,7 +56,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Comparison:
-    """The result of a case."""
+    """The result of comparing the strokes of one picture with its marks."""
 
     case: Case
     agreement: Agreement

@@ -37,7 +37,7 @@ class ShapeBatch(NamedTuple):
 
 
 class ShapeData(L.LightningDataModule):
-    """Sample ``batch_size`` new strokes of the prior and as many corrupted strokes, seeded by the step's number."""
+    """Sample ``batch_size`` new strokes of the prior and equally many corrupted ones, seeded by the step's number."""
 
     def __init__(self, *, batch_size: int, seed: int) -> None:
         super().__init__()

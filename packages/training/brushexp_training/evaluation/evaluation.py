@@ -148,7 +148,7 @@ class FeatureDistance:
         return {f"fid_{self.name}": fid, f"kid_{self.name}": kid}
 
     def by_number(self) -> list[dict[str, object]]:
-        """Tabulate FID and KID for 64 strokes, twice as many, and so on.
+        """Tabulate FID and KID for 64 strokes, for 128, and so on, doubling each time.
 
         A row has ``n``, the number of disjoint ``sets`` of n strokes, the mean and standard deviation of the distances
         over these sets, and the bias: the mean FID from one set of true strokes to the next.

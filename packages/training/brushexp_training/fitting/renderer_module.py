@@ -48,8 +48,8 @@ def relativistic_loss(above: Tensor, below: Tensor) -> Tensor:
     """Compute the RaSGAN loss, which is small if ``above`` scores higher than ``below``.
 
     It is -E[log sigma(D(a) - E D(b))] - E[log(1 - sigma(D(b) - E D(a)))] of scores (n,) and (m,) before any sigmoid
-    (Jolicoeur-Martineau, 2018, arXiv:1807.00734), computed with softplus to stay finite. Differs from the thesis (4.6
-    to 4.10), in which a bracket is misplaced.
+    (Jolicoeur-Martineau, 2018, arXiv:1807.00734), computed with softplus to stay finite. Differs from the thesis, whose
+    equations 4.6 to 4.10 misplace a bracket.
     """
     return functional.softplus(below.mean() - above).mean() + functional.softplus(below - above.mean()).mean()
 
@@ -186,7 +186,7 @@ class RendererModule(NetworkModule):
         self.critic_optimizer.zero_grad(set_to_none=True)
         loss.backward()
         self.terms["loss/critic"] = loss.detach()
-        if self.goes_well(nn.utils.clip_grad_norm_(critic.parameters(), self.clip_norm)):
+        if self.check_is_finite(nn.utils.clip_grad_norm_(critic.parameters(), self.clip_norm)):
             self.critic_optimizer.step()
 
     def _ask_critic(self, critic: Critic, drawn: Tensor, truth: Tensor, error: Tensor) -> tuple[Tensor, Tensor]:

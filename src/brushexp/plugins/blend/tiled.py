@@ -77,7 +77,7 @@ class Tiled(Blend):
         if self.kernel in CURES:
             raise UserError(f"blend.kernel={kernel} {CURES[kernel]}; use blend.kernel=auto")
         if self.kernel == "auto" and device == "cpu":
-            tell_slow(layers.color.dtype)
+            log_slow_kernel(layers.color.dtype)
         return None, ()
 
 
@@ -91,7 +91,7 @@ def _drawer(kernel: str) -> Callable[..., Rasterizer | None] | None:
 
 
 @cache
-def tell_slow(dtype: torch.dtype) -> None:
+def log_slow_kernel(dtype: torch.dtype) -> None:
     """Log once why no compiled kernel can draw the strokes."""
     reason = "their renderer has no kernel, or its weights are trainable; renderer.requires_grad_(False) freezes them"
     reason = reason if dtype == torch.float32 else f"they are {dtype}, but kernels need float32"

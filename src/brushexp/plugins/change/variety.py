@@ -1,4 +1,4 @@
-"""Vary the colours of finished strokes, as if a painter mixed the paint anew for each stroke."""
+"""Vary the colours of finished strokes, as if a painter mixed new paint for each stroke."""
 
 import logging
 import math

@@ -36,7 +36,7 @@ class Rounds(Density):
     uses_importance = True
 
     @abstractmethod
-    def replaced(self, state: DensificationState, missing: int, weakest: Tensor) -> tuple[Strokes, int]:
+    def replacements(self, state: DensificationState, missing: int, weakest: Tensor) -> tuple[Strokes, int]:
         """Return new strokes, at most ``missing`` plus the number replaced, and how many of the weakest they replace.
 
         ``weakest`` (M,) holds the importance of the strokes that may be replaced, least important first.
@@ -80,7 +80,7 @@ class Rounds(Density):
         rest = int(keep.sum())
         missing, moved = max(0, goal - rest), max(0, min(round(self.moved * n), rest - 1))
         weakest = ranks[spare : spare + moved]
-        new, gone = self.replaced(state, missing, importance[weakest])
+        new, gone = self.replacements(state, missing, importance[weakest])
         keep[weakest[:gone]] = False
         return DensificationUpdate(keep, new) if len(new) or not keep.all() else None
 

@@ -45,6 +45,6 @@ class Adaptive(Rounds):
         wanted = 0.0 if self.psnr is None else 10 ** (-self.psnr / 10)  # mean squared error
         return bool((state.image - state.target).square().mean() <= wanted)
 
-    def replaced(self, state: DensificationState, missing: int, weakest: Tensor) -> tuple[Strokes, int]:
+    def replacements(self, state: DensificationState, missing: int, weakest: Tensor) -> tuple[Strokes, int]:
         new = new_strokes(state, missing + len(weakest), self.size, self.tolerance)
         return new, max(0, len(new) - missing)

@@ -252,9 +252,9 @@ def soft_edge(half: Tensor, opacity: Tensor, soft: Tensor, count: int) -> tuple[
 
     A single stroke has the same opacity in the middle as the soft stroke, C(0) of `Profile`, and blocks the same amount
     of light across it, so it is wider if the stroke is thinner than the edge. Several strokes have the half widths at
-    which C(d) passes (k + 1/2) / count of C(0), moved together so that, smoothed by a pixel, their edge is as soft as
-    that of C, whose variance is ``soft``^2 / 20 for a wide stroke. ``half`` (N,) and the edge widths ``soft`` (N,) are
-    in pixels.
+    which C(d) passes (k + 1/2) / count of C(0), moved closer together so that, after smoothing by a pixel, their edge
+    is as soft as that of C, whose variance is ``soft``^2 / 20 for a wide stroke. ``half`` (N,) and the edge widths
+    ``soft`` (N,) are in pixels.
 
     Returns:
         Half width of a single stroke (N,); offsets to add to it (N, K), widest first; opacities (N, K).

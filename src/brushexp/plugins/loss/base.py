@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from brushexp.bounds import at_least
-from brushexp.pictures.focus import resized
+from brushexp.pictures.focus import resample_weights
 from brushexp.pictures.region import Region
 from brushexp.strokes.catalogue import Strokes
 
@@ -41,7 +41,7 @@ class PaintedView:
 
     def weights(self, values: Tensor) -> Tensor | None:
         """Resample ``focus`` (h, w) to the size of values (..., h, w), such as features; None for equal weights."""
-        return None if self.focus is None else resized(self.focus, (values.shape[-2], values.shape[-1]))
+        return None if self.focus is None else resample_weights(self.focus, (values.shape[-2], values.shape[-1]))
 
     def mean(self, values: Tensor) -> Tensor:
         """Average values (..., h, w) of pixels or features, weighted by ``focus``; 0 if there are no values."""
@@ -175,7 +175,7 @@ class BrushworkLoss(Loss):
     """A loss that compares the strokes of a painting with those of another painting."""
 
     @abstractmethod
-    def arranged(self, strokes: Strokes, size: tuple[int, int], generator: torch.Generator) -> Strokes:
+    def arrange(self, strokes: Strokes, size: tuple[int, int], generator: torch.Generator) -> Strokes:
         """Give initial strokes, on a canvas of ``size`` (H, W), the shapes of the other painting's strokes."""
 
 

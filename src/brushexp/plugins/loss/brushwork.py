@@ -60,7 +60,7 @@ class BrushworkTransfer(BrushworkLoss):
         size = (view.whole_target.shape[1], view.whole_target.shape[2])
         return distances(strokes, size, self.reference).sum()
 
-    def arranged(self, strokes: Strokes, size: tuple[int, int], generator: torch.Generator) -> Strokes:
+    def arrange(self, strokes: Strokes, size: tuple[int, int], generator: torch.Generator) -> Strokes:
         return strokes if self.reference is None else with_brushwork(strokes, self.reference, size, generator)
 
 

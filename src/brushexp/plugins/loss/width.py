@@ -10,7 +10,7 @@ from brushexp.system.precision import at_least_single
 
 @register("loss", "width")
 class Width(Loss):
-    """Mean of max(0, 1.4 w - |s - e|); keeps strokes as long as valid ones of their width (thesis 2020, eq. 6.24).
+    """Mean of max(0, 1.4 w - |s - e|), which penalises strokes too short for their width (thesis 2020, eq. 6.24).
 
     Thickness and length are fractions of the window's side; ``start`` and ``end`` are in half-windows, so |s - e| is
     half of their distance. Differs from the source, which uses 2 w: ``prior.INSET`` = 0.7 shrinks the points of valid
