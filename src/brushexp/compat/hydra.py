@@ -95,7 +95,7 @@ def store_when_read(
 
 
 def move_choice(group: str, name: str, to: str, by: str) -> bool:
-    """Move a published member to another group, without its package; return False if its publisher is ``by``."""
+    """Move a published member to another group, without its package; False if missing or published by ``by``."""
     choices, file = _group(group), f"{name}.yaml"
     if file not in choices or choices[file].provider == by:
         return False
