@@ -22,9 +22,10 @@ from omegaconf import DictConfig, OmegaConf
 
 @dataclass
 class SettingsSweeperConf:
-    """Options of ``hydra/sweeper=basic`` (`offer_sweepers`): Hydra's two and those of `SettingsSweeper`.
+    """Options of ``hydra/sweeper=basic`` (`offer_sweepers`): Hydra's two options and those of `SettingsSweeper`.
 
-    ``pictures`` has the values of ``pictures=``. A ``lenient`` sweep runs even if some jobs are invalid, and may grow.
+    ``pictures`` holds the values of ``pictures=``. A ``lenient`` sweep runs even if some jobs are invalid, and may
+    grow.
     """
 
     _target_: str = "hydra_plugins.brushexp_settings.SettingsSweeper"

@@ -65,7 +65,7 @@ class Visit:
         self.notify()
 
     def arrive(self, tab: str | None) -> None:
-        """Connect to a tab; after a reload, it keeps and shows the painting it started."""
+        """Connect to a tab; after a reload, the visit shows the painting that the tab started."""
         self.is_there, self.tab = True, tab
         mine = [work for work in self.works.all if tab is not None and getattr(work.owner, "tab", None) == tab]
         for work in mine:

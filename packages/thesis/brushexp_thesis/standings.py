@@ -71,7 +71,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Row:
-    """A painter on the pictures of a section; ``numbers`` has a mean over seeds for each picture."""
+    """A painter on the pictures of a section; ``numbers`` holds the mean over seeds for each picture."""
 
     painter: str
     settings: str

@@ -128,7 +128,7 @@ def _read_sweeps(folders: Sequence[Path], into: Path) -> Iterator[Study]:
 
 
 def rename_options(table: pd.DataFrame, jobs: Sequence[Sequence[str]]) -> pd.DataFrame:
-    """Rename the options of a `paired_table` to the study's settings, the arguments of ``jobs`` after the picture.
+    """Rename the options of a `paired_table` to the study's settings: each job's arguments after the picture.
 
     The table's own options lack the arguments that all jobs share, and are ordered differently.
     """

@@ -80,7 +80,7 @@ def density_of_quality(look: str, density: str) -> str:
 
 
 def by_quality(nearer: Any, finished: Any, *, _root_: DictConfig) -> Any:
-    """Choose by ``quality``: ``finished`` if a look's strokes keep their size, otherwise ``nearer``."""
+    """Resolve a value in a quality preset: ``finished`` if the look's strokes keep their size, otherwise ``nearer``."""
     return finished if _root_[KEEPS_SIZE] else nearer
 
 
@@ -129,7 +129,7 @@ def _parse(path: Path) -> dict[str, Any]:
 
 
 def _with_options_of_changes(look: dict[str, Any]) -> dict[str, Any]:
-    """Expand short words for options of changes, such as ``wet: 0.5``, into these options, and choose the changes.
+    """Expand short words for options of changes, such as ``wet: 0.5``, into those options, and choose the changes.
 
     Looks of version 0.1 contain such keys, and users still write them.
     """

@@ -71,7 +71,7 @@ class StrokeData(L.LightningDataModule, ABC):
 
     @abstractmethod
     def size(self, split: Split) -> int:
-        """Count the strokes of a split; for training, the strokes of an epoch."""
+        """Count the strokes of a split; for training, count those of an epoch."""
 
     @abstractmethod
     def batches(self, split: Split, epoch: int, first: int) -> Iterator[StrokeBatch]:
