@@ -95,6 +95,6 @@ def check_missing(picture: Image.Image) -> str:
 
 
 def _run(empty: np.ndarray) -> int:
-    """Count the empty pixels at the ends of the last rows of a map (H, W), up to the last row without empty pixels."""
+    """Count the empty pixels at the row ends of a map (H, W), going up from the last row to the first with none."""
     runs = np.where(empty.all(1), empty.shape[1], (~empty[:, ::-1]).argmax(1))[::-1]
     return int(runs[: np.argmax(np.append(runs, 0) == 0)].sum())

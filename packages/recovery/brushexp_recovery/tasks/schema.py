@@ -57,7 +57,7 @@ class RecoverTask(Task):
 class MeasureTask(Task):
     """Measure the brushwork of a photograph of a painting: strokes, figures with intervals, a page, tables.
 
-    ``task=analyse`` with a picture is also this task.
+    ``task=analyse`` with a picture runs this task.
     """
 
     module = "brushexp_recovery.tasks.measure"
