@@ -71,7 +71,7 @@ def over_in_pairs(alpha: Tensor, color: Tensor) -> Tensor:
 
 
 def cpu_seconds_of(blend: Callable[[Tensor, Tensor], Tensor], alpha: Tensor, color: Tensor) -> tuple[float, Tensor]:
-    """Return the median CPU time of blending forward and backward, after one uncounted run, and the picture."""
+    """Return the median CPU time of blending forward and backward, after an untimed run, and the picture."""
     times = []
     for _ in range(RUNS + 1):
         leaves = [one.clone().requires_grad_() for one in (alpha, color)]

@@ -51,7 +51,7 @@ def paintings(picture: str, looks: list[str], folder: Path) -> list[Image.Image]
 
 
 def row(made: list[Image.Image], left: int, top: int) -> Image.Image:
-    """Put each painting and its detail into one row."""
+    """Combine each painting and its detail into one row."""
     height = round(CELL * made[0].height / made[0].width)
     side = CELL // ZOOM
     sheet = Image.new("RGB", (2 * len(made) * (CELL + GAP), max(height, CELL) + GAP), "white")

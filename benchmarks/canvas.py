@@ -44,7 +44,7 @@ def painted(picture: Path, folder: Path, workers: int, *more: str) -> dict[str, 
 
 
 def tell_seams(grids: tuple[int, int], workers: int) -> None:
-    """Print the error along the borders of each of two grids, relative to that of the other grid at the same places."""
+    """Print the error along the borders of each of two grids, relative to the other grid's error at the same places."""
     errors, distances = [], []
     with TemporaryDirectory() as folder:
         mirrored(side := round(math.sqrt(SMALL * 1e6))).save(picture := Path(folder, "picture.png"), compress_level=1)

@@ -1,4 +1,4 @@
-"""Measure how far float32 kernels are from float64, depending on layers, opacity, pixels, distance and thinness.
+"""Measure how far float32 kernels deviate from float64, by layers, opacity, pixels, distance and thinness.
 
     python benchmarks/error_growth.py                       tables (20 s of processor time, 1.4 GB)
     python benchmarks/error_growth.py --plots docs/images   also draw the plots numerics_*.png

@@ -61,7 +61,7 @@ class Count:
 
 
 def is_hit(face: Face, x: float, y: float, side: float) -> bool:
-    """Check whether a found face matches a true one with a given middle and side in pixels."""
+    """Check whether a found face matches a true one, given by its middle and side in pixels."""
     return math.hypot(face.x - x, face.y - y) < NEAR * side and 1 / LIKE < face.side / side < LIKE
 
 

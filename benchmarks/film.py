@@ -1,4 +1,4 @@
-"""Compare a painted film with its pictures painted one by one with the same settings: flicker, PSNR and time.
+"""Compare a painted film with its pictures painted individually with the same settings: flicker, PSNR and time.
 
     python benchmarks/film.py                          a piece of a photograph moving over another photograph
     python benchmarks/film.py clip.mp4 --count 12      the first pictures of a film

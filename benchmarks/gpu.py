@@ -178,7 +178,7 @@ def report(picture: Path | None) -> str:
 
 
 def main() -> None:
-    """Write the section, or say what is missing."""
+    """Write the section, or report what is missing."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("picture", type=Path, nargs="?", help="a picture of 768 x 512 pixels")
     picture = parser.parse_args().picture

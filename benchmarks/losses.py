@@ -59,7 +59,7 @@ def of_a_painting(losses: list[Loss]) -> Callable[[], None]:
 
 
 def against(function: Callable[[], None], other: Callable[[], None], runs: int) -> tuple[float, float]:
-    """Return the median milliseconds of a step, and the median ratio to another step, run in alternation with it."""
+    """Return the median milliseconds of a step, and the median ratio to another step, measured in alternation."""
     for _ in range(WARM):
         function()
         other()

@@ -27,7 +27,7 @@ STEPS = 5
 
 
 def second(rounds: int, words: list[str]) -> None:
-    """Print the seconds of a later call that its steps do not account for, for each look."""
+    """Print, for each look, the seconds of a later call that its steps do not account for."""
     options = dict(word.split("=", 1) for word in words)
     least = {look: float("inf") for look in LOOKS}
     for number in range(rounds + 1):

@@ -45,7 +45,7 @@ def make_photograph(name: str, side: int, folder: Path) -> Path:
 
 
 def paint(image: Path, folder: Path, *words: str) -> dict[str, float]:
-    """Paint like a user, and return wall and CPU seconds and peak memory of the process."""
+    """Paint as a user would, and return wall and CPU seconds and peak memory of the process."""
     command = [sys.executable, str(ROOT / "run.py"), f"image={image}", f"output={folder}", "overwrite=true", *words]
     start = time.perf_counter()
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)

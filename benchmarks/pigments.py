@@ -5,7 +5,7 @@
 The unknowns are the shares of light that six pure paints reflect in seven bands; white reflects all light. They
 determine the matrix from bands to linear RGB, which gives each paint exactly its colour. A least-squares fit requires
 that mixtures (geometric means) of two paints have the colours of MIXTURES, that no mixture of two colours leaves the
-gamut of displays, and that spectra and matrix are smooth. The wanted colours are what painters expect, not
+gamut of displays, and that spectra and matrix are smooth. The target colours are those that painters expect, not
 measurements.
 """
 

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import torch
 from brushexp_changes.tubes.difference import median_difference
-from brushexp_changes.tubes.mixtures import all_mixtures, within_tones
+from brushexp_changes.tubes.mixtures import all_mixtures, map_tones
 from brushexp_changes.tubes.paints import load_tubes
 from brushexp_changes.tubes.plan import plan_of
 from brushexp_changes.tubes.table import Table
@@ -63,17 +63,17 @@ def compare(image: str, options: dict[str, object], counts: list[int]) -> Iterat
         constrained = settings_of("paint", {"image": image, "tubes": "eight", "mixtures": count, **options, **QUIET})
         cfg, tubes = constrained.cfg, build_changes(constrained.cfg)["tubes"]
         picture, candidates = target_of(cfg), all_mixtures(load_tubes(tubes.tubes))
-        target = within_tones(picture, candidates)
+        target = map_tones(picture, candidates)
         table, scale = tubes.table_for(target, candidates), target.shape[2] / (10 * tubes.width_cm)
         with constrained.as_asked():
             planned = paint_picture(cfg).job
         plain = plain or paint_plain(cfg, len(planned.strokes), target)
         plan, afterwards = plan_of(planned, table, scale), plan_of(plain, table, scale)
-        played, own = shown(plan.played()), replace(afterwards, order=plain.bottom_up)
+        played, own = shown(plan.play_back()), replace(afterwards, order=plain.bottom_up)
         row = {
             "pixels": median_difference(best_pixels(target, table), target),
             "plain": median_difference(shown(plain), target),
-            "afterwards": min(median_difference(shown(each.played()), target) for each in (afterwards, own)),
+            "afterwards": min(median_difference(shown(each.play_back()), target) for each in (afterwards, own)),
             "planned": median_difference(played, target),
             "photograph": median_difference(played, picture),
         }

@@ -170,7 +170,7 @@ def draft(name: str, side: int, look: str, keys: dict[str, str | int | float]) -
 
 
 def by_draft(names: Sequence[str], side: int) -> None:
-    """Print the quality of drafts, now and before they started from a network's strokes."""
+    """Print the quality of drafts, both now and before they started from a network's strokes."""
     rows = []
     for look, choices in DRAFTS.items():
         found = [list(zip(*(draft(name, side, look, keys) for name in names), strict=True)) for keys in choices]

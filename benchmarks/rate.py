@@ -179,7 +179,7 @@ def read(records: Path) -> list[Record]:
 
 
 def curves(rows: list[Record]) -> dict[tuple[str, str, str], Curve]:
-    """Collect the points of each set, picture and codec by rate, leaving out points beaten by others."""
+    """Collect the points of each set, picture and codec by rate, omitting dominated points."""
     points = defaultdict(list)
     for row in rows:
         points[row["set"], row["picture"], row["codec"]].append((float(row["bits_per_pixel"]), float(row["psnr"])))

@@ -1,12 +1,12 @@
-"""Measure how much a few marks by hand improve the recovery of other strokes, in known and in marked paintings.
+"""Measure how much a few hand-drawn marks improve the recovery of other strokes, in known and in marked paintings.
 
     python benchmarks/recovery_marks.py --kinds impasto daubs dabs
     python benchmarks/recovery_marks.py --kinds --hand FOLDER        # NAME.json and NAME.png
 
 In each known painting, weathered, ``--marks`` random strokes replace the marks of a person: they determine the scale
-and train the judges, as in ``recover marks=``. A row has the recall of the other strokes at an IoU of 0.5 before and
-after, and F1 of all regions. One half of the marks by hand is used for training and the other half for testing, then
-the other way round.
+and train the region scorers, as in ``recover marks=``. A row has the recall of the other strokes at an IoU of 0.5
+before and after, and F1 of all regions. One half of the marks by hand is used for training and the other half for
+testing, then the other way round.
 """
 
 import argparse

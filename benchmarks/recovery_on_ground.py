@@ -1,4 +1,4 @@
-"""Recover scanned strokes that lie on a plain ground, at the automatic scale with and without the plain ground's rule.
+"""Recover scanned strokes on a plain ground, at the automatic scale with and without the rule for plain grounds.
 
     python benchmarks/recovery_on_ground.py --seeds 0 3
 

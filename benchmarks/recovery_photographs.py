@@ -4,8 +4,8 @@
 
 Recovers strokes from photographs, resampled to ``--side`` pixels, and from known paintings of 192 pixels. A row for
 each has the number of strokes, their median confidence, the share of pixels classified as bare, and whether `recover`
-says that the picture does not look like paint. For the paintings it also prints the precision of bare pixels, and their
-recall on the ground that no recovered stroke covers.
+reports that the picture does not look like paint. For the paintings it also prints the precision of bare pixels, and
+their recall on the ground that no recovered stroke covers.
 """
 
 import argparse

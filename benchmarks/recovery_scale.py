@@ -1,4 +1,4 @@
-"""Find the scale at which strokes are recovered best, and how near recovery comes, on known rescaled paintings.
+"""Find the scale at which strokes are recovered best, and how close recovery comes to it, on known rescaled paintings.
 
     python benchmarks/recovery_scale.py scales.csv
     python benchmarks/recovery_scale.py others.csv --rounds 3 7 --sides
@@ -6,8 +6,9 @@
 Paints a painting of each of the `KINDS` in each round, enlarges or reduces it, and recovers its strokes at the scale
 that `recover` chooses, by one search and by all (`SEARCHES`), and by one search at the scales that resample it to each
 of the sides (`--sides`: none). The file gets a row per painting and scale: F1, and the quantities that a criterion can
-use without the truth. Existing rows are kept, so an interrupted run continues. At the end it prints, per criterion, how
-often the chosen scale lies within a factor of 1.4 of the best one, and F1 there, and what all searches gain over one.
+use without ground truth. Existing rows are kept, so an interrupted run continues. At the end it prints, per criterion,
+how often the chosen scale lies within a factor of 1.4 of the best one, and F1 there, and what all searches gain over
+one.
 """
 
 import argparse
@@ -94,7 +95,7 @@ def f1_of(known, found):
 
 
 def look_at(model, image, labels, scale, searches):
-    """Recover strokes at a scale, and compute F1 and the figures that need no truth."""
+    """Recover strokes at a scale, and compute F1 and the figures that need no ground truth."""
     regions = find_regions(model, image, scale, 1, lambda *_: None, searches)
     area = count_pixels(regions.labels, len(regions.chance))
     return {
@@ -107,7 +108,7 @@ def look_at(model, image, labels, scale, searches):
 
 
 def measure(options, path, done):
-    """Write the lines that are not there yet."""
+    """Write the rows that are not in the file yet."""
     model = load_model(options.weights)
     with path.open("a", newline="") as file:
         writer = csv.DictWriter(file, FIELDS)
@@ -131,7 +132,7 @@ def measure(options, path, done):
 
 
 def choose_explained(lines):
-    """Choose the scale whose regions, if enough, explain most, and clearly more than those of the present one."""
+    """Choose the scale whose regions, if enough, explain most, and clearly more than those at the present scale."""
     enough = [line for line in lines if line["regions"] >= FEWEST_REGIONS] or lines[:1]
     best = max(enough, key=lambda line: line["explained"])
     return best["scale"] if best["explained"] > GAIN * lines[0]["explained"] else lines[0]["scale"]

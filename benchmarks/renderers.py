@@ -5,7 +5,8 @@
 
 The folders are runs of task=evaluate on an idle machine, one after another, and their names are the labels. Prints a
 table, and plots the Frechet distance of the sets of strokes and the bristle energy of thick strokes against the speed.
-A renderer is on the front if no other is both as fast and as accurate; too much energy is as wrong as too little.
+A renderer is on the front if no other is both as fast and as accurate; too much energy counts as an error, like too
+little.
 """
 
 import sys

@@ -31,7 +31,7 @@ PLACES, LEVELS, OPACITIES, WIDENINGS = 4, 255, 63, 31  # steps per pixel, colour
 
 
 def pack(strokes):
-    """Pack strokes plainly, and return the LZMA bytes and the decoded strokes."""
+    """Pack strokes in the plain format, and return the LZMA bytes and the decoded strokes."""
     start, control, end = curve_of(strokes).unbind(1)
     across = torch.stack([2 * half_width_of(strokes), softness_of(strokes)], dim=1)
     lengths = torch.cat([start, control - start, end - start, across], dim=1) * PLACES

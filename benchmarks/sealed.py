@@ -1,12 +1,12 @@
-"""Paint the sealed set once: pictures that no choice was based on.
+"""Paint the sealed set once: pictures on which no choice was based.
 
     python benchmarks/sealed.py collect unpacked/ sealed/    (unpacked/: the packages named in sealed.yaml)
     python benchmarks/sealed.py paint sealed/ outputs/sealed
 
 `collect` copies the pictures of the list from anywhere below a folder. Before the first stroke, `paint` records the
 date and the version in sealed.json; then it paints each picture with the settings in `WORDS`, and writes the metrics of
-each picture to sealed.csv. A set that has been painted before is refused. `--again REASON` paints it nevertheless and
-records the reason: from then on it is a development set, and reports must say so.
+each picture to sealed.csv. A set that has been painted before is rejected. `--again REASON` paints it nevertheless and
+records the reason; from then on it is a development set, and reports must say so.
 """
 
 import argparse

@@ -69,7 +69,7 @@ def gradient_step(blend: Blend, strokes: Strokes, target: torch.Tensor) -> Calla
 
 
 def seconds_of(function: Callable[[], object], runs: int) -> float:
-    """Return the median wall time after one uncounted run."""
+    """Return the median wall time after an untimed run."""
     function()
     times = []
     for _ in range(runs):
@@ -102,7 +102,7 @@ def against_eager() -> None:
 
 @torch.no_grad()
 def against_double() -> None:
-    """Print how far the float32 pictures are from eager PyTorch in float64."""
+    """Print the deviation of the float32 pictures from eager PyTorch in float64."""
     strokes, order = scene(10_000, 1024), torch.arange(10_000)
 
     def picture(blend: Blend, dtype: torch.dtype) -> torch.Tensor:
@@ -177,7 +177,7 @@ def lightning_cost(blocks: int = 12, steps: int = 15) -> None:
     times: dict[str, list[float]] = {"bare": [], "lightning": [], "bare, only the check for finite numbers": []}
 
     class Alternate(L.Callback):
-        """Callback that runs as many bare steps after each block of Lightning's steps."""
+        """Callback that runs an equal number of bare steps after each block of Lightning's steps."""
 
         begin = 0.0
 

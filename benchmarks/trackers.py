@@ -5,7 +5,7 @@
 
 Each run is a separate process. The runs of a round follow each other, and the ratio is the median of the ratios within
 the rounds. A point of the curves is logged about every 0.25 s, so a millisecond per point is 0.4 % of the run. Nothing
-is sent: wandb is offline.
+is sent, because wandb is offline.
 """
 
 import argparse

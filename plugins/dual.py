@@ -1,7 +1,7 @@
 """An example of a neural renderer in one file: ``renderer=dual`` predicts the shape of a stroke but not its colour.
 
-Paint of any colour has the same shape, so the network does not need to learn colours. It receives only the seven
-numbers of the shape and draws two planes, a mask (alpha) and a shading; the exact colour is applied afterwards.
+The shape of paint does not depend on its colour, so the network does not need to learn colours. It receives only the
+seven numbers of the shape and draws two planes, a mask (alpha) and a shading; the exact colour is applied afterwards.
 
 The framework does the rest: `PatchRenderer` brings the parameters into the range of training, calls `draw`, places the
 windows on the canvas and saves memory; `restore` loads the weights of ``checkpoint``;
@@ -22,7 +22,7 @@ from brushexp.contracts.families import PRECISIONS, PatchRenderer
 
 @register("renderer", "dual")
 class Dual(PatchRenderer):
-    """A network for the shape alone, with the exact colour on top; plugins/dual.py shows how to add a renderer.
+    """A network for the shape only, with the exact colour applied on top; plugins/dual.py shows how to add a renderer.
 
     Args:
         window: side of the picture in pixels, a multiple of 16.

@@ -1,4 +1,4 @@
-"""An example of a plugin in one file: ``init=scatter`` lays strokes at random places.
+"""An example of a plugin in one file: ``init=scatter`` places strokes at random.
 
 The decorator makes the class a choice on the command line. The keyword-only parameters of ``__init__`` become typed
 options with these defaults (``init.detail=0.5``). ``brushexp/plugins/init/base.py`` documents the arguments and the

@@ -5,7 +5,7 @@ import torch
 from skimage import data
 
 import brushexp
-from brushexp.pictures.abstraction import simplified
+from brushexp.pictures.abstraction import simplify
 from brushexp.pictures.faces.detection import find_faces
 
 
@@ -33,8 +33,8 @@ def test_abstraction_makes_strokes_fewer_forms_flat_where_nobody_looks_and_leave
     picture = torch.rand(3, 40, 60, generator=torch.Generator().manual_seed(0))
     attended = torch.zeros(40, 60)
     attended[:, 30:] = 1
-    flat = simplified(picture, 1, attended)
+    flat = simplify(picture, 1, attended)
     assert torch.equal(flat[:, :, 30:], picture[:, :, 30:])
     assert flat[:, :, :30].std() < 0.5 * picture[:, :, :30].std()
-    assert simplified(picture, 0, attended) is picture
-    assert simplified(picture[:, :1, :1], 0.5, None).shape == (3, 1, 1)
+    assert simplify(picture, 0, attended) is picture
+    assert simplify(picture[:, :1, :1], 0.5, None).shape == (3, 1, 1)

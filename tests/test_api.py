@@ -22,7 +22,7 @@ import brushexp
 from brushexp.painting.reopen import export_job
 from brushexp.pictures.held import hold
 from brushexp.pictures.load import load_picture, samples
-from brushexp.plugins.blend.tiled import tell_slow
+from brushexp.plugins.blend.tiled import log_slow_kernel
 from brushexp.results.runs import command_of
 from brushexp.runs import run_folder
 from brushexp.runs.run_folder import lock
@@ -171,7 +171,7 @@ def test_a_painting_is_drawn_exported_and_saved_later(tmp_path):
 
 def test_paint_that_is_to_be_trained_is_asked_for_and_the_slow_way_is_told_once(caplog):
     strokes = random_strokes(5, (20, 30))
-    tell_slow.cache_clear()
+    log_slow_kernel.cache_clear()
     frozen = brushexp.create("renderer", "textured")
     assert not any(value.requires_grad for value in frozen.parameters())
     assert_close(

@@ -14,12 +14,12 @@ from numba.core import caching
 from refusals import refuses
 
 from brushexp.compat import compiled, kept_kernels
-from brushexp.config.words import at_home
+from brushexp.config.words import expand_home
 from brushexp.system import caches
 from brushexp.system.caches import CACHES, KERNELS, can_hold, has_home, private_folder, settle_caches
 
 UNWRITABLE = "/proc/none"  # not even for root
-VARIABLES = ("HOME", KERNELS, CACHES, *caches.OF_LIBRARIES, *caches.TEMPORARY_PLACES)
+VARIABLES = ("HOME", KERNELS, CACHES, *caches.LIBRARY_CACHES, *caches.TEMPORARY_PLACES)
 
 
 @pytest.fixture
@@ -51,7 +51,7 @@ def nobody(monkeypatch) -> None:
 def test_a_user_whose_home_can_be_written_keeps_all_as_it_is(surroundings, tmp_path):
     surroundings(HOME=str(tmp_path))
     settle_caches()
-    assert not {KERNELS, CACHES, *caches.OF_LIBRARIES} & os.environ.keys()
+    assert not {KERNELS, CACHES, *caches.LIBRARY_CACHES} & os.environ.keys()
     assert not (tmp_path / ".cache").exists()
 
 
@@ -129,7 +129,7 @@ def test_a_typed_home_is_refused_where_there_is_none(surroundings, monkeypatch):
     nobody(monkeypatch)
     settle_caches()
     refuses(
-        r"^output=~/x: this user has no home folder; write the path in full, output=/\.\.\.$", at_home, "output=~/x"
+        r"^output=~/x: this user has no home folder; write the path in full, output=/\.\.\.$", expand_home, "output=~/x"
     )
 
 

@@ -50,7 +50,7 @@ PACKAGES = {
 NAVIGATION = yaml.safe_load((ROOT / "mkdocs.yml").read_text())["nav"]
 GUIDE = next(part["Guide"] for part in NAVIGATION if "Guide" in part)
 CHECKED_PAGES = [ROOT / "README.md", *(ROOT / "docs" / name for page in GUIDE for name in page.values())]
-IN_A_BLOCK = re.compile(r"^ {4,}(?:.* && )?(?:\S*bin/)?brushexp(?: (.*?))?(?:  +#.*)?$", re.MULTILINE)
+STROKES_PER_BLOCK = re.compile(r"^ {4,}(?:.* && )?(?:\S*bin/)?brushexp(?: (.*?))?(?:  +#.*)?$", re.MULTILINE)
 IN_A_LINE = re.compile(r"`brushexp\s([^`]+)`")  # may continue on the next line
 
 
@@ -64,9 +64,9 @@ def commands_of(pages, *patterns):
     }
 
 
-CHECKED = commands_of(CHECKED_PAGES, IN_A_BLOCK, IN_A_LINE)
+CHECKED = commands_of(CHECKED_PAGES, STROKES_PER_BLOCK, IN_A_LINE)
 CHECKED.pop("doctor", None)  # not a task; tests/test_doctor.py runs it
-SHOWN = {command: name for command, name in commands_of(PAGES, IN_A_BLOCK).items() if command not in CHECKED}
+SHOWN = {command: name for command, name in commands_of(PAGES, STROKES_PER_BLOCK).items() if command not in CHECKED}
 
 
 def first_of(override):

@@ -34,8 +34,8 @@ from brushexp.pictures.faces.detection import (
     find_faces,
     find_faces_and_heads,
     heads_among,
-    turned,
-    turned_back,
+    rotate,
+    rotate_back,
 )
 from brushexp.pictures.faces.marked import marked_faces
 from brushexp.pictures.faces.network import HEADS, LANDMARKS, STRIDES, _decoded, open_network
@@ -101,10 +101,10 @@ def test_answers_are_decoded_place_by_place():
 @pytest.mark.parametrize("tilt", [0.3, -math.pi / 4])
 def test_turning_a_picture_interpolates_it_pixel_by_pixel(size, tilt):
     picture = torch.rand(3, *size)
-    canvas = turned(picture, tilt)
+    canvas = rotate(picture, tilt)
     for row in range(canvas.shape[1]):
         for column in range(canvas.shape[2]):
-            x, y = turned_back(torch.tensor([[column + 0.5, row + 0.5]]), tilt, size)[0].tolist()
+            x, y = rotate_back(torch.tensor([[column + 0.5, row + 0.5]]), tilt, size)[0].tolist()
             expected = torch.zeros(3)
             for i in range(math.floor(y - 0.5), math.floor(y - 0.5) + 2):
                 for j in range(math.floor(x - 0.5), math.floor(x - 0.5) + 2):
@@ -115,8 +115,8 @@ def test_turning_a_picture_interpolates_it_pixel_by_pixel(size, tilt):
 
 def test_a_quarter_of_a_turn_is_exact_and_none_is_nothing():
     picture = torch.rand(3, 7, 12)
-    assert turned(picture, 0) is picture
-    assert_close(turned(picture, math.pi / 2), picture.rot90(-1, (1, 2)))
+    assert rotate(picture, 0) is picture
+    assert_close(rotate(picture, math.pi / 2), picture.rot90(-1, (1, 2)))
 
 
 def only_face(picture: torch.Tensor) -> Face:
@@ -142,12 +142,12 @@ def test_one_face_is_found_where_it_is_at_any_size_and_in_the_dark():
 @pytest.mark.parametrize("degrees", [15, -15, 30, -30, 45, -45])
 def test_the_face_of_a_turned_picture_is_turned(degrees):
     picture, tilt = load_picture("astronaut", 320), math.radians(degrees)
-    face, canvas = only_face(picture), turned(picture, tilt)
+    face, canvas = only_face(picture), rotate(picture, tilt)
     other = only_face(canvas)
-    x, y = turned_back(torch.tensor([[other.x, other.y]]), tilt, (320, 320))[0].tolist()
+    x, y = rotate_back(torch.tensor([[other.x, other.y]]), tilt, (320, 320))[0].tolist()
     assert math.hypot(x - face.x, y - face.y) < 0.15 * face.side
     assert other.side == pytest.approx(face.side, rel=0.25)
-    back = turned_back(torch.from_numpy(other.landmarks).float(), tilt, (320, 320))
+    back = rotate_back(torch.from_numpy(other.landmarks).float(), tilt, (320, 320))
     assert float((back - torch.from_numpy(face.landmarks)).norm(dim=1).max()) < 0.15 * face.side
     assert math.degrees(other.tilt - face.tilt) == pytest.approx(degrees, abs=12)
 
@@ -162,7 +162,7 @@ def test_the_face_of_a_mirrored_picture_is_mirrored():
 
 def test_each_of_several_faces_is_found_once():
     portrait = load_picture("astronaut", 256)
-    faces = find_faces(torch.cat([portrait, portrait.flip(2), turned(portrait, 0.5)[:, :256]], 2))
+    faces = find_faces(torch.cat([portrait, portrait.flip(2), rotate(portrait, 0.5)[:, :256]], 2))
     assert len(faces) == 3
     assert [face.score for face in faces] == sorted((face.score for face in faces), reverse=True)
 

@@ -20,7 +20,7 @@ from brushexp.painting.build import compute_focus
 from brushexp.painting.metrics import measure, standard_metrics
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.pictures.faces.detection import find_faces
-from brushexp.pictures.focus import attention, focus_map, focus_weights, resized, sharpness
+from brushexp.pictures.focus import attention, focus_map, focus_weights, resample_weights, sharpness
 from brushexp.pictures.load import load_picture, planes_of
 from brushexp.pictures.similarity import dissimilarity, statistics
 from brushexp.plugins.init.slic import Slic
@@ -121,8 +121,8 @@ def test_the_brightest_counts_so_many_times_the_darkest(strength):
 
 def test_smaller_weights_have_the_same_mean():
     weights = focus_weights(torch.rand(6, 9), 8)
-    assert float(resized(weights, (4, 5)).mean()) == pytest.approx(1)
-    assert resized(weights, (6, 9)) is weights
+    assert float(resample_weights(weights, (4, 5)).mean()) == pytest.approx(1)
+    assert resample_weights(weights, (6, 9)) is weights
 
 
 def test_a_mask_is_read_as_grey_at_the_size_of_the_picture(tmp_path):

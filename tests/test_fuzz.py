@@ -42,7 +42,7 @@ from test_leaderboard import PUBLISHED
 from test_verdicts import CLAIMS
 from tifffile import imwrite
 
-from brushexp.compat.hydra import one_store
+from brushexp.compat.hydra import shared_store
 from brushexp.config.check import check
 from brushexp.config.compose import composed, folders_of
 from brushexp.config.mistakes import explanation
@@ -192,7 +192,7 @@ def read_look(path: Path) -> None:
         return
     folders, words = folders_of(path.parents[2]), ["look=own"]
     try:
-        with one_store():
+        with shared_store():
             prepare(path.parents[2], words)
             check(composed(words, folders), words)
     except (CompactHydraException, OmegaConfBaseException) as error:

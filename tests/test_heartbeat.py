@@ -55,7 +55,7 @@ def test_lines_are_written_where_nothing_can_be_taken_back(quick, monkeypatch):
 
 def test_nothing_is_shown_behind_a_bar_nor_after_the_end(quick, monkeypatch):
     def during(heart):
-        with heart.behind_a_bar():
+        with heart.paused():
             before = len(stream.getvalue())
             time.sleep(0.1)
             assert len(stream.getvalue()) == before

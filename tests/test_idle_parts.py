@@ -5,7 +5,7 @@ import torch
 from brushexp_policies.patches import Patches
 
 from brushexp.painting.components import Stage, standard_components
-from brushexp.painting.idle_parts import tell_of_idle_parts
+from brushexp.painting.idle_parts import log_idle_parts
 from brushexp.plugins.density.adaptive import Adaptive
 from brushexp.plugins.init.random import Random
 from brushexp.plugins.renderer.analytic import Analytic
@@ -25,7 +25,7 @@ STROKES = Random()(torch.rand(3, *SIZE), 60, torch.Generator().manual_seed(0))
     ({"density": Adaptive(), "sampler": Patches()}, 0, None),
 ])  # fmt: skip
 def test_a_part_that_changes_nothing_is_told(caplog, chosen, steps, told):
-    tell_of_idle_parts(standard_components(steps=steps, **chosen), STROKES, SIZE)
+    log_idle_parts(standard_components(steps=steps, **chosen), STROKES, SIZE)
     assert len(caplog.messages) == (told is not None)
     assert told is None or told in caplog.messages[0]
 
@@ -33,7 +33,7 @@ def test_a_part_that_changes_nothing_is_told(caplog, chosen, steps, told):
 @pytest.mark.parametrize(("steps", "is_told"), [(5, True), (500, False)])
 def test_steps_that_nobody_typed_are_told(caplog, steps, is_told):
     stages = [Stage("textured", Analytic(), steps), Stage("neural", Analytic(), 40)]
-    tell_of_idle_parts(standard_components(stages=stages), STROKES, SIZE)
+    log_idle_parts(standard_components(stages=stages), STROKES, SIZE)
     told = "5 steps with renderer=textured and then 40 with renderer=neural, 45 in total; for fewer: finish_steps=2"
     assert caplog.messages == [told] * is_told
 

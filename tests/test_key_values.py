@@ -20,13 +20,13 @@ from PIL import Image
 from refusals import refuses
 from typed import TASK_OF, configured, nodes, typed_into
 
-from brushexp.cli.many_pictures import as_sweep, name_of
+from brushexp.cli.many_pictures import expand_pictures, name_of
 from brushexp.cli.program import expand_arguments
 from brushexp.config import compose
 from brushexp.config.check import check
 from brushexp.config.compose import CHOSEN_GROUPS
 from brushexp.config.keys import keys_of
-from brushexp.config.mistakes import of_grammar, translate
+from brushexp.config.mistakes import explain_grammar_error, translate
 from brushexp.config.tasks import TASKS
 from brushexp.config.vocabulary import with_words_of_changes
 from brushexp.config.words import expand_positional, parse_value
@@ -179,7 +179,7 @@ def test_a_name_stays_itself_however_often_it_is_resolved(name, tmp_path, monkey
     assert node.twice == name
     (tmp_path / name).mkdir()
     Image.new("RGB", (64, 48)).save(tmp_path / name / "a.png")
-    (word,) = (word for word in as_sweep([f"image={name}"], False) if word.startswith("output="))
+    (word,) = (word for word in expand_pictures([f"image={name}"], False) if word.startswith("output="))
     assert "${" not in word, "Hydra cannot write there"
     Image.new("RGB", (64, 48)).save(tmp_path / f"{name}.png")
     cfg = compose.composed(expand_arguments([f"image={name}.png", f"style={name}.png", f"focus={name}.png"]))
@@ -191,7 +191,7 @@ def test_a_name_stays_itself_however_often_it_is_resolved(name, tmp_path, monkey
 def test_where_nothing_can_be_written_is_told_and_a_number_is_no_path(tmp_path, monkeypatch):
     (tmp_path / "a${b}").mkdir()
     monkeypatch.chdir(tmp_path / "a${b}")
-    assert "name contains ${; change to another folder" in str(of_grammar("Interpolation key 'b' not found"))
+    assert "name contains ${; change to another folder" in str(explain_grammar_error("Interpolation key 'b' not found"))
     assert expand_arguments(["strokes=10"]) == ["strokes=10"]
     assert "strokes" in keys_of(TASKS["score"]), "where it is a file"
 

@@ -23,7 +23,7 @@ from brushexp.pictures import kinds
 from brushexp.pictures.credits import credits_of, write_credited
 from brushexp.pictures.cut_short import has_end
 from brushexp.pictures.decode import decode_image, open_picture, picture_size, read_picture
-from brushexp.pictures.folders import left_out, pictures_in
+from brushexp.pictures.folders import pictures_in, skipped_files
 from brushexp.pictures.kinds import has_codec
 from brushexp.pictures.limits import check_pixels, check_whole, halvings, size_of_jxl
 from brushexp.pictures.load import PICTURE, load_picture, size_of_picture
@@ -338,7 +338,7 @@ def test_a_folder_has_all_that_is_read_and_tells_the_rest(tmp_path):
     (tmp_path / "more").mkdir()
     (tmp_path / "gone.png").symlink_to(tmp_path / "nothing")
     assert [Path(path).name for path in pictures_in(str(tmp_path))] == read
-    lines = left_out(str(tmp_path))
+    lines = skipped_files(str(tmp_path))
     for words in (
         "x.DNG left out: develop",
         "x.MOV, y.mp4 left out: paint a film",

@@ -21,7 +21,7 @@ from PIL import Image
 from refusals import refusal, refuses
 from scenes import random_strokes
 
-from brushexp.compat.hidden_packages import hidden
+from brushexp.compat.hidden_packages import hide_packages
 from brushexp.painting.timelapse import Timelapse
 from brushexp.runs.runner import explaining_to_users
 from brushexp.strokes.storage import Saved, save_catalogue
@@ -134,7 +134,7 @@ def test_the_peak_of_a_job_is_not_that_of_one_before_it():
 
 def test_a_hidden_package_looks_as_if_it_were_not_installed_to_lightning_alone_and_a_loaded_one_stays():
     assert "xmlrpc" not in sys.modules
-    with hidden("xmlrpc", "mkdocs", "torch"):
+    with hide_packages("xmlrpc", "mkdocs", "torch"):
         assert not RequirementCache("mkdocs>=0.1")
         assert not RequirementCache(module="xmlrpc.client")
         assert RequirementCache("torch>=2")

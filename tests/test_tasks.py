@@ -18,7 +18,14 @@ from refusals import refuses
 
 from brushexp import __version__
 from brushexp.cli import many_pictures
-from brushexp.cli.many_pictures import all_pictures, as_sweep, in_processes, launcher, pictures_named, subfolders_for
+from brushexp.cli.many_pictures import (
+    all_pictures,
+    expand_jobs,
+    expand_pictures,
+    launcher,
+    pictures_named,
+    subfolders_for,
+)
 from brushexp.cli.program import expand_arguments
 from brushexp.config.rules import EFFORT
 from brushexp.config.tasks import TASKS
@@ -340,32 +347,34 @@ def test_a_process_that_is_killed_or_hears_no_signal_ends_its_sweep_which_goes_o
 def test_the_words_of_a_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     photos(tmp_path / "p")
-    flag, look, output, named, *more = as_sweep(["image=p", "look=ink"], False)
+    flag, look, output, named, *more = expand_pictures(["image=p", "look=ink"], False)
     assert (flag, look, output) == ("--multirun", "look=ink", "output=outputs/p")
     assert (named, more) == ('hydra.sweeper.pictures=["p"]', ["hydra.sweeper.lenient=true"])
-    _, output, named, _ = as_sweep(["pictures=thesis12,p"], False)
+    _, output, named, _ = expand_pictures(["pictures=thesis12,p"], False)
     assert (output, named) == ("output=outputs/thesis12_p", 'hydra.sweeper.pictures=["thesis12","p"]')
     for typed in ("[thesis12,p]", "[thesis12, 'p']", '["thesis12",p]'):
-        assert as_sweep([f"pictures={typed}"], False) == as_sweep(["pictures=thesis12,p"], False)
+        assert expand_pictures([f"pictures={typed}"], False) == expand_pictures(["pictures=thesis12,p"], False)
     pictures = [str(Path("p", name)) for name in ("second.jpg", "a b,c.png")]
-    _, look, output, settings, _ = as_sweep([f"image={pictures[0]}", "look=ink", f"image={pictures[1]}"], False)
+    _, look, output, settings, _ = expand_pictures([f"image={pictures[0]}", "look=ink", f"image={pictures[1]}"], False)
     assert (look, output) == ("look=ink", "output=outputs/p")
     assert settings.index("second.jpg") < settings.index("a b,c.png")
     jobs = tmp_path / "outputs" / "p" / JOBS
     jobs.parent.mkdir(parents=True)
     jobs.touch()
-    assert "hydra.sweeper.resume=true" in as_sweep(["image=p"], False)
+    assert "hydra.sweeper.resume=true" in expand_pictures(["image=p"], False)
     for word in ("overwrite=true", "overwrite=True", "overwrite=1"):
-        assert "hydra.sweeper.resume=true" not in as_sweep(["image=p", word], False)
+        assert "hydra.sweeper.resume=true" not in expand_pictures(["image=p", word], False)
     jobs.unlink()
-    assert expand_arguments([*pictures, "look=ink"]) == as_sweep(
+    assert expand_arguments([*pictures, "look=ink"]) == expand_pictures(
         [*(f"image={one}" for one in pictures), "look=ink"], False
     )
-    assert as_sweep(["image=astronaut"], False) == ["image=astronaut"]
-    assert as_sweep(["image=p/[a-z ,]*.png"], False)[1] == "output=outputs/p"
+    assert expand_pictures(["image=astronaut"], False) == ["image=astronaut"]
+    assert expand_pictures(["image=p/[a-z ,]*.png"], False)[1] == "output=outputs/p"
     for name in (r"a\b", "a'b", 'a"b'):  # any name reaches the program unchanged
         photos(tmp_path / name)
-        (named,) = (word for word in as_sweep([f"image={name}"], False) if word.startswith("hydra.sweeper.pictures="))
+        (named,) = (
+            word for word in expand_pictures([f"image={name}"], False) if word.startswith("hydra.sweeper.pictures=")
+        )
         assert parse_value(named.partition("=")[2]) == [name]
 
 
@@ -405,22 +414,22 @@ def test_names_of_folders_are_plain_and_differ_and_are_read_as_they_are():
 
 
 def test_jobs_are_processes(monkeypatch):
-    assert in_processes(["jobs=2", "a=1"]) == ["a=1", f"hydra/launcher={launcher()}", "hydra.launcher.n_jobs=2"]
-    assert in_processes(["jobs=1"]) == []
-    refuses("jobs=x is not a number", in_processes, ["jobs=x"])
+    assert expand_jobs(["jobs=2", "a=1"]) == ["a=1", f"hydra/launcher={launcher()}", "hydra.launcher.n_jobs=2"]
+    assert expand_jobs(["jobs=1"]) == []
+    refuses("jobs=x is not a number", expand_jobs, ["jobs=x"])
     monkeypatch.setattr(many_pictures, "find_spec", lambda _: True)
     monkeypatch.setattr(runtime, "cores", lambda: 5)
     monkeypatch.setattr(device, "device_of", lambda _: torch.device("cpu"))
     for memory, pictures, count in ((1e6, 40, 5), (7000, 40, 3), (500, 40, 1), (1e6, 4, 2), (1e6, 3, 1)):
         monkeypatch.setattr(runtime, "free_memory", lambda memory=memory: memory)
         expected = [f"hydra/launcher={launcher()}", f"hydra.launcher.n_jobs={count}"] if count > 1 else []
-        assert in_processes(["jobs=auto"], pictures) == in_processes([], pictures) == expected
+        assert expand_jobs(["jobs=auto"], pictures) == expand_jobs([], pictures) == expected
     monkeypatch.setattr(runtime, "free_memory", lambda: math.inf)
-    assert in_processes(["jobs=auto"])[-1] == "hydra.launcher.n_jobs=5"
+    assert expand_jobs(["jobs=auto"])[-1] == "hydra.launcher.n_jobs=5"
     monkeypatch.setattr(device, "device_of", lambda _: torch.device("cuda"))
     monkeypatch.setattr("brushexp.contracts.machine.device_of", device.device_of)
-    assert in_processes(["jobs=2"]) == ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"], (
+    assert expand_jobs(["jobs=2"]) == ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"], (
         "CUDA does not survive a fork"
     )
     typed = ["hydra/launcher=dask"]
-    assert (in_processes([]), in_processes(typed, 40)) == ([], typed)
+    assert (expand_jobs([]), expand_jobs(typed, 40)) == ([], typed)

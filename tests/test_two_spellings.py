@@ -16,7 +16,7 @@ import brushexp
 from brushexp.cli.many_pictures import pictures_named
 from brushexp.cli.opening import open_with
 from brushexp.cli.program import expand_arguments
-from brushexp.config.vocabulary import as_found
+from brushexp.config.vocabulary import spell_paths
 from brushexp.pictures.folders import pictures_in
 from brushexp.pictures.load import load_picture
 from brushexp.strokes.storage import load_catalogue, save_catalogue
@@ -53,9 +53,9 @@ def test_every_key_takes_both_spellings_of_a_file_or_folder(names, key):
     for path in (f"{typed}.png", typed, f"{typed}/", f"{typed}/{typed}", f"./{typed}/../{typed}.png"):
         expected = path.replace(typed, there)
         assert os.path.exists(expected)
-        assert as_found(f"{key}={path}") == f"{key}={expected}"
-        assert as_found(f"{key}={os.path.abspath(path)}") == f"{key}={os.path.abspath(expected)}"
-        assert as_found(path) == expected
+        assert spell_paths(f"{key}={path}") == f"{key}={expected}"
+        assert spell_paths(f"{key}={os.path.abspath(path)}") == f"{key}={os.path.abspath(expected)}"
+        assert spell_paths(path) == expected
 
 
 def test_each_part_of_a_list_is_found_and_what_is_not_there_stays_as_it_is_typed(names):
@@ -63,23 +63,23 @@ def test_each_part_of_a_list_is_found_and_what_is_not_there_stays_as_it_is_typed
     picture(f"{there}.png")
     picture("b.png")
     for word in ("image={},b.png,{}", "renderer.files=[{},b.png]", "data=['{}']", 'image="{}"', "style={{image:{}}}"):
-        assert as_found(word.format(f"{typed}.png", f"{typed}.png")) == word.format(f"{there}.png", f"{there}.png")
+        assert spell_paths(word.format(f"{typed}.png", f"{typed}.png")) == word.format(f"{there}.png", f"{there}.png")
     for word in (f"image={typed}.jpg", f"title={typed}", typed, f"--{typed}", f"image=nowhere/{typed}.png", "é=é"):
-        assert as_found(word) == word
+        assert spell_paths(word) == word
 
 
 def test_a_folder_to_write_into_that_is_there_is_taken_and_what_is_new_below_it_is_as_typed(names):
     typed, there = names
     os.mkdir(there)
-    assert as_found(f"output={typed}/{typed}/run") == f"output={there}/{typed}/run"
-    assert as_found(f"output=new {typed}") == f"output=new {typed}"
+    assert spell_paths(f"output={typed}/{typed}/run") == f"output={there}/{typed}/run"
+    assert spell_paths(f"output=new {typed}") == f"output=new {typed}"
 
 
 def test_a_file_that_is_there_as_it_is_typed_wins_and_of_two_others_none_is_chosen(names):
     typed, there = names
     for name in (typed, there):
         picture(f"{name}.png")
-    assert as_found(f"image={typed}.png") == f"image={typed}.png"
+    assert spell_paths(f"image={typed}.png") == f"image={typed}.png"
     mixed = unicodedata.normalize("NFC", typed[:-1]) + unicodedata.normalize("NFD", "Å")
     if mixed not in names:
         assert find_spelling(f"{mixed}.png") == f"{mixed}.png"

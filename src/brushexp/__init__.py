@@ -44,7 +44,7 @@ def __dir__() -> list[str]:
 
 
 def _published() -> Any:
-    """The functions of installed packages, as entry points by name."""
+    """Map the names of functions published by installed packages to their entry points."""
     from brushexp.system.published import published  # noqa: PLC0415  (slow to import)
 
     return published(FUNCTIONS)

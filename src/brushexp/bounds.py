@@ -14,7 +14,7 @@ LARGEST = 1e9  # the default limit of any number: sums of such numbers do not ov
 
 @dataclass(frozen=True)
 class Bounds:
-    """Limits of a number, or the list of values that a number or text may have.
+    """Limits of a number, or the list of values that a number or string may take.
 
     >>> between(0, 1).check("blend.opaque", 1.5)
     Traceback (most recent call last):
@@ -40,7 +40,7 @@ class Bounds:
         return f"a multiple of {self.step}, {limits}" if self.step > 1 else limits
 
     def check(self, option: str, value: Any, default: Any = None) -> None:
-        """Refuse a value outside the bounds; None always passes, and lists and mappings are checked element by element.
+        """Reject a value outside the bounds. None always passes; lists and mappings are checked element by element.
 
         The UserError names the nearest allowed value, or the default if there is none.
         """
@@ -105,13 +105,13 @@ def multiple_of(step: int, high: float = LARGEST) -> Bounds:
 
 
 def one_of(*names: str | int) -> Bounds:
-    """Allow only these names or whole numbers."""
+    """Allow only these names or integers."""
     return Bounds(names=names)
 
 
 @dataclass(frozen=True)
 class Rule:
-    """Require that a text, or each element of a list, can be read by the code that will use it."""
+    """Require that a string, or each element of a list, can be parsed by the code that will use it."""
 
     read: Callable[[str, str], object]  # raises a UserError for a value and option that it cannot read
     besides: tuple[str, ...] = ()  # values that are not checked
@@ -131,7 +131,7 @@ def _check_duration(value: str, option: str) -> None:
 
 
 def path_rule(exists: Callable[[str], bool], cure: str) -> Rule:
-    """Require a path for which ``exists`` is true; the UserError ends with ``cure``."""
+    """Require a path for which ``exists`` is true; otherwise raise a UserError that ends with ``cure``."""
 
     def read(path: str, option: str) -> None:
         if not exists(path):
@@ -141,7 +141,7 @@ def path_rule(exists: Callable[[str], bool], cure: str) -> Rule:
 
 
 def _check_interrupted(folder: str, option: str) -> None:
-    """Require the folder of a run that can be continued; otherwise the UserError says what the folder holds."""
+    """Require the folder of a run that can be resumed; otherwise raise a UserError that describes the folder."""
     if not os.path.isdir(folder):
         raise UserError(f"{option}={folder}: there is no such folder; give the folder of an interrupted run")
     has = {name for name in ("checkpoint.ckpt", "multirun.yaml", "metrics.json") if os.path.isfile(f"{folder}/{name}")}

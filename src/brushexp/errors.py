@@ -1,4 +1,4 @@
-"""Define the error that tells a user what to type instead, and shorten other errors to a line."""
+"""Define the error that tells a user how to fix a request, and shorten other errors to one line."""
 
 
 class UserError(ValueError):
@@ -18,7 +18,7 @@ def on_a_line(text: str, besides: str = "") -> str:
 
 
 def first_line(error: BaseException) -> str:
-    """Return the first line of an error, preceded by its type unless it is a `UserError`."""
+    """Return the first line of an error message, preceded by the error's type unless it is a `UserError`."""
     text = str(error).strip().partition("\n")[0]
     kind = type(error).__name__
     return text if isinstance(error, UserError) else f"{kind}: {text}" if text else kind

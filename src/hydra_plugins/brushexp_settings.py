@@ -1,6 +1,6 @@
 """Hydra sweeper: run all combinations of values or settings after checking every job.
 
-Hydra imports this file for every program, so a sweep imports what it needs when it begins.
+Every program that uses Hydra imports this file, so a sweep imports its other modules only when it begins.
 """
 
 import shlex
@@ -22,9 +22,10 @@ from omegaconf import DictConfig, OmegaConf
 
 @dataclass
 class SettingsSweeperConf:
-    """Options of ``hydra/sweeper=basic`` (`offer_sweepers`): Hydra's two and those of `SettingsSweeper`.
+    """Options of ``hydra/sweeper=basic`` (`offer_sweepers`): Hydra's two options and those of `SettingsSweeper`.
 
-    ``pictures`` has the values of ``pictures=``. A ``lenient`` sweep runs even if some jobs are refused, and may grow.
+    ``pictures`` holds the values of ``pictures=``. A ``lenient`` sweep runs even if some jobs are invalid, and may
+    grow.
     """
 
     _target_: str = "hydra_plugins.brushexp_settings.SettingsSweeper"
@@ -98,7 +99,7 @@ class SettingsSweeper(Sweeper):
 
 
 def combinations_of(overrides: Sequence[Override]) -> list[list[str]]:
-    """Return all combinations of the values of overrides; the last of several with one key counts."""
+    """Return all combinations of the values of overrides; if a key is repeated, the last value counts."""
     from brushexp.errors import UserError  # noqa: PLC0415
 
     choices: dict[str, list[str]] = {}

@@ -1,6 +1,6 @@
-"""Read Hydra configs from files in the encodings of all systems: with a byte order mark, in UTF-16.
+"""Read Hydra configs in the text encodings of all systems: with a byte order mark, or in UTF-16.
 
-Hydra imports this file for every program, so reading imports what it needs when it begins.
+Every program that uses Hydra imports this file, so other modules are imported only when a config is read.
 """
 
 from io import StringIO

@@ -1,4 +1,4 @@
-"""Paint a canvas's tiles on the workers of a Dask cluster, each tile as soon as its predecessors are painted."""
+"""Paint a canvas's tiles on the workers of a Dask cluster, each as soon as its predecessors are painted."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def workers(n: int, address: str | None) -> Iterator[Client]:
         if address in (None, SLURM):
             stack.enter_context(config.set(SLIM))
             local = {"threads_per_worker": 1, "dashboard_address": ANY_PORT, "silence_logs": SILENT}
-            with out_of_reach():
+            with blocked_interrupts():
                 cluster = stack.enter_context(_by_slurm(n) if address == SLURM else LocalCluster(n_workers=n, **local))
             yield stack.enter_context(Client(cluster))
             return
@@ -57,7 +57,7 @@ def workers(n: int, address: str | None) -> Iterator[Client]:
 
 
 @contextmanager
-def out_of_reach() -> Iterator[None]:
+def blocked_interrupts() -> Iterator[None]:
     """Block Ctrl-C temporarily here, and permanently in child threads and processes, since terminals send it to all."""
     if not hasattr(signal, "pthread_sigmask"):  # on Windows
         yield
@@ -70,7 +70,7 @@ def out_of_reach() -> Iterator[None]:
 
 
 def _by_slurm(n: int) -> Any:
-    """Submit ``n`` Slurm jobs, one per worker; jobs that end are submitted again."""
+    """Submit ``n`` Slurm jobs, one per worker; jobs that end are resubmitted."""
     at_interrupt = signal.getsignal(signal.SIGINT)
     try:
         from dask import config  # noqa: PLC0415  (the extra ``slurm``)
@@ -92,8 +92,9 @@ def _by_slurm(n: int) -> Any:
 def paint_all(client: Client, canvas: Canvas, grid: Grid, todo: Sequence[Tile], show: Callable[[int], None]) -> float:
     """Paint and draw the remaining tiles ``todo``, and pass the number of finished jobs to ``show``.
 
-    A tile is painted after the tiles ``before`` it, and drawn after all tiles around it. A worker that dies is replaced
-    and its tile starts over. Returns the peak memory of any worker in MB, or NaN if the system does not report it.
+    A tile is painted after the tiles ``before`` it, and drawn after all tiles around it. A worker that dies is
+    replaced, and its tile is repainted. Returns the peak memory of any worker in MB, or NaN if the system does not
+    report it.
     """
     painted: dict[Tile, Future] = {}
     for tile in todo:

@@ -1,4 +1,4 @@
-"""Lay a tile's first strokes: its own, fixed strokes of painted neighbours, and temporary strokes in unpainted ones."""
+"""Place a tile's initial strokes: its own, fixed strokes of painted neighbours, and temporary ones in the unpainted."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ from brushexp_canvases.store import CanvasStore
 
 @dataclass(frozen=True)
 class Laid:
-    """A window's strokes before its first step, in pixels of the canvas; ``ring`` and ``depth`` are equally long."""
+    """A window's strokes before its first step, in pixels of the canvas; ``ring`` and ``depth`` have equal length."""
 
     ring: Strokes  # strokes of painted neighbours; they stay fixed
     depth: Tensor  # depths of the ring
@@ -25,7 +25,7 @@ class Laid:
 
 
 def lay(store: CanvasStore, tile: Tile, cfg: DictConfig, target: Tensor, focus: Tensor | None) -> Laid:
-    """Lay a tile's strokes for its window's ``target`` (3, h, w), with weights ``focus`` (h, w) or None."""
+    """Place a tile's strokes for its window's ``target`` (3, h, w), with weights ``focus`` (h, w) or None."""
     grid, window, region = store.grid, store.grid.window(tile), store.grid.region(tile)
     before = sorted(grid.before(tile))
     stored, depth = store.strokes_of(before)

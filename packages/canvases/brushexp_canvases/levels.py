@@ -44,7 +44,7 @@ def levels_of(job: ExportJob) -> Iterator[dict[str, list[Level]]]:
 
 @contextmanager
 def archive(path: Path) -> Iterator[Path]:
-    """Yield a folder to write into, and pack it into a zip file at ``path``, either completely or not at all."""
+    """Yield a folder to write to, and pack it into a zip file at ``path`` atomically."""
     with TemporaryDirectory(prefix="brushexp-") as folder:
         yield Path(folder)
         with replacing(path) as temporary, ZipFile(temporary, "w") as packed:

@@ -28,7 +28,7 @@ Read = Callable[[Region], np.ndarray]
 
 @dataclass(frozen=True)
 class Level:
-    """One resolution of a picture: its size (H, W), and a function that reads a part (3, h, w), uint8."""
+    """One resolution of a picture: its size (H, W), and a function that reads a region (3, h, w), uint8."""
 
     size: tuple[int, int]
     read: Read
@@ -50,7 +50,7 @@ def halve(whole: Any, make: Callable[[int, tuple[int, int, int]], Any]) -> list[
         array = make(len(levels), (3, height, width))
         for part in Region(0, 0, height, width).tiles(HALVED_CHUNK):
             place = Region(2 * part.top, 2 * part.left, 2 * part.height, 2 * part.width)
-            array[slices_of(part)] = halved(levels[-1].read(place))
+            array[slices_of(part)] = halve_pixels(levels[-1].read(place))
         levels.append(level_of(array))
     return levels
 
@@ -95,7 +95,7 @@ def level_of(array: Any) -> Level:
     return Level((array.shape[1], array.shape[2]), lambda region: np.asarray(array[slices_of(region)]))
 
 
-def halved(pixels: np.ndarray) -> np.ndarray:
+def halve_pixels(pixels: np.ndarray) -> np.ndarray:
     """Average pixels (3, h, w), uint8, over 2 x 2 squares; an odd last row or column counts twice."""
     odd = [(0, 0), (0, pixels.shape[1] % 2), (0, pixels.shape[2] % 2)]
     even = np.pad(pixels, odd, mode="edge").astype(np.uint16)
@@ -108,8 +108,8 @@ def write_dzi(folder: Path, name: str, levels: list[Level]) -> list[Path]:
     height, width = levels[0].size
     everything = list(levels)
     while max(everything[-1].size) > 1:  # Deep Zoom continues down to a single pixel
-        everything.append(level_of(halved(everything[-1].read(everything[-1].whole))))
-    with whole_folder(tiles := folder / f"{name}_files") as into:
+        everything.append(level_of(halve_pixels(everything[-1].read(everything[-1].whole))))
+    with atomic_folder(tiles := folder / f"{name}_files") as into:
         for number, level in enumerate(reversed(everything)):
             for region in level.whole.tiles(TILE):
                 tile = f"{region.left // TILE}_{region.top // TILE}.jpg"
@@ -121,7 +121,7 @@ def write_dzi(folder: Path, name: str, levels: list[Level]) -> list[Path]:
 
 
 @contextmanager
-def whole_folder(path: Path) -> Iterator[Path]:
+def atomic_folder(path: Path) -> Iterator[Path]:
     """Yield a temporary folder that replaces ``path`` if everything is written, and is removed otherwise."""
     with TemporaryDirectory(prefix=TEMPORARY[:-1], dir=path.parent) as temporary:
         (into := Path(temporary, path.name)).mkdir()
@@ -149,7 +149,7 @@ def write_iiif(folder: Path, names: dict[str, list[Level]], title: str, base: st
     base = base.rstrip("/")
     folder.mkdir(exist_ok=True)
     for name, levels in names.items():
-        with whole_folder(folder / name) as into:
+        with atomic_folder(folder / name) as into:
             (into / "info.json").write_text(json.dumps(_write_image(into, f"{base}/{name}", levels), indent=2))
     first = next(iter(names))
     size = names[first][0].size

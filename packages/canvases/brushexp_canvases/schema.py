@@ -11,7 +11,7 @@ from brushexp.contracts import Rule, UserError, at_least, between, keep_built, o
 from brushexp.contracts.families import Painter
 from brushexp.contracts.tasks import PaintTask, as_typed_word, check_painting, key
 
-OF_PICTURES = {  # keys that canvases ignore, and their defaults
+IGNORED_KEYS = {  # keys that canvases ignore, and their defaults
     "catalogue": None, "resume": None, "seconds": None, "psnr": None, "early_stop": None, "style.image": None,
     "style.brushwork": None, "strokes": None, "working_resolution": "auto",
 }  # fmt: skip
@@ -58,7 +58,7 @@ class CanvasTask(PaintTask):
         if isinstance(keep_built(cfg.painter), Painter):
             name = plugin_of(cfg.painter).name
             raise UserError(f"painter={name} paints pictures in memory; drop painter, or drop canvas")
-        for name, default in OF_PICTURES.items():
+        for name, default in IGNORED_KEYS.items():
             if (value := OmegaConf.select(cfg, name)) not in (default, None):
                 cure = "set pixels_per_stroke=" if name == "strokes" else f"drop {name}, or drop canvas"
                 raise UserError(f"{name}={value} is for pictures in memory, but canvas={cfg.canvas} is on disk; {cure}")

@@ -24,7 +24,7 @@ SQUARES = ("seam", "seam_pixels", "all", "all_pixels")  # a tile's squared error
 
 
 class CanvasStore:
-    """The arrays of a canvas; a tile counts as painted once its number of strokes, which is written last, is stored.
+    """The arrays of a canvas; a tile counts as painted once its number of strokes, written last, is stored.
 
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:

@@ -25,7 +25,7 @@ from brushexp_canvases.tile import Canvas, job_of
 
 log = logging.getLogger(__name__)
 LAYERS = ("painting", "target", "height")  # layers of the page; the first is drawn left of the curtain
-OF_THE_RUN = (  # keys that decide where and how tiles are painted, but not what they look like
+RUN_KEYS = (  # keys that decide where and how tiles are painted, but not what they look like
     *("canvas", "workers", "cluster", "pyramid", "output", "overwrite", "threads", "trainer", "logger", "callbacks"),
     *("report", "frames", "frame_side", "timelapse", "timelapse_seconds", "checkpoint_every", "objective", "metric"),
 )
@@ -81,7 +81,7 @@ def begin(path: Path, cfg: DictConfig) -> CanvasStore:
     source = open_source(Path(cfg.image), cfg.resolution)
     grid = Grid(source.size, min(cfg.tile, max(source.size)), min(cfg.margin, max(source.size) // 2))
     capacity = 1 + round(grid.side**2 / cfg.pixels_per_stroke)
-    record = {"settings": settings_that_count(cfg), "size": list(source.size), "background": cfg.background}
+    record = {"settings": relevant_settings(cfg), "size": list(source.size), "background": cfg.background}
     unfinished = path.with_name(f"{path.name}.part")
     pictures = (*PICTURES, HEIGHT) if cfg.light.depth else PICTURES
     store = CanvasStore.create(unfinished, grid, capacity, record, pictures)
@@ -107,14 +107,14 @@ def plain_settings(cfg: DictConfig) -> dict[str, Any]:
     return dict(settings)
 
 
-def settings_that_count(cfg: DictConfig) -> dict[str, Any]:
-    """Return the settings that affect the look of the canvas."""
-    return {key: value for key, value in plain_settings(cfg).items() if key not in OF_THE_RUN}
+def relevant_settings(cfg: DictConfig) -> dict[str, Any]:
+    """Return the settings that affect the appearance of the canvas."""
+    return {key: value for key, value in plain_settings(cfg).items() if key not in RUN_KEYS}
 
 
 def check_same(store: CanvasStore, cfg: DictConfig) -> None:
-    """Raise UserError if a canvas was begun with different settings."""
-    before, now = todays_settings(store.record["settings"]), settings_that_count(cfg)
+    """Raise UserError if a canvas was started with different settings."""
+    before, now = todays_settings(store.record["settings"]), relevant_settings(cfg)
     for key in sorted(before.keys() | now.keys()):
         if before.get(key) != now.get(key):
             raise UserError(

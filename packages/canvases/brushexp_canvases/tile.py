@@ -60,7 +60,7 @@ class Canvas:
         return OmegaConf.create(self.settings)
 
 
-class AllButFirst(Sampler):
+class MoveAllButFirst(Sampler):
     """Compare the whole window, and move all strokes except the ``first`` ones, which stay fixed."""
 
     cost, moves = "that of the whole window", "all but those of neighbours"
@@ -73,8 +73,8 @@ class AllButFirst(Sampler):
         return View(Region(0, 0, *size), numbers[self.first :], numbers[: self.first])
 
 
-class Remembered(Order):
-    """Wrap another order and remember the depths that it computes; the ``first`` strokes keep their given depths.
+class RecordedOrder(Order):
+    """Wrap another order and record the depths that it computes; the ``first`` strokes keep their given depths.
 
     Together, the depths of all tiles order the canvas's strokes as they were during optimisation. The last ``passing``
     strokes lie below all others.
@@ -99,9 +99,9 @@ def paint_tile(canvas: Canvas, tile: Tile, *before: object) -> float | None:
 
     Returns this process's peak memory so far in MB, or None if the system does not report it.
 
-    The strokes of painted neighbours stay fixed, like the ring of a partial update (thesis 2020, 6.3). In unpainted
-    neighbours, temporary strokes are laid, optimised and finally discarded, so that the tile's own strokes end up as if
-    the painting continued there. They lie below the tile's strokes, so that they do not help to cover it.
+    The strokes of painted neighbours stay fixed, like the ring of a partial update (thesis 2020, 6.3). Unpainted
+    neighbours get temporary strokes, which are optimised and finally discarded, so that the tile's own strokes end up
+    as if the painting continued there. They lie below the tile's strokes, so that they do not help to cover it.
     """
     store, cfg = canvas.open()
     if store.is_painted(tile):
@@ -111,7 +111,7 @@ def paint_tile(canvas: Canvas, tile: Tile, *before: object) -> float | None:
     cfg.seed += tile.row * store.grid.shape[1] + tile.column
     L.seed_everything(cfg.seed, verbose=False)
     weights, _ = compute_focus(cfg, target, faces_of(cfg, target))
-    focus = evened(weights, store.grid.near_borders(tile, window, BORDER))
+    focus = border_weights(weights, store.grid.near_borders(tile, window, BORDER))
     laid = lay(store, tile, cfg, target, focus)
     parts = laid.ring, laid.own, laid.passing
     strokes = replace(Strokes.join(*parts), brush=torch.cat([part.brush for part in parts]))  # keep all brushes
@@ -128,11 +128,11 @@ def paint_tile(canvas: Canvas, tile: Tile, *before: object) -> float | None:
     return peak_memory()
 
 
-def evened(focus: Tensor | None, near: np.ndarray) -> Tensor | None:
+def border_weights(focus: Tensor | None, near: np.ndarray) -> Tensor | None:
     """Increase the weights ``focus`` (h, w), or None for equal ones, of pixels ``near`` (h, w) borders between tiles.
 
-    More strokes are then laid near borders. With equal weights, the error there was 1.07 times as large, because each
-    tile's strokes are laid without regard to its neighbours' strokes.
+    More strokes are then placed near borders. With equal weights, the error there was 1.07 times as large, because each
+    tile's strokes are placed without regard to its neighbours' strokes.
     """
     if not near.any():
         return focus
@@ -143,14 +143,14 @@ def evened(focus: Tensor | None, near: np.ndarray) -> Tensor | None:
 
 def painter_of(
     cfg: DictConfig, target: Tensor, strokes: Strokes, focus: Tensor | None, ring: Tensor, passing: int
-) -> tuple[StrokeOptimizer, Remembered]:
-    """Make a painter that keeps the first R strokes fixed at the depths ``ring`` (R,); return it with its order.
+) -> tuple[StrokeOptimizer, RecordedOrder]:
+    """Make a painter that keeps the first R strokes fixed at the depths ``ring`` (R,); return it and its order.
 
     The last ``passing`` strokes lie below the others.
     """
     parts, device = build_components(cfg), device_of(cfg.device)
-    order = Remembered(parts.order, ring.to(device), passing)
-    parts = replace(parts, sampler=AllButFirst(len(ring)), density=Fixed(), order=order)
+    order = RecordedOrder(parts.order, ring.to(device), passing)
+    parts = replace(parts, sampler=MoveAllButFirst(len(ring)), density=Fixed(), order=order)
     catalogue, background = Catalogue(strokes, parts.optimizer.units), background_color(cfg.background, target)
     about: dict[str, Any] = {"focus": focus, "clip": clip_of(cfg), "changes": build_changes(cfg)}
     painter = StrokeOptimizer(catalogue, parts, target, background, seed=cfg.seed, **about)

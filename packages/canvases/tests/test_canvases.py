@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 import torch
 from brushexp_canvases.grid import Grid, Tile
-from brushexp_canvases.jobs import out_of_reach, paint_all, workers
+from brushexp_canvases.jobs import blocked_interrupts, paint_all, workers
 from brushexp_canvases.page import write_strokes
 from brushexp_canvases.store import NUMBERS, CanvasStore, packed, unpacked
-from brushexp_canvases.task import begin, check_same, settings_that_count
+from brushexp_canvases.task import begin, check_same, relevant_settings
 from brushexp_canvases.tile import THICK, Canvas, draw_tile, job_of, paint_tile
 from omegaconf import OmegaConf
 from PIL import Image
@@ -140,7 +140,7 @@ def test_a_canvas_goes_on_with_its_settings_and_a_tile_that_was_not_finished_to_
     store, _ = done
     check_same(store, config_of(picture, store.path, workers=2))
     refuses("begun with steps=4, but now steps=5", check_same, store, config_of(picture, store.path, steps=5))
-    assert "workers" not in settings_that_count(config_of(picture, store.path))
+    assert "workers" not in relevant_settings(config_of(picture, store.path))
     (tmp_path / "x.zarr").mkdir()
     refuses(r"x\.zarr", CanvasStore, tmp_path / "x.zarr")
 
@@ -254,7 +254,7 @@ def test_jobs_of_slurm_paint_a_canvas(tmp_path: Path, monkeypatch: pytest.Monkey
 def test_ctrl_c_waits_while_workers_start_and_never_reaches_them():
     asked = "import signal; print(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))"
     steps = []
-    with pytest.raises(KeyboardInterrupt), out_of_reach():  # noqa: PT012
+    with pytest.raises(KeyboardInterrupt), blocked_interrupts():  # noqa: PT012
         signal.raise_signal(signal.SIGINT)
         steps.append(subprocess.run([sys.executable, "-S", "-c", asked], capture_output=True, check=True).stdout)
     assert steps == [b"True\n"], "a worker started meanwhile receives no Ctrl-C"

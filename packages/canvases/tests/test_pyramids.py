@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 import zarr
-from brushexp_canvases.pyramid import TILE, Level, describe, halved, level_of, write_dzi, write_iiif
+from brushexp_canvases.pyramid import TILE, Level, describe, halve_pixels, level_of, write_dzi, write_iiif
 from brushexp_canvases.source import open_source
 from PIL import Image
 from refusals import refuses
@@ -32,7 +32,7 @@ def job_of(height: int, width: int, renderer: str = "analytic") -> ExportJob:
 def levels_of(picture: np.ndarray) -> list[Level]:
     pictures = [picture]
     while max(pictures[-1].shape[1:]) > TILE:
-        pictures.append(halved(pictures[-1]))
+        pictures.append(halve_pixels(pictures[-1]))
     return [level_of(each) for each in pictures]
 
 
@@ -49,7 +49,7 @@ def smooth(height: int, width: int) -> np.ndarray:
 @pytest.mark.parametrize("size", [(1, 1), (2, 3), (5, 4), (8, 8)])
 def test_halving_is_the_mean_of_four_pixels(size: tuple[int, int]) -> None:
     picture = np.random.default_rng(0).integers(0, 256, (3, *size)).astype(np.uint8)
-    half = halved(picture)
+    half = halve_pixels(picture)
     assert half.shape == (3, -(-size[0] // 2), -(-size[1] // 2))
     for y in range(half.shape[1]):
         for x in range(half.shape[2]):
@@ -77,7 +77,7 @@ def test_the_tiles_of_a_deep_zoom_image_are_the_picture_at_each_level(tmp_path: 
     whole = put_together(folders[-1], (700, 1100)).transpose(2, 0, 1)
     assert np.abs(whole.astype(int) - picture).mean() < 1
     half = put_together(folders[-2], (350, 550)).transpose(2, 0, 1)
-    assert np.abs(half.astype(int) - halved(picture)).mean() < 1
+    assert np.abs(half.astype(int) - halve_pixels(picture)).mean() < 1
     assert size_of(folders[0] / "0_0.jpg") == (1, 1)
 
 

@@ -1,1 +1,1 @@
-"""Changes to a painting: guides, one region, a table's tubes and brushes, stroke sizes, wet paint, random grounds."""
+"""Changes to a painting: guides, one region, given tubes and brushes, stroke sizes, wet paint, random grounds."""

@@ -1,4 +1,4 @@
-"""Keep strokes no thinner than a smallest brush and no thicker than a largest brush during optimisation."""
+"""Keep strokes within the thickness of a smallest and a largest brush during optimisation."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""A check shared by changes that act during optimisation steps and therefore need a painter that takes steps."""
+"""Check that the painter takes optimisation steps, for changes that act during these steps."""
 
 from omegaconf import DictConfig
 
@@ -7,7 +7,7 @@ from brushexp.contracts.families import Painter
 
 
 def check_steps(cfg: DictConfig, word: str) -> None:
-    """Raise UserError for any painter but gradient; ``word`` is what the user typed, such as ``guides=lines.png``."""
+    """Raise UserError for any painter other than gradient; ``word`` is what was typed, such as ``guides=lines.png``."""
     if isinstance(keep_built(cfg.painter), Painter):
         key, painter = word.partition("=")[0], plugin_of(cfg.painter).name
         raise UserError(f"{word} is for painter=gradient, not {painter}; drop painter, or drop {key}")

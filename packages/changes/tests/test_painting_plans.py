@@ -12,7 +12,7 @@ from brushexp_changes.tubes.amounts import hours_of, millilitres_of_mixtures, mi
 from brushexp_changes.tubes.difference import median_difference
 from brushexp_changes.tubes.mixtures import all_mixtures, choose_mixtures
 from brushexp_changes.tubes.paints import load_tubes
-from brushexp_changes.tubes.plan import DRIEST, Plan, labels_of, numbered_regions, plan_of, without_slivers
+from brushexp_changes.tubes.plan import DRIEST, Plan, labels_of, merge_slivers, numbered_regions, plan_of
 from brushexp_changes.tubes.recorded import recorded_plan
 from brushexp_changes.tubes.sheets import DIFFICULTIES, PlanSheets, difference_from, remarks_on, title_of
 from brushexp_changes.tubes.table import Table
@@ -68,7 +68,7 @@ def test_a_plan_has_every_stroke_once_in_stages_and_is_the_painting_where_its_br
     order[plan.order] = torch.arange(40)
     job = plan.job
     laid = replace(job, saved=replace(job.saved, depth=order.int()))
-    np.testing.assert_array_equal(plan.played().picture(), laid.picture())
+    np.testing.assert_array_equal(plan.play_back().picture(), laid.picture())
 
 
 def test_brushes_are_dipped_at_every_stage_and_where_a_load_does_not_last_and_a_long_stroke_runs_dry():
@@ -85,7 +85,7 @@ def test_brushes_are_dipped_at_every_stage_and_where_a_load_does_not_last_and_a_
     own = two_brushes(brushes=(8.0,))
     black = own.mixtures.color[:1]
     stroke = strokes_along(torch.tensor([[[10.0, 30], [34, 30], [58, 30]]]), 8.0, black, 1.0)
-    played = planned(stroke, brushes=(8.0,)).played()
+    played = planned(stroke, brushes=(8.0,)).play_back()
     row = played.picture()[30, :, 0].astype(int)
     assert row[12] <= round(255 * float(black.max())) + 1
     assert row[12] < row[45] < row[56] < 255
@@ -138,7 +138,7 @@ def test_each_region_has_a_number_inside_it_and_the_difference_from_a_target_is_
     from skimage import io  # noqa: PLC0415
 
     plan, _ = recorded_plan(job_of(painted(), **TUBES), {})
-    picture = plan.played().picture()
+    picture = plan.play_back().picture()
     io.imsave(tmp_path / "same.png", picture, check_contrast=False)
     io.imsave(tmp_path / "other.png", picture[:30], check_contrast=False)
     assert difference_from(plan, str(tmp_path / "same.png")) == pytest.approx(0, abs=0.05)
@@ -165,7 +165,7 @@ def test_slivers_and_spots_go_to_what_is_beside_them_and_broad_parts_stay():
     regions[20:22] = 2  # a line
     regions[40:45, 10:15] = 3  # a spot
     regions[30:60, 60:80] = 4
-    merged = without_slivers(regions, 8.0)
+    merged = merge_slivers(regions, 8.0)
     assert set(np.unique(merged)) == {0, 1, 4}
     assert (merged[regions == 4] == 4).mean() > 0.95
     assert (merged[20:22, :38] == 0).all()
@@ -173,14 +173,14 @@ def test_slivers_and_spots_go_to_what_is_beside_them_and_broad_parts_stay():
     noise = np.random.default_rng(0).integers(0, 3, (60, 80))
     noise[10:40, 10:50] = 1
     for side in (3.0, 6.0):
-        assert min(part.sum() for part in parts_of(without_slivers(noise, side))) >= side**2
-    np.testing.assert_array_equal(without_slivers(noise, 100.0), noise, "nothing is broad enough to stay")
+        assert min(part.sum() for part in parts_of(merge_slivers(noise, side))) >= side**2
+    np.testing.assert_array_equal(merge_slivers(noise, 100.0), noise, "nothing is broad enough to stay")
 
 
 def test_a_plan_grows_stage_by_stage_to_what_is_played_back():
     plan = planned(painted())
     pictures = [plan.after(stage.last).picture() for stage in plan.stages]
-    np.testing.assert_array_equal(pictures[-1], plan.played().picture())
+    np.testing.assert_array_equal(pictures[-1], plan.play_back().picture())
     ground = plan.after(0).picture()
     changes = [np.abs(a.astype(int) - b).sum() for a, b in zip([ground, *pictures], pictures, strict=False)]
     assert changes[0] > 0

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from brushexp_changes.tubes.mixtures import all_mixtures, choose_mixtures, differences, within_tones
+from brushexp_changes.tubes.mixtures import all_mixtures, choose_mixtures, differences, map_tones
 from brushexp_changes.tubes.paints import SETS, load_tubes, seen
 from refusals import refuses
 
@@ -111,7 +111,7 @@ def test_chosen_mixtures_are_as_good_as_any_pair_more_are_nearer_and_tones_lie_b
     assert near == sorted(near, reverse=True)
     mixtures = all_mixtures(EIGHT)
     picture = torch.tensor([0.0, 0.5, 1.0]).expand(3, 1, 3)
-    lightness = to_lab(within_tones(picture, mixtures).flatten(1).T.double().numpy())[:, 0]
+    lightness = to_lab(map_tones(picture, mixtures).flatten(1).T.double().numpy())[:, 0]
     of_paints = to_lab(EIGHT.mix(np.eye(8)))[:2, 0]  # white and black
     assert lightness[[0, 2]] == pytest.approx([of_paints[1], of_paints[0]], abs=1.5)
     assert lightness[0] < lightness[1] < lightness[2]

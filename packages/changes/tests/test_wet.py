@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from brushexp_changes.wet.dragging import drag_paint, under_starts
+from brushexp_changes.wet.dragging import drag_paint, sample_under_starts
 from brushexp_changes.wet.wet import Wet
 from painters import SIZE, assert_resumes, fit, painter_of
 from refusals import refuses
@@ -29,7 +29,7 @@ def test_wet_strokes_drag_what_lies_under_their_starts(widening):
     strokes = Strokes.join(below, above, away)
     painter = painter_of(steps=0, order=FixedOrder(), strokes=strokes, target=torch.zeros(3, 40, 80))
     dry, order, state = painter.strokes(), painter.front_to_back, painter.now()
-    picked, covered = under_starts(dry, order, state)
+    picked, covered = sample_under_starts(dry, order, state)
     torch.testing.assert_close(covered, torch.tensor([0.0, 1.0, 0.0]))
     torch.testing.assert_close(picked[1], below.color[0])
     assert drag_paint(dry, order, state, 0.0) == (dry, order)

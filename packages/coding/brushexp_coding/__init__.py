@@ -1,1 +1,1 @@
-"""Compress a painting: round its strokes, code them as a small file, and read and paint that file again."""
+"""Compress a painting: round its strokes, encode them in a small file, and decode and paint that file."""

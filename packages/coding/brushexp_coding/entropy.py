@@ -1,7 +1,8 @@
 """Code integers with a range coder and a fitted distribution for each group.
 
-A distribution is a discretised Student's t with extra weight at 0. Its weights are computed only by sums, products and
-quotients in double precision, which IEEE 754 defines exactly, so that every machine can decode the files of all others.
+A distribution is a discretised Student's t with extra weight at 0. Its weights are computed only with sums, products
+and quotients in double precision, which IEEE 754 defines exactly, so that every machine can decode the files of every
+other.
 """
 
 from dataclasses import dataclass
@@ -27,7 +28,7 @@ Group = np.ndarray  # (n,) int64
 
 @dataclass(frozen=True)
 class Distribution:
-    """A distribution of integers; the lowest ``shift`` bits of each number are coded plainly."""
+    """A distribution of integers; the lowest ``shift`` bits of each number are stored verbatim."""
 
     shift: int = 0
     scale: int = 0  # index into `SCALES`
@@ -40,7 +41,7 @@ class Distribution:
 
     @classmethod
     def unpacked(cls, packed: int) -> "Distribution":
-        """Unpack a distribution; raise ValueError if the number stands for none."""
+        """Unpack a distribution; raise ValueError if the number does not represent one."""
         rest, at_zero = divmod(packed, len(AT_ZERO))
         rest, power = divmod(rest, len(POWERS))
         shift, scale = divmod(rest, len(SCALES))
@@ -101,7 +102,7 @@ def bits_of(distribution: Distribution, numbers: Group) -> float:
 
 
 def encode(groups: list[tuple[Distribution, Group]]) -> bytes:
-    """Code groups of numbers in sequence; all magnitudes are below `LARGEST`."""
+    """Encode groups of numbers in sequence; all magnitudes are below `LARGEST`."""
     coder = stream.queue.RangeEncoder()
     for distribution, numbers in groups:
         if not len(numbers):

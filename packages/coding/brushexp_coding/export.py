@@ -1,4 +1,4 @@
-"""Write the strokes as a small file."""
+"""Write the strokes to a small file."""
 
 import logging
 from pathlib import Path
@@ -16,7 +16,7 @@ log = logging.getLogger(__name__)
 
 @register("to", "bits")
 class Bits(Exporter):
-    """``strokes.bits``: rounded strokes in a small file, to store, to send, and to paint again: catalogue=strokes.bits.
+    """``strokes.bits``: rounded strokes in a small file, to store, send or paint again: catalogue=strokes.bits.
 
     Each number is rounded according to its effect on the picture, and then coded; strokes that do not overlap may be
     reordered. The decoded painting has the same number of strokes, and either the PSNR ``fidelity`` or the highest PSNR

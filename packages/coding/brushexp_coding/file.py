@@ -1,4 +1,4 @@
-"""Write and read files of coded strokes, ``strokes.bits``; docs/formats.md specifies the format."""
+"""Write and read files of encoded strokes, ``strokes.bits``; docs/formats.md specifies the format."""
 
 import json
 import struct
@@ -15,14 +15,14 @@ from brushexp.contracts.strokes import Saved, alpha_of, config_of, png_of
 from brushexp_coding import entropy
 from brushexp_coding.residuals import (
     Prediction,
-    correlated,
-    decorrelated,
     nearest_before,
     residuals_of,
-    restored,
+    restore_numbers,
+    rgb_to_ycocg,
     sources,
+    ycocg_to_rgb,
 )
-from brushexp_coding.rounding import MAX_COARSENESS, OF_WINDOWS, Column, Rounded
+from brushexp_coding.rounding import MAX_COARSENESS, WINDOW_COLUMNS, Column, Rounded
 from brushexp_coding.streams import Reader, Writer
 
 MAGIC = b"BXST"
@@ -44,7 +44,7 @@ GROUPS = (  # columns that share a prediction, in coding order
     (Column.RED, Column.GREEN, Column.BLUE),
     (Column.WIDENING,),
     (Column.DRIFT_RED, Column.DRIFT_GREEN, Column.DRIFT_BLUE),
-    OF_WINDOWS,
+    WINDOW_COLUMNS,
 )
 FEWEST_TO_CLASS = 400  # minimum number of strokes at which distributions depend on the coarseness of a stroke
 TRIPLE = 3  # number of columns of a colour
@@ -93,7 +93,7 @@ def rounded_of(data: bytes) -> tuple[Rounded, tuple[tuple[int, int], torch.Tenso
     at = SIZES.size + packed
     settings = _unpacked_settings(body[SIZES.size : at])
     settings["alpha"] = alpha_of(body[at : at + alpha]) if alpha else None
-    columns = len(Column) if mask & HAS_WINDOWS else len(Column) - len(OF_WINDOWS)
+    columns = len(Column) if mask & HAS_WINDOWS else len(Column) - len(WINDOW_COLUMNS)
     present = [bool(mask >> column & 1) for column in range(columns)]
     rungs = np.zeros(columns, np.int64)
     at += alpha
@@ -104,7 +104,7 @@ def rounded_of(data: bytes) -> tuple[Rounded, tuple[tuple[int, int], torch.Tenso
 
 
 def _coded(rounded: Rounded, present: list[bool]) -> bytes:
-    """Code the coarseness, the brushes, and the columns group by group, each group with its best prediction."""
+    """Encode the coarseness, the brushes, and the columns group by group, each group with its best prediction."""
     writer, alike = Writer(), np.zeros(len(rounded), np.int64)
     for kind in rounded.coarseness.T:
         writer.write_column(kind, alike)
@@ -120,7 +120,7 @@ def _coded(rounded: Rounded, present: list[bool]) -> bytes:
                 trial = Writer()
                 trial.write(prediction)
                 trial.write(turn)
-                for column in (decorrelated(residuals) if turn else residuals).T:
+                for column in (rgb_to_ycocg(residuals) if turn else residuals).T:
                     trial.write_column(column, classes)
                 size = 8 * len(trial.described) + sum(entropy.bits_of(*coded) for coded in trial.groups)
                 if size < bits:
@@ -144,13 +144,13 @@ def _decoded(data: bytes, count: int, rungs: np.ndarray, present: list[bool], ma
             nearest = nearest_before(rounded.middles)
         prediction, turn = Prediction(reader.read()), reader.read()
         residuals = np.stack([reader.read_column(classes) for _ in group], axis=1)
-        residuals = correlated(residuals) if turn else residuals
-        rounded.numbers[:, group] = restored(residuals, octaves[:, group], sources(prediction, count, nearest))
+        residuals = ycocg_to_rgb(residuals) if turn else residuals
+        rounded.numbers[:, group] = restore_numbers(residuals, octaves[:, group], sources(prediction, count, nearest))
     return rounded
 
 
 def _groups(present: list[bool]) -> list[list[Column]]:
-    """List for each group the columns that are not 0 for all strokes."""
+    """List, for each group, the columns that are not 0 for all strokes."""
     groups = ([column for column in group if column < len(present) and present[column]] for group in GROUPS)
     return [group for group in groups if group]
 

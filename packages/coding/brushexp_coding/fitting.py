@@ -1,8 +1,8 @@
-"""Choose how coarsely each number of a painting's strokes is rounded, and code the strokes.
+"""Choose how coarsely to round each number of a painting's strokes, and encode the strokes.
 
 - The sensitivity of the picture to each number is estimated from gradients of random projections (Hutchinson, 1989).
-- Each column has a step, and each stroke has two octaves of coarseness, one for its shape and one for its paint, chosen
-  so that rounding any number adds about the same error. This needs the fewest bits for a given error (reverse
+- Each column has a step, and each stroke has two coarseness values in octaves, one for its shape and one for its paint,
+  chosen so that rounding any number adds about the same error. This needs the fewest bits for a given error (reverse
   water-filling).
 - Strokes that do not overlap are reordered, so that neighbours follow each other.
 - Columns are rounded group by group. Before each group, a few steps of gradient descent let the columns that are not
@@ -24,11 +24,11 @@ from brushexp_coding.file import file_of
 from brushexp_coding.ordering import neighbouring_order
 from brushexp_coding.rounding import (
     DRIFT,
-    OF_WINDOWS,
+    WINDOW_COLUMNS,
     Column,
     Rounded,
-    facing_right,
     is_paint,
+    orient_right,
     round_values,
     rung_near,
     strokes_of,
@@ -47,7 +47,7 @@ LEAST_ERROR, MOST_ERROR = 1e-7, 1e-2  # mean squared errors of the finest and th
 RATE = 0.1  # learning rate of the descent (Adam), in rounding steps
 SAME = 1e-8  # mean squared error below which two pictures count as equal
 STAGES = (  # groups of columns that are rounded together, in order
-    (*OF_WINDOWS, Column.CHORD_X, Column.CHORD_Y),
+    (*WINDOW_COLUMNS, Column.CHORD_X, Column.CHORD_Y),
     (Column.BEND_X, Column.BEND_Y),
     (Column.MIDDLE_X, Column.MIDDLE_Y, Column.THICKNESS),
     (Column.SOFTNESS, Column.OPACITY, Column.WIDENING),
@@ -58,7 +58,7 @@ STAGES = (  # groups of columns that are rounded together, in order
 
 @dataclass(frozen=True)
 class Coded:
-    """A painting coded as a file, with its rounded strokes, its decoded picture and its loss."""
+    """A painting encoded as a file, with its rounded strokes, its decoded picture and its loss."""
 
     data: bytes  # the file
     rounded: Rounded
@@ -67,7 +67,7 @@ class Coded:
 
 
 def code(job: ExportJob, *, allowed: float, goal: Tensor | None = None, steps: int = 60) -> Coded:
-    """Code the strokes of a job as coarsely as possible while the picture's error grows by at most ``allowed``.
+    """Encode the strokes of a job as coarsely as possible while the picture's error grows by at most ``allowed``.
 
     Args:
         job: painting; its light and paper are ignored.
@@ -80,7 +80,7 @@ def code(job: ExportJob, *, allowed: float, goal: Tensor | None = None, steps: i
 
 
 def code_within(job: ExportJob, *, size: int, goal: Tensor | None = None, steps: int = 60, option: str) -> Coded:
-    """Code the strokes of a job as finely as fits into a file of ``size`` bytes; see `code` for the other arguments.
+    """Encode the strokes of a job as finely as fits into a file of ``size`` bytes; for other arguments, see `code`.
 
     Raises UserError, which names ``option`` as too small, if the coarsest rounding needs more bytes.
     """
@@ -176,10 +176,10 @@ class Template:
     def values(self) -> Tensor:
         """Compute the values (N, C) of the columns, float64."""
         values = values_of(self.strokes, windows=self.windows)
-        return facing_right(values) if self.turned else values
+        return orient_right(values) if self.turned else values
 
     def made_of(self, values: Tensor) -> Strokes:
-        """Make strokes from other values (N, C), float64, as when a file is read."""
+        """Make strokes from given values (N, C), float64, as when a file is read."""
         strokes = strokes_of(values, windows=self.windows).map(lambda value: value.float())
         return replace(strokes, brush=self.strokes.brush) if self.brushes else strokes
 
@@ -200,7 +200,7 @@ def template_of(canvas: Canvas, strokes: Strokes, own: Tensor) -> Template:
 
 
 class _Rounding:
-    """Rounds the strokes of a template at any scale of all steps."""
+    """Rounds the strokes of a template at any scale of all step sizes."""
 
     def __init__(self, canvas: Canvas, template: Template, goal: Tensor) -> None:
         self._canvas, self._template, self._goal, self._values = canvas, template, goal, template.values()
@@ -210,7 +210,7 @@ class _Rounding:
             self._allocate(-np.log2(self._sensitivity().numpy().clip(UNSEEN)))
 
     def scale_for(self, error: float) -> float:
-        """Estimate the scale at which rounding at once adds an error, assuming a picture linear in the numbers."""
+        """Estimate the scale at which rounding everything adds an error, if the picture is linear in the numbers."""
         return (12 * error / max(1, self._values.numel())) ** 0.5
 
     def error(self, rounded: Rounded) -> float:
@@ -219,7 +219,7 @@ class _Rounding:
             return mean_square(self._canvas.draw(rounded.strokes()) - self._goal)
 
     def at(self, scale: float, steps: int) -> Rounded:
-        """Round at a scale, group by group, with ``steps`` steps of gradient descent in total."""
+        """Round at a given scale, group by group, with ``steps`` steps of gradient descent in total."""
         rungs = np.array([rung_near(scale * 2.0**octave) for octave in self._octaves])
         brushes = self._template.strokes.brush.numpy() if self._template.brushes else None
         rounded = Rounded(

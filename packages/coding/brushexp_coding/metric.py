@@ -1,4 +1,4 @@
-"""Measure rate and distortion: the size of the coded strokes, and the error of the picture painted from them."""
+"""Measure rate and distortion: the size of the encoded strokes, and the error of the picture painted from them."""
 
 import logging
 from dataclasses import replace
@@ -26,7 +26,7 @@ class BitsPerPixel(Metric):
 
     Strokes are rounded as coarsely as ``loss`` allows, or as finely as fits into ``size`` bytes; with a size, the run
     keeps the file. Compare the bits with ``psnr_decoded``, the PSNR of the painting decoded from the same file, not
-    with ``psnr``, which belongs to the strokes before rounding.
+    with ``psnr``, which refers to the strokes before rounding.
 
     Args:
         loss: maximum loss of PSNR by rounding, in dB.

@@ -18,7 +18,7 @@ class Prediction(IntEnum):
 
 
 def nearest_before(middle: np.ndarray) -> np.ndarray:
-    """Find the nearest (N,) of the `BEFORE` strokes before each stroke, or the last of equals; 0 for the first stroke.
+    """Find the nearest (N,) of the `BEFORE` preceding strokes, the last in a tie; 0 for the first stroke.
 
     ``middle`` is (N, 2) in pixels. Only differences, squares and a sum are computed, so all machines agree.
     """
@@ -41,8 +41,8 @@ def sources(prediction: Prediction, count: int, nearest: np.ndarray | None) -> n
     return nearest if prediction == Prediction.NEAREST else None
 
 
-def rescaled(numbers: np.ndarray, octaves: np.ndarray) -> np.ndarray:
-    """Compute numbers * 2**octaves, rounded to integers and clamped to the range that can be coded."""
+def rescale(numbers: np.ndarray, octaves: np.ndarray) -> np.ndarray:
+    """Compute numbers * 2**octaves, rounded to integers and clamped to the range that can be encoded."""
     finer = numbers << np.maximum(octaves, 0)
     half = (1 << np.maximum(-octaves, 1)) >> 1
     coarser = (numbers + half) >> np.maximum(-octaves, 0)
@@ -54,21 +54,21 @@ def residuals_of(numbers: np.ndarray, octaves: np.ndarray, source: np.ndarray | 
     if source is None or len(numbers) < 2:
         return numbers
     residuals = numbers.copy()
-    residuals[1:] -= rescaled(numbers[source], octaves[source] - octaves)[1:]
+    residuals[1:] -= rescale(numbers[source], octaves[source] - octaves)[1:]
     return residuals
 
 
-def restored(residuals: np.ndarray, octaves: np.ndarray, source: np.ndarray | None) -> np.ndarray:
+def restore_numbers(residuals: np.ndarray, octaves: np.ndarray, source: np.ndarray | None) -> np.ndarray:
     """Invert `residuals_of`."""
     if source is None or len(residuals) < 2:
         return residuals
     numbers, finer = residuals.copy(), octaves[source] - octaves
     for stroke in range(1, len(numbers)):
-        numbers[stroke] += rescaled(numbers[source[stroke]], finer[stroke])
+        numbers[stroke] += rescale(numbers[source[stroke]], finer[stroke])
     return numbers
 
 
-def decorrelated(residuals: np.ndarray) -> np.ndarray:
+def rgb_to_ycocg(residuals: np.ndarray) -> np.ndarray:
     """Convert differences of red, green and blue (N, 3) losslessly into luma and two chroma values (YCoCg-R)."""
     red, green, blue = residuals.T
     orange = red - blue
@@ -77,9 +77,9 @@ def decorrelated(residuals: np.ndarray) -> np.ndarray:
     return np.stack([middle + (magenta >> 1), orange, magenta], axis=1)
 
 
-def correlated(decorrelated_: np.ndarray) -> np.ndarray:
-    """Invert `decorrelated`."""
-    luma, orange, magenta = decorrelated_.T
+def ycocg_to_rgb(ycocg: np.ndarray) -> np.ndarray:
+    """Invert `rgb_to_ycocg`."""
+    luma, orange, magenta = ycocg.T
     middle = luma - (magenta >> 1)
     blue = middle - (orange >> 1)
     return np.stack([blue + orange, magenta + middle, blue], axis=1)

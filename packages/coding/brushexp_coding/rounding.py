@@ -27,7 +27,7 @@ MAX_COARSENESS = 8  # maximum magnitude of a stroke's coarseness, in octaves
 
 
 class Column(IntEnum):
-    """Numbers of a stroke, lengths in pixels; OFFSET_X to SIDE are only coded for renderers that draw in windows."""
+    """Numbers of a stroke, lengths in pixels; OFFSET_X to SIDE are stored only for renderers that draw in windows."""
 
     THICKNESS = 0
     CHORD_X = 1  # vector from start to end
@@ -52,7 +52,7 @@ class Column(IntEnum):
 
 DRIFT = tuple(range(Column.DRIFT_RED, Column.DRIFT_BLUE + 1))
 PAINT = (Column.RED, Column.GREEN, Column.BLUE, *DRIFT)
-OF_WINDOWS = (Column.OFFSET_X, Column.OFFSET_Y, Column.SIDE)
+WINDOW_COLUMNS = (Column.OFFSET_X, Column.OFFSET_Y, Column.SIDE)
 REVERSED = (Column.CHORD_X, Column.CHORD_Y, Column.WIDENING, *DRIFT)
 
 
@@ -60,8 +60,8 @@ REVERSED = (Column.CHORD_X, Column.CHORD_Y, Column.WIDENING, *DRIFT)
 class Rounded:
     """N strokes as integers, bottom to top; a value is number * step of its column * 2**coarseness.
 
-    A stroke has separate octaves of coarseness for its shape and its paint: errors of its shape matter in proportion to
-    its contrast with the surroundings, and errors of its colour in proportion to its visible area.
+    A stroke has separate coarseness values, in octaves, for its shape and its paint: errors in its shape matter in
+    proportion to its contrast with the surroundings, and errors in its colour in proportion to its visible area.
     """
 
     numbers: np.ndarray  # (N, C) int64, where C is the number of columns
@@ -73,7 +73,7 @@ class Rounded:
     @classmethod
     def none(cls) -> "Rounded":
         """Make an empty set of strokes."""
-        columns = len(Column) - len(OF_WINDOWS)
+        columns = len(Column) - len(WINDOW_COLUMNS)
         return cls(np.zeros((0, columns), np.int64), np.zeros((0, 2), np.int64), np.zeros(columns, np.int64), False)
 
     def __len__(self) -> int:
@@ -96,7 +96,7 @@ class Rounded:
         return self.coarseness[:, is_paint(self.numbers.shape[1]).astype(int)]
 
     def strokes(self) -> Strokes:
-        """Make the strokes that the numbers stand for."""
+        """Make the strokes that the numbers represent."""
         strokes = strokes_of(torch.from_numpy(self.numbers * self.steps), windows=self.windows)
         strokes = strokes.map(lambda value: value.float())
         return strokes if self.brushes is None else replace(strokes, brush=torch.from_numpy(self.brushes))
@@ -165,8 +165,8 @@ def round_values(values: Tensor, steps: np.ndarray) -> np.ndarray:
     return np.clip(numbers, 1 - LARGEST // 2, LARGEST // 2 - 1).astype(np.int64)
 
 
-def facing_right(values: Tensor) -> Tensor:
-    """Reverse strokes (N, C) that lead to the left, which does not change pictures of renderers without textures."""
+def orient_right(values: Tensor) -> Tensor:
+    """Reverse strokes (N, C) that lead to the left, which changes no picture unless the renderer has textures."""
     back = (values[:, Column.CHORD_X] < 0) | ((values[:, Column.CHORD_X] == 0) & (values[:, Column.CHORD_Y] < 0))
     signs = torch.ones_like(values)
     signs[:, list(REVERSED)] = torch.where(back, -1.0, 1.0).to(values)[:, None]

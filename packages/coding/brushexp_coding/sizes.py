@@ -1,4 +1,4 @@
-"""Parse and write file sizes as people type them: 1500B, 20kB, 0.5MB."""
+"""Parse and format file sizes as people write them: 1500B, 20kB, 0.5MB."""
 
 import math
 import re

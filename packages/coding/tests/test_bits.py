@@ -15,14 +15,14 @@ from brushexp_coding.file import HEAD, MAGIC, SIZES, VERSION, file_of, read_bits
 from brushexp_coding.fitting import Canvas, code, mean_square
 from brushexp_coding.metric import BitsPerPixel
 from brushexp_coding.ordering import neighbouring_order
-from brushexp_coding.residuals import BEFORE, correlated, decorrelated, nearest_before, residuals_of, restored
+from brushexp_coding.residuals import BEFORE, nearest_before, residuals_of, restore_numbers, rgb_to_ycocg, ycocg_to_rgb
 from brushexp_coding.rounding import (
     LADDER,
     MAX_COARSENESS,
-    OF_WINDOWS,
+    WINDOW_COLUMNS,
     Column,
     Rounded,
-    facing_right,
+    orient_right,
     rung_near,
     strokes_of,
     values_of,
@@ -43,7 +43,7 @@ from brushexp.strokes.catalogue import FIELDS, Strokes
 from brushexp.strokes.storage import load_catalogue
 
 CANVAS = (48, 64)
-COUNT = len(Column) - len(OF_WINDOWS)
+COUNT = len(Column) - len(WINDOW_COLUMNS)
 numbers = st.integers(1 - LARGEST // 2, LARGEST // 2 - 1) | st.integers(-300, 300) | st.just(0)
 groups = st.lists(st.lists(numbers, max_size=40).map(lambda group: np.array(group, np.int64)), max_size=6)
 
@@ -162,8 +162,8 @@ def test_differences_from_earlier_strokes_come_back_to_the_bit(count, seed, turn
     octaves = generator.integers(-MAX_COARSENESS, MAX_COARSENESS + 1, (count, 3))
     source = np.array([generator.integers(0, stroke) if stroke else 0 for stroke in range(count)], np.int64)
     residuals = residuals_of(whole, octaves, source)
-    residuals = correlated(decorrelated(residuals)) if turned else residuals
-    assert np.array_equal(restored(residuals, octaves, source), whole)
+    residuals = ycocg_to_rgb(rgb_to_ycocg(residuals)) if turned else residuals
+    assert np.array_equal(restore_numbers(residuals, octaves, source), whole)
 
 
 def test_the_ladder_of_steps_has_four_in_an_octave_and_the_nearest_is_no_larger():
@@ -182,7 +182,7 @@ def test_values_make_the_strokes_that_they_are_of_and_turned_ones_the_same_pictu
         again = strokes_of(values_of(job.strokes, windows=windows), windows=windows)
         difference = values_of(again, windows=True) - values_of(job.strokes, windows=True)
         assert difference[:, : None if windows else COUNT].abs().max() < 1e-4
-    turned = facing_right(values_of(job.strokes, windows=False))
+    turned = orient_right(values_of(job.strokes, windows=False))
     assert (turned[:, Column.CHORD_X] >= 0).all()
     canvas = Canvas(job)
     drawn = canvas.draw(strokes_of(turned, windows=False).map(lambda value: value.float()))

@@ -28,7 +28,7 @@ Array = np.ndarray
 class Gltf(Exporter):
     """Writes ``painting.glb``: each stroke as a ribbon of paint in 3-D, for Blender, Godot, three.js and model viewers.
 
-    The painting stands upright, strokes lie on top of each other, and an animation lays them from bottom to top.
+    The painting stands upright, strokes lie on top of each other, and an animation adds them from bottom to top.
     Ribbons have plain colours without texture, light or paper. Vertices have extra attributes for your own shaders:
     ``UV`` (0 to 1 along and across a stroke), ``_TIME`` (the second at which the brush passes) and ``_WIDTH`` (in
     metres).

@@ -23,7 +23,7 @@ MADE = slice(24, 36)  # bytes of an ICC profile that hold its creation time: yea
 class Jpg(SheetExporter):
     """Writes ``painting.jpg``: the picture at any ``resolution``, small enough to send, with an sRGB profile.
 
-    Colours are stored for every pixel (4:4:4), because strokes have crisp edges. Unlike for PNG, the whole picture is
+    Colours are stored for every pixel (4:4:4), because strokes have sharp edges. Unlike with PNG, the whole picture is
     in memory at once.
 
     Args:
@@ -41,13 +41,19 @@ class Jpg(SheetExporter):
         density = {} if self.density is None else {"dpi": (round(self.density),) * 2}
         with replacing(folder / "painting.jpg") as temporary:
             picture.save(
-                temporary, "JPEG", quality=self.quality, subsampling=0, progressive=True, icc_profile=srgb(), **density
+                temporary,
+                "JPEG",
+                quality=self.quality,
+                subsampling=0,
+                progressive=True,
+                icc_profile=srgb_profile(),
+                **density,
             )
         return [folder / "painting.jpg"]
 
 
 @cache
-def srgb() -> bytes:
+def srgb_profile() -> bytes:
     """Make an sRGB profile that is always byte-identical."""
     profile = bytearray(ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes())
     profile[MADE] = struct.pack(">6H", 2000, 1, 1, 0, 0, 0)

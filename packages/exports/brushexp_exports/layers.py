@@ -17,7 +17,7 @@ ROUNDING = 2  # levels, of 255, by which 8-bit layers may differ from the painti
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """A layer: a picture and its name in the list of layers."""
+    """A picture and its name in the list of layers."""
 
     name: str
     pixels: np.ndarray  # (H, W, 4) uint8, straight alpha
@@ -52,7 +52,7 @@ def _painted(job: ExportJob, count: int) -> Iterator[Layer]:
 
 
 def _drawn(job: ExportJob, number: Tensor) -> np.ndarray:
-    """Draw strokes ``number`` (n,) without ground, light and paper: (H, W, 4) uint8, straight alpha.
+    """Draw strokes ``number`` (n,) without ground, light or paper: (H, W, 4) uint8, straight alpha.
 
     Colour and alpha reproduce the strokes over both black and white, with paint mixed in RGB.
     """

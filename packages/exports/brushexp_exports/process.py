@@ -1,4 +1,4 @@
-"""Film the painting process, with strokes laid from bottom to top."""
+"""Film the painting process, with strokes added from bottom to top."""
 
 import logging
 from collections.abc import Iterable, Iterator
@@ -27,7 +27,7 @@ GROWTH = 0.25  # seconds from the beginning of a stroke to its end
 @register("to", "process")
 @dataclass(kw_only=True)
 class Process(Exporter):
-    """Writes ``process.mp4`` or ``process.gif``: a film of the strokes being laid, bottom to top, at ``resolution``.
+    """Writes ``process.mp4`` or ``process.gif``: a film of the strokes being painted, bottom to top, at ``resolution``.
 
     A video has at most 4096 pixels on its longer side, a GIF 480; larger paintings are drawn at that size.
 
@@ -36,7 +36,8 @@ class Process(Exporter):
         fps: frames per second.
         format: format of the film: mp4 (a GIF without PyAV) or gif.
         hold: time for which the finished painting is shown, in seconds.
-        pace: pace of the strokes: even lays the same number every second; quickening starts slowly, with large strokes.
+        pace: pace of the strokes: even paints the same number every second; quickening starts slowly, with large
+            strokes.
         growing: whether each stroke grows from start to end, drawn about seven times, instead of appearing at once;
             null = unless the renderer is slow.
     """
@@ -60,7 +61,7 @@ class Process(Exporter):
 
 
 def schedule(n: int, frames: int, seconds: float, pace: str, *, growing: bool) -> Iterator[np.ndarray]:
-    """Yield for each frame the drawn share (n,), 0 to 1, of each stroke, bottom first, from none to all."""
+    """Yield, for each frame, the drawn share (n,), 0 to 1, of each stroke, bottom first, from none to all."""
     growth = min(GROWTH, 0.5 * seconds)
     share = np.arange(n) / max(n, 1)
     begin = (seconds - growth) * (share if pace == "even" else np.sqrt(share))

@@ -12,7 +12,7 @@ from brushexp.contracts import UserError, between, register
 from brushexp.contracts.families import ExportJob
 from brushexp.contracts.files import replacing
 from brushexp.contracts.members import DPI, PrintExporter, over_white
-from brushexp_exports.jpg import srgb
+from brushexp_exports.jpg import srgb_profile
 from brushexp_exports.layers import layers_of
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ class Psd(PrintExporter):
         from psd_tools.psd.image_resources import ImageResource, ImageResources  # noqa: PLC0415
 
         resources = ImageResources.new()
-        resources[Resource.ICC_PROFILE] = ImageResource(key=Resource.ICC_PROFILE, data=srgb())
+        resources[Resource.ICC_PROFILE] = ImageResource(key=Resource.ICC_PROFILE, data=srgb_profile())
         info = struct.pack(">IHHIHH", *2 * (round(FIXED * (self.density or DPI)), PER_INCH, CENTIMETRES))
         resources[Resource.RESOLUTION_INFO] = ImageResource(key=Resource.RESOLUTION_INFO, data=info)
         return resources

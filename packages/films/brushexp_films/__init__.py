@@ -1,1 +1,1 @@
-"""Paint films picture by picture, carrying strokes from one picture to the next."""
+"""Paint films picture by picture, carrying strokes over from one picture to the next."""

@@ -40,8 +40,8 @@ class Carrier:
     """Carry the strokes of a picture to the next picture in a few gradient steps.
 
     Where the film changes, strokes follow its motion and are then optimised for the painting's losses. The harmful and
-    the least important of them are replaced by smaller strokes on top where the error is, which keep row and brush. All
-    other strokes stay bit-identical and keep their depth, so that nothing pops up.
+    the least important of them are replaced by smaller strokes on top where the error is largest; these keep row and
+    brush. All other strokes stay bit-identical and keep their depth, so that nothing pops up suddenly.
     """
 
     components: Components
@@ -71,7 +71,7 @@ class Carrier:
         return replace(cel, strokes=self._optimised(cel, painted, target, moves, region))
 
     def _relaid(self, cel: Cel, target: Tensor, changed: Tensor, moves: Tensor, region: Region) -> Cel:
-        """Remove the least important of the moving strokes and lay them again where the error is largest."""
+        """Remove the least important of the moving strokes, and place them again where the error is largest."""
         number = find_strokes(cel.strokes, region, self.renderer.edge)
         picture = self.picture(region.of(target).contiguous(), cel.background)
         strokes = cel.strokes[number].moved(shift=(-region.left, -region.top))
@@ -89,7 +89,7 @@ class Carrier:
         state = DensificationState(*pictures, strokes, budget, 0, 0, lambda: matter)
         new = new_strokes(state, count, NEW_STROKE_SIZE, TOLERANCE).moved(shift=(region.left, region.top))
         removed = number[matter.argsort(stable=True)[: len(new)]]
-        new = self.renderer.convert(in_manner_of(new, cel.strokes[removed], self.components.optimizer.units))
+        new = self.renderer.convert(with_paint_of(new, cel.strokes[removed], self.components.optimizer.units))
         above = torch.zeros_like(moves)
         above[removed] = True
         front_to_back = torch.cat([removed, cel.front_to_back[~above[cel.front_to_back]]])
@@ -161,7 +161,7 @@ class Reel:
             self.show(self.carrier(self.cel, self.image, held, changed, optical_flow(before, held)))
 
     def follow(self, picture: Tensor, cel: Cel) -> None:
-        """Adopt the strokes of the next picture, which is already painted."""
+        """Adopt the strokes of the next picture, which has already been painted."""
         self._see(picture)
         self.show(cel)
 
@@ -222,7 +222,7 @@ def find_strokes(strokes: Strokes, region: Region, edge: float) -> Tensor:
     return ((high > corner) & (low < corner + low.new_tensor([region.width, region.height]))).all(1).nonzero()[:, 0]
 
 
-def in_manner_of(new: Strokes, old: Strokes, units: Mapping[str, float]) -> Strokes:
+def with_paint_of(new: Strokes, old: Strokes, units: Mapping[str, float]) -> Strokes:
     """Give new strokes the opacity of ``old`` strokes, and also their colour and shape if these are not optimised."""
     fields = {"opacity"} | ({"color"} if not units.get("color") else set())
     if not any(units.get(name) for name in SHAPE):

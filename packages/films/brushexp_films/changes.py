@@ -1,4 +1,4 @@
-"""Detect a film's changes above codec noise, its motion and its cuts, and measure the flicker of its painting."""
+"""Detect the changes in a film that exceed codec noise, its motion and its cuts, and measure the painting's flicker."""
 
 import numpy as np
 import torch

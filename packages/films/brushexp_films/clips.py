@@ -56,8 +56,8 @@ class Clip:
     seconds: float = 0.0  # length of the video that the file states; 0 if it does not
 
 
-class Shown(NamedTuple):
-    """A picture (H, W, 3), uint8 sRGB, with the start and end of its time on screen in seconds."""
+class TimedPicture(NamedTuple):
+    """A picture (H, W, 3), uint8 sRGB, and the start and end of its display time in seconds."""
 
     picture: np.ndarray
     begin: Fraction
@@ -129,7 +129,7 @@ def _rate_of(frames: list[Any]) -> Fraction:
     return (1 / steps[len(steps) // 2]).limit_denominator(1000) if steps else USUAL_RATE
 
 
-def timed_pictures(clip: Clip) -> Iterator[Shown]:
+def timed_pictures(clip: Clip) -> Iterator[TimedPicture]:
     """Decode the pictures one by one, upright, with times since the film's beginning, until its end or a defect.
 
     Each picture is shown until the next; the last is shown as long as the film states, or as long as the one before.
@@ -140,17 +140,17 @@ def timed_pictures(clip: Clip) -> Iterator[Shown]:
             last = picture, time, length
             continue
         begin = max(time, last[1] + SHORTEST_FRAME)
-        yield Shown(last[0], last[1], begin)
+        yield TimedPicture(last[0], last[1], begin)
         last = picture, begin, length or begin - last[1]
     if last is not None:
-        yield Shown(last[0], last[1], last[1] + (last[2] or 1 / clip.rate))
+        yield TimedPicture(last[0], last[1], last[1] + (last[2] or 1 / clip.rate))
 
 
-def pictures_between(clip: Clip, start: float, stop: float | None, every: int) -> Iterator[Shown]:
+def pictures_between(clip: Clip, start: float, stop: float | None, every: int) -> Iterator[TimedPicture]:
     """Decode every n-th picture shown between two seconds, with times relative to ``start``."""
     first = Fraction(start).limit_denominator(10**6)
     last = None if stop is None else Fraction(stop).limit_denominator(10**6)
-    held: Shown | None = None
+    held: TimedPicture | None = None
     number = 0
     for shown in timed_pictures(clip):
         if shown.end <= first + SHORTEST_FRAME:
@@ -164,7 +164,7 @@ def pictures_between(clip: Clip, start: float, stop: float | None, every: int) -
         else:
             if held is not None:
                 yield held._replace(end=begin - first)
-            held = Shown(shown.picture, begin - first, end - first)
+            held = TimedPicture(shown.picture, begin - first, end - first)
         number += 1
     if held is not None:
         yield held
@@ -217,7 +217,8 @@ def _shape_of(path: Path, stream: Any) -> Shape:
 def beginning_of(container: Any) -> Fraction:
     """Find the second on the film's own clock at which video or sound begins, whichever is first.
 
-    Sound that leads by less than one picture counts as starting with the video: its codec needs a few samples to start.
+    Sound that leads by less than one picture counts as starting with the video, because its codec needs a few samples
+    to start.
     """
     streams = [*container.streams.video[:1], *container.streams.audio[:1]]
     begins = [(stream.start_time or 0) * stream.time_base for stream in streams if stream.time_base]
@@ -229,7 +230,7 @@ def beginning_of(container: Any) -> Fraction:
 
 
 def _why_unread(path: Path, error: Exception) -> str:
-    """Explain why FFmpeg cannot open a file and what to do about it."""
+    """Explain why FFmpeg cannot open a file and how to fix it."""
     if not path.stat().st_size:
         return "is empty (0 bytes); give a file that contains a film"
     if has_end(path) is False:

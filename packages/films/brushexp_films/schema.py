@@ -18,9 +18,9 @@ from brushexp_films.clips import is_film, is_moving, open_clip
 log = logging.getLogger(__name__)
 FRAMES = "frames"  # name of the folder of catalogues in a run's folder
 # keys that films ignore, and their defaults
-OF_PICTURES = {"catalogue": None, "style.image": None, "working_resolution": "auto"}
+IGNORED_KEYS = {"catalogue": None, "style.image": None, "working_resolution": "auto"}
 SCENE_START = "scene_start"  # config group that chooses the initialiser of a scene; composed after looks
-OF_PAGES = {"frames", "frame_side", "timelapse", "timelapse_seconds", "report"}  # keys about the making of a picture
+PAGE_KEYS = {"frames", "frame_side", "timelapse", "timelapse_seconds", "report"}  # keys about the making of a picture
 
 
 @dataclass
@@ -62,7 +62,7 @@ class FilmTask(PaintTask):
         if isinstance(keep_built(cfg.painter), Painter):
             name = plugin_of(cfg.painter).name
             raise UserError(f"painter={name} paints single pictures, but {cfg.image} is a film; drop painter")
-        for name, default in OF_PICTURES.items():
+        for name, default in IGNORED_KEYS.items():
             if (value := OmegaConf.select(cfg, name)) not in (default, None):
                 raise UserError(f"{name}={value} is for single pictures, but {cfg.image} is a film; drop {name}")
         for name, node in cfg.change.items():
@@ -71,7 +71,7 @@ class FilmTask(PaintTask):
                 raise UserError(f"{word} is for single pictures, but {cfg.image} is a film; drop {word}")
         if cfg.background == "transparent":
             raise UserError("background=transparent is for single pictures, but a film is opaque; drop background")
-        if unused := sorted({word.partition("=")[0] for word in overrides} & OF_PAGES):
+        if unused := sorted({word.partition("=")[0] for word in overrides} & PAGE_KEYS):
             log.warning("films ignore %s: film.mp4 has its own pictures and times", ", ".join(unused))
         start, stop = cfg.film.start, cfg.film.stop
         if stop is not None and stop <= start:

@@ -25,7 +25,7 @@ def add_sound(film: Path, source: Path, start: float = 0.0) -> None:
         return
     av = importlib.import_module("av")
     with av.open(str(source), options=LOCAL) as original, av.open(str(film), options=LOCAL) as painted:
-        tell_what_is_left(original, source)
+        log_omitted_tracks(original, source)
         if not original.streams.audio:
             return
         sound, since = original.streams.audio[0], beginning_of(original) + Fraction(start).limit_denominator(10**6)
@@ -42,7 +42,7 @@ def add_sound(film: Path, source: Path, start: float = 0.0) -> None:
             log.warning("the sound of %s (%s) is left out: an MP4 cannot hold it", source, sound.codec.name)
 
 
-def tell_what_is_left(container: Any, source: Path) -> None:
+def log_omitted_tracks(container: Any, source: Path) -> None:
     """Log which further sound tracks and subtitles are not copied into the painted film."""
     tracks = {"sound": max(0, len(container.streams.audio) - 1), "subtitles": len(container.streams.subtitles)}
     if left := ", ".join(f"{count} of {name}" for name, count in tracks.items() if count):

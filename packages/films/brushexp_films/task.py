@@ -44,7 +44,7 @@ from brushexp.contracts.runs import (
 from brushexp.contracts.strokes import Saved, load_catalogue, save_catalogue
 from brushexp_films.carrying import Carrier, Cel, Reel
 from brushexp_films.changes import Flicker
-from brushexp_films.clips import Shown, open_clip, pictures_between
+from brushexp_films.clips import TimedPicture, open_clip, pictures_between
 from brushexp_films.schema import FRAMES
 from brushexp_films.sound import add_sound
 
@@ -77,13 +77,13 @@ class PaintedFilm:
 
     @property
     def planned(self) -> int:
-        """Number of pictures to paint, as far as the film states its length; at least 1."""
+        """Number of pictures to paint, if the film states its length; at least 1."""
         film, rate, end = self.cfg.film, self.clip.rate, self.clip.count
         if film.stop is not None:
             end = min(max(1, math.ceil(film.stop * rate)), end)
         return max(1, math.ceil((end - math.ceil(film.start * rate)) / film.every))
 
-    def targets(self) -> Iterator[tuple[Tensor, Shown]]:
+    def targets(self) -> Iterator[tuple[Tensor, TimedPicture]]:
         """Decode the pictures (3, H, W) to paint, one after another, with their times."""
         film = self.cfg.film
         for shown in pictures_between(self.clip, film.start, film.stop, film.every):
@@ -102,7 +102,7 @@ class PaintedFilm:
         painter.hand_over()  # strokes are carried on, so changes that only act at the end are skipped
         return Cel(painter.strokes(), painter.front_to_back, painter.picture.background)
 
-    def painted_before(self, number: int) -> Cel | None:
+    def load_painted(self, number: int) -> Cel | None:
         """Load a picture's strokes if an earlier run painted it and all pictures before it; None otherwise."""
         before, self.before = self.before, None  # after the first missing picture, all are repainted
         if before is None or not (path := frame_in(before, number)).exists():
@@ -119,7 +119,7 @@ class PaintedFilm:
 
     def take(self, number: int, target: Tensor) -> np.ndarray:
         """Paint a picture, or adopt its strokes from an earlier run, and return it (H, W, 3) with light."""
-        since, scenes, cel = time.monotonic(), self.reel.scenes, self.painted_before(number)
+        since, scenes, cel = time.monotonic(), self.reel.scenes, self.load_painted(number)
         if cel is None:
             self.reel.paint(target)
         else:
@@ -228,7 +228,7 @@ def conclude_film(film: PaintedFilm, start: float | None, failure: BaseException
 
 
 def frame_in(folder: Path, number: int) -> Path:
-    """Return the path of a picture's strokes in a run's folder."""
+    """Return the path of the file with a picture's strokes in a run's folder."""
     return folder / FRAMES / f"{number:06d}.h5"
 
 

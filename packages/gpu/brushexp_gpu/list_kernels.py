@@ -72,10 +72,10 @@ def box_kernel(curve, reach, order, boxes, sizes, n, rows, columns, BLOCK: tl.co
 def find_kernel(curve, reach, order, boxes, space, tile, stroke, part, n, pairs, tiles, columns, BLOCK: tl.constexpr):
     """Write ``tile``, ``stroke`` and the ``part`` of the curve for each pair of a stroke and a tile in its box.
 
-    Sample points of a curve decide: its ends, and points at most 2.5 px apart. The tile is ``tiles``, meaning none, if
-    no point is close enough to the square of the tile's pixel centres for the curve to come within reach. A part
-    encodes the range of PARTS that contains all points within reach of the tile: the first part, plus 256 times the
-    part after the last.
+    This is decided by sample points of a curve: its ends, and points at most 2.5 px apart. The tile is ``tiles``,
+    meaning none, if no point is close enough to the square of the tile's pixel centres for the curve to come within
+    reach. A part encodes the range of PARTS that contains all points within reach of the tile: the first part, plus 256
+    times the part after the last.
     """
     pair = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     here = pair < pairs

@@ -1,6 +1,7 @@
 """Find which strokes touch which tile, by sorting on the device: pairs are made by stroke and sorted by tile.
 
-The CPU waits for a single number, the total of tiles in the strokes' boxes, which sizes the buffers.
+The CPU waits for a single number, the total number of tiles in the strokes' boxes, which determines the size of the
+buffers.
 """
 
 from dataclasses import dataclass

@@ -186,7 +186,7 @@ def backward_pass(
 
     ``picture`` is the gradient of the image (C, H, W), and the output, by slot, is the gradient of the strokes'
     numbers, ``pairs`` (pairs, numbers). With WEIGHS, ``picture`` is image - target and the weight of each pixel (C + 1,
-    H, W), and ``pairs`` (pairs, 1) is the increase of the weighted squared error without the stroke.
+    H, W), and ``pairs`` (pairs, 1) is the increase in the weighted squared error when the stroke is removed.
     """
     chunk, tile, inside, at, count = _open_chunks(first, chunks, chunk_tile, tiles, CHUNK, TILES)
     place, there, ox, oy = pixel_places(tile, columns, height, width, inside)
@@ -253,7 +253,7 @@ def _pull_color(
 
 @jit(do_not_specialize=["numbers"])
 def sum_rows(pairs, space, order, sums, numbers, WIDTH: tl.constexpr, ROWS: tl.constexpr):
-    """Sum each stroke's rows of ``pairs`` (., numbers), from ``space`` on, in double precision into ``sums`` (N, .)."""
+    """Sum each stroke's rows of ``pairs`` (., numbers), from ``space``, into ``sums`` (N, .) in double precision."""
     k = tl.program_id(0)
     begin, end = tl.load(space + k), tl.load(space + k + 1)
     row, column = tl.arange(0, ROWS)[:, None], tl.arange(0, WIDTH)[None, :]

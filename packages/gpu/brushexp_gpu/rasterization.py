@@ -62,7 +62,7 @@ class TritonRasterization:
         return (self._sums(self._run_back(grad_image, self._strokes.shape[1])),)
 
     def importance(self, target: Tensor, weight: Tensor) -> Tensor:
-        """Compute the increase (N,) of the squared error, weighted by (H, W), without each stroke."""
+        """Compute the increase (N,) in the squared error, weighted by (H, W), when each stroke is removed."""
         error = self.paint(None, keep=True) - target
         return self._sums(self._run_back(torch.cat([error, weight[None]]), 1, weighs=True))[:, 0]
 

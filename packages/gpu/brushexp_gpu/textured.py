@@ -45,7 +45,7 @@ def _load_frame(frames, i, k: tl.constexpr, here):
 
 @inline
 def _place(t, sx, sy, fx, fy, bx, by, x, y, frames, i, scale, here):
-    """Return columns and rows in the texture, in texels, and the texture's number of each (TILES, 1)."""
+    """Return texture coordinates (column and row, in texels), and the numbers of columns and rows (TILES, 1)."""
     wx, wy, _, _, _, _, tx, ty, _ = _direction(t, sx, sy, fx, fy, bx, by, x, y)
     rows, columns = _load_frame(frames, i, 0, here), _load_frame(frames, i, 1, here)
     origin, body = _load_frame(frames, i, 2, here), _load_frame(frames, i, 3, here)

@@ -1,4 +1,4 @@
-"""Offer Lightning's own callbacks by name, with Lightning's options."""
+"""Publish Lightning's own callbacks by name, with Lightning's options."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def lightning_callback(name: str, *args: Any, **options: Any) -> L.Callback:
-    """Make one of Lightning's callbacks; importing Lightning takes seconds."""
+    """Make one of Lightning's callbacks, importing Lightning on demand because that takes seconds."""
     return getattr(importlib.import_module("lightning.pytorch.callbacks"), name)(*args, **options)
 
 

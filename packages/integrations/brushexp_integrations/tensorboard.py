@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 class TensorBoard(Logger):
     """Log curves, pictures, settings and metrics; ``tensorboard --logdir`` shows a run, or all runs of a sweep.
 
-    The files are in the folder ``tensorboard`` of each run. The words of the command line are hyperparameters and are
-    logged with the final metrics, so that a sweep becomes a table; all settings and the catalogue's path are texts.
+    The files are in the folder ``tensorboard`` of each run. The command-line arguments are logged as hyperparameters
+    with the final metrics, so that a sweep becomes a table; all settings and the catalogue's path are logged as text.
     """
 
     def __init__(self) -> None:

@@ -46,7 +46,7 @@ def sweeper_config() -> type[StudySweeperConf] | None:
 
 
 class StudySweeper(Sweeper):
-    """Run Optuna's trials as jobs; a failed trial is marked, and the study continues."""
+    """Run Optuna's trials as jobs; a failed trial is marked as such, and the study continues."""
 
     config: Any  # Hydra's config, set by `setup`
 
@@ -93,7 +93,7 @@ class StudySweeper(Sweeper):
             renew_sweep_report(folder)
 
     def go_on(self, words: list[str]) -> None:
-        """Add the trials in the sweep's folder to the study, and repeat killed trials first."""
+        """Add the trials in the sweep's folder to the study, and first repeat the trials that were killed."""
         import optuna  # noqa: PLC0415
 
         from brushexp.contracts.results import has_ended, read_result, words_of  # noqa: PLC0415
@@ -118,7 +118,7 @@ class StudySweeper(Sweeper):
             self.study.sampler.reseed_rng()  # otherwise it would repeat its first proposals
 
     def open_study(self) -> Any:
-        """Create or load the Optuna study, and mark trials that the database lists as running as failed."""
+        """Create or load the Optuna study, and mark as failed the trials that the database lists as running."""
         import optuna  # noqa: PLC0415
 
         name = self.study.study_name = self.options["study_name"]
@@ -164,7 +164,7 @@ def frozen_trial(result: dict[str, Any], values: dict[str, Any], space: dict[str
 
 
 def value_in(space: Any, typed: str) -> Any:
-    """Convert the word of a job to the value that Optuna proposed."""
+    """Convert a job's argument to the value that Optuna proposed."""
     if hasattr(space, "choices"):
         return next(choice for choice in space.choices if str(choice) == typed)
     return int(typed) if type(space).__name__.startswith("Int") else float(typed)

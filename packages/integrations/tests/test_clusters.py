@@ -11,7 +11,7 @@ from refusals import refuses
 from sweeps import note, read_csv
 
 from brushexp.results.runs import objective_in
-from brushexp.system.runtime import interruptible, pass_signal_on
+from brushexp.system.runtime import interruptible, reraise_signal
 
 pytestmark = pytest.mark.slow
 TINY = ["-m", "look=plain", "image=chelsea", "resolution=16", "steps=1", "report=false", "frames=0"]
@@ -39,7 +39,7 @@ def test_a_signal_of_the_cluster_ends_a_fit_and_then_does_what_it_did(number):
         with interruptible(lambda: heard.append("stopped"), "stopping"):
             os.kill(os.getpid(), number)
         assert heard == ["stopped"]
-        pass_signal_on()
+        reraise_signal()
         assert heard == ["stopped", "requeued"]
     finally:
         signal.signal(number, before)

@@ -19,9 +19,9 @@ class Direction(Loss):
     matter. The loss is the mean of 4 sin^2 of the angle between neighbours: 0 if all are parallel, 2 in disorder.
 
     Args:
-        weight: factor in the sum of losses; the source's 0.008 is for other units. On a portrait this loss ended at
-            1.32 with ``mse`` alone, at 0.79 with the default (costing 0.1 dB), and at 1.04 with 0.0001 (less than
-            0.1 dB).
+        weight: factor in the sum of losses; the source's 0.008 applies to other units. On a portrait this loss ended at
+            1.32 with ``mse`` alone, at 0.79 with its default weight (costing 0.1 dB), and at 1.04 with a weight of
+            0.0001 (less than 0.1 dB).
         k: number of neighbours per stroke; all other strokes if there are fewer.
         every: calls between two searches for neighbours; a change in the number of strokes also triggers a search.
     """

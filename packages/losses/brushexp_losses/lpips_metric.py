@@ -1,4 +1,4 @@
-"""LPIPS as a metric: a calibrated distance of features."""
+"""LPIPS as a metric: a calibrated distance in feature space."""
 
 from typing import Annotated
 
@@ -11,7 +11,7 @@ from brushexp_losses.calibrated import CALIBRATED, open_distance
 class OfficialLpips(Metric):
     """LPIPS (Zhang et al., 2018) with its published weights, in a network whose features come from a file.
 
-    With ``effl0`` it is ``perceptual`` by another name.
+    With ``effl0`` it equals ``perceptual``.
 
     Args:
         option: key that sets the file, for error messages.

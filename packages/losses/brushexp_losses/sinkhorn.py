@@ -19,13 +19,13 @@ MIN_EPSILON = 0.01  # lower bound of the blur, at which exp(-4 / epsilon) stays 
 
 @register("loss", "sinkhorn")
 class Sinkhorn(Loss):
-    """Sinkhorn divergence (optimal transport) of the colours to the target's; pulls strokes over large distances.
+    """Sinkhorn divergence (optimal transport) between the colours and the target's; attracts strokes from far away.
 
     Each channel of the downsampled pictures is a mass on the pixel grid; moving it costs the squared distance, in
     longer sides of the picture. The value is the debiased Sinkhorn divergence (Feydy et al., 2019, arXiv:1810.08278),
     averaged over channels: 0 for equal pictures, otherwise positive. It compares the distribution of light, not its
-    amount, so add ``mse``. It always covers the whole canvas, even in steps that compare only a part, and ignores the
-    focus.
+    amount, so combine it with ``mse``. It always covers the whole canvas, even in steps that compare only a part, and
+    ignores the focus.
 
     Source: Zou et al., 2021 (Stylized Neural Painting, arXiv:2011.08114), who take one random channel per step and the
     plain transport cost, which equal pictures do not minimise. Differs: all channels, the debiased cost, and a blur

@@ -1,4 +1,4 @@
-"""Helpers for painters that decide stroke by stroke."""
+"""Helpers for painters that place strokes one by one."""
 
 from collections.abc import Iterator
 
@@ -20,7 +20,7 @@ def portions(n: int) -> list[int]:
 
 
 def lay(strokes: Strokes) -> Iterator[PaintState]:
-    """Yield the states of a painting with known strokes; one step is one stroke."""
+    """Yield the states of a painting whose strokes are known in advance; one step is one stroke."""
     for n in portions(len(strokes)):
         yield PaintState(strokes[:n], n, len(strokes))
 

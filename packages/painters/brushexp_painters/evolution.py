@@ -61,15 +61,15 @@ class Evolution(Painter):
 
     Source: the genetic algorithms of section 5.3 of the thesis, in the manner of Collet et al., 2000 (Polar IFS +
     Parisian Genetic Programming): the painting is the whole population, not one of its members. It is Haeberli's
-    relaxation (1990) with crossover. A child is its parent with some genes mutated or taken from another stroke, or it
-    is a new stroke on top where the error is. Mutations grow or shrink by the one-fifth rule (Rechenberg, 1973).
+    relaxation (1990) with crossover. A child is its parent with some genes mutated or taken from another stroke, or a
+    new stroke on top where the error is large. The size of mutations follows the one-fifth rule (Rechenberg, 1973).
 
     Differs from the sources: the canvas is divided into cells whose size and position change with each generation. In
-    each cell, one of the strokes inside has a child, and all children are judged in one picture, cell by cell. Initial
-    colours are taken from the picture.
+    each cell, one of the strokes inside has a child, and all children are evaluated in one picture, cell by cell.
+    Initial colours are taken from the picture.
 
     Args:
-        children: number of children judged per stroke.
+        children: number of children evaluated per stroke.
         crossover: share of the children that inherit genes of another stroke.
         renewal: share of the generations whose children are new strokes.
         opacity: opacity of the paint.
@@ -155,7 +155,7 @@ def initial_genes(request: PaintRequest, target: Array, random: np.random.Genera
 
 
 def random_genes(middle: Array, length: Array, target: Array, depth: Array, random: np.random.Generator) -> Genes:
-    """Sample strokes with half-lengths (n,) at places (n, 2), in the target's colours and random directions."""
+    """Sample strokes with half-lengths (n,) at positions (n, 2), in the target's colours and random directions."""
     n = len(length)
     along = vectors(length, random.uniform(0, np.pi, n))
     half = (length * random.uniform(0.2, 0.7, n)).clip(LEAST_HALF, None)
@@ -175,12 +175,12 @@ class Cells:
         self.of_pixels = self.of(np.stack([x, y], 2))  # (H, W)
 
     def of(self, place: Array) -> Array:
-        """Return the number (...) of the cell of each place (..., 2); places far off the canvas are in border cells."""
+        """Return the cell index (...) of each position (..., 2); positions far off the canvas are in border cells."""
         index = ((place + self.shift) / self.side).clip(0, self.columns - 1).astype(int)
         return index[..., 1] * self.columns + index[..., 0]
 
     def room(self, place: Array) -> Array:
-        """Compute the distance (n,) from places (n, 2) to the nearest border of their cells."""
+        """Compute the distance (n,) from positions (n, 2) to the nearest border of their cells."""
         inside = (place + self.shift) % self.side
         return np.minimum(inside, self.side - inside).min(1)
 

@@ -25,9 +25,9 @@ class Gatys(Painter):
 
     Differs from the paper: each pixel is a dot with the soft edge of ``renderer``, so that canvas, catalogue and
     exports contain it; `pixels_per_stroke=1` makes one dot per pixel, other values make larger dots, one per cell. The
-    descent starts from the picture, not from noise, because the bundled small network finds no colours from noise
-    (`backbone=vgg16 weights=...` is closer to the paper). It uses Adam, not L-BFGS. Without a style, the picture hardly
-    changes.
+    descent starts from the picture, not from noise, because the small bundled network does not recover colours from
+    noise (`backbone=vgg16 weights=...` is closer to the paper). It uses Adam, not L-BFGS. Without a style, the picture
+    hardly changes.
 
     Args:
         style: painting whose style is transferred; null = the picture's own statistics.

@@ -25,15 +25,15 @@ STEP_SIZE = 0.3  # size of the first mutations, in stroke lengths
 @register("painter", "greedy")
 @dataclass(kw_only=True)
 class Greedy(Painter):
-    """A greedy search: each stroke is the best of random candidates, improved by hill climbing, in its optimal colour.
+    """A greedy search: each stroke is the best of random candidates, refined by hill climbing, in its optimal colour.
 
-    Source: Fogleman, 2016 (primitive), after the trial and error of Haeberli (1990) and the evolutionary painters that
-    the thesis names. Each candidate gets the colour that minimises the squared error over the paint below, in closed
-    form; the stroke that lowers the error most is kept and never changed again.
+    Source: Fogleman, 2016 (primitive), after the trial and error of Haeberli (1990) and the evolutionary painters cited
+    in the thesis. Each candidate gets the colour that minimises the squared error over the paint below, in closed form;
+    the stroke that lowers the error most is kept and never changed again.
 
-    Differs from the source: shapes are strokes; candidates are sampled where the error is, not uniformly; several
-    mutations are tried at a time, and they shrink from round to round; and errors are measured at about 400 pixels per
-    stroke. The search assumes plain strokes, whatever the renderer.
+    Differs from the source: shapes are strokes; candidates are sampled in proportion to the error, not uniformly;
+    several mutations are tried at a time, and they shrink from round to round; and errors are measured at about 400
+    pixels per stroke. The search assumes plain strokes, even with other renderers.
 
     Args:
         candidates: random candidates per stroke.
@@ -100,7 +100,7 @@ class Greedy(Painter):
 
 
 def worst_places(target: Array, canvas: Array, random: np.random.Generator) -> Array:
-    """Sample places (256, 2) with probability proportional to the squared error of the canvas."""
+    """Sample positions (256, 2) with probability proportional to the squared error of the canvas."""
     step = max(1, -(-max(target.shape) // CELLS))
     error = np.square(target - canvas).sum(2)
     rows, columns = (np.arange(0, side, step) for side in error.shape)
@@ -141,7 +141,7 @@ def _box(curve, half, height, width):
 
 @function
 def judge_strokes(begin, end, target, canvas, strokes, opacity, gain, color):
-    """Compute how much each of the strokes (K, 7) lowers the squared error of a canvas (H, W, 3), and its colour.
+    """Compute how much each of the strokes (K, 7) reduces the squared error of a canvas (H, W, 3), and its colour.
 
     With coverage a, canvas v and r = target - (1 - a) v, the error is the sum of (a c - r)^2; the minimum is at
     c = sum ar / sum aa.

@@ -1,4 +1,4 @@
-"""The painter ``haeberli``: straight strokes at random places."""
+"""The painter ``haeberli``: straight strokes at random positions."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,17 +16,17 @@ from brushexp_painters._laying import lay, numpy_generator, strokes_from_arrays,
 @register("painter", "haeberli")
 @dataclass(kw_only=True)
 class Haeberli(Painter):
-    """Straight strokes at random places, along the picture's edges and in its colours, from large to small.
+    """Straight strokes at random positions, along the picture's edges and in its colours, from large to small.
 
     Source: Haeberli, 1990 (Paint by Numbers: Abstract Image Representations). A stroke takes its colour from the
     picture, and its direction is normal to the picture's gradient.
 
-    Differs from the paper: no person chooses places and sizes. Places are sampled, and the brush gets finer from the
-    first stroke to the last. Directions come from the structure tensor, in which gradients of opposite signs do not
-    cancel. Haeberli's relaxation of a fixed set of strokes is not included.
+    Differs from the paper: positions and sizes are not chosen by a person. Positions are sampled, and the brush gets
+    finer from the first stroke to the last. Directions come from the structure tensor, in which gradients of opposite
+    signs do not cancel. Haeberli's relaxation of a fixed set of strokes is not included.
 
     Args:
-        places: distribution of the places: jittered (a scrambled Sobol sequence, without clumps or holes) or random.
+        places: distribution of the positions: jittered (a scrambled Sobol sequence, without clumps or holes) or random.
         largest: thickness of the first strokes, in stroke spacings.
         smallest: thickness of the last strokes, in stroke spacings.
         length: length of a stroke, in units of its thickness.

@@ -25,12 +25,12 @@ class Hertzmann(Painter):
     Source: Hertzmann, 1998 (Painterly Rendering with Curved Brush Strokes of Multiple Sizes). Each brush of radius R
     paints the picture blurred by f_s R, in cells of f_g R. Where a cell's mean difference exceeds T, a stroke starts at
     the cell's worst pixel and follows the normals of the luminance gradient in steps of R, smoothed by f_c, until the
-    canvas is closer to the picture than the stroke's colour is. The strokes of a layer are laid in random order.
+    canvas is closer to the picture than the stroke's colour is. The strokes of a layer are painted in random order.
 
     Differs from the paper: its cubic B-splines become quadratic Bezier curves, one if that is within ``tolerance``,
     otherwise several that meet; ``strokes`` counts these curves. The number of strokes replaces the threshold: each
     layer paints its worst cells (``threshold=100`` is the paper's value, still limited by the number of strokes). Bare
-    canvas ends strokes of the first layer as paint does; otherwise all of them would have the maximum length. The
+    canvas ends strokes of the first layer just as paint does; otherwise they would all have the maximum length. The
     paper's styles are presets (`hertzmann_impressionist`) with the same ratios between brushes; with the paper's pixels
     and thresholds (``scale=1 threshold=100``), a few thousand strokes leave most of a canvas bare.
 
@@ -117,7 +117,7 @@ class Hertzmann(Painter):
     def _trace(
         self, reference: Array, canvas: Array, x: Array, y: Array, color: Array, radius: float
     ) -> tuple[Array, Array]:
-        """Trace S strokes from places (S,) in colours (3, S); return points (S, L + 1, 2) and numbers of steps (S,)."""
+        """Trace S strokes from positions (S,) in colours (3, S); return points (S, L + 1, 2) and step counts (S,)."""
         from scipy.ndimage import sobel  # noqa: PLC0415
 
         luminance = np.tensordot(LUMINANCE, reference, 1)

@@ -28,7 +28,7 @@ class Kotovenko(Painter):
     Differs from the paper: strokes cover each other, larger ones below, whereas in the paper each pixel belongs to the
     nearest stroke; features come from the bundled small network; weights keep the paper's ratios between the terms. The
     paper's second stage, which optimises pixels, is `painter=gatys`. Without a style, pixels are compared instead of
-    features, and the colours follow them as well.
+    features, and the colours also follow the pixels.
 
     Args:
         style: painting whose style is transferred; null = none.

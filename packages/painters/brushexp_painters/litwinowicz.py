@@ -27,8 +27,8 @@ class Litwinowicz(Painter):
     Differs from the paper: the spacing follows from ``strokes``. Lengths, which the paper gives in pixels at a spacing
     of 2, are in spacings; so is the width of the blur, which the paper does not give. The spline is discrete, on the
     grid, and of doubled angles, so that gradients of opposite signs do not cancel. A stroke ends once the magnitude has
-    fallen by ``fall`` from its maximum; the paper ends it at any fall, where 8-bit values protected it from noise. The
-    painter is for single pictures: in films (`image=clip.mp4`), optical flow carries the strokes.
+    fallen by ``fall`` from its maximum; the paper ends it at any fall, because its 8-bit values hid noise. The painter
+    is for single pictures: in films (`image=clip.mp4`), optical flow carries the strokes.
 
     Args:
         length: minimum and maximum length of an unclipped stroke, in spacings.
@@ -82,7 +82,7 @@ class Litwinowicz(Painter):
         yield from lay(strokes_from_arrays(curves[order], thickness[order], color[order], self.opacity))
 
     def _directions(self, smooth: Array, x: Array, y: Array, grid: tuple[int, int]) -> Array:
-        """Compute angles (n,) at the nodes of a grid, normal to the gradient, interpolated where it is weak."""
+        """Compute angles (n,) at the nodes of a grid, normal to the gradient, interpolated where that is weak."""
         padded = np.pad(255 * smooth, 1, mode="edge")
         slope = np.stack([padded[1:-1, 2:] - padded[1:-1, :-2], padded[2:, 1:-1] - padded[:-2, 1:-1]]) / 2
         gx, gy = sampled_at(slope, x, y)
@@ -92,7 +92,7 @@ class Litwinowicz(Painter):
         return 0.5 * np.arctan2(field[:, 1], field[:, 0])
 
     def _grow(self, smooth: Array, middle: Array, ahead: Array, reach: Array) -> Array:
-        """Grow strokes from their middles (n, 2) in directions (n, 2), by at most ``reach`` (n,) pixels."""
+        """Grow strokes from their centres (n, 2) in directions (n, 2), by at most ``reach`` (n,) pixels."""
         from scipy.ndimage import map_coordinates, sobel  # noqa: PLC0415
 
         edges = 255 / 8 * np.hypot(sobel(smooth, 0), sobel(smooth, 1))  # levels per pixel

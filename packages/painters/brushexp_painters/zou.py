@@ -15,7 +15,7 @@ from brushexp.contracts.pictures import sampled_at
 from brushexp.contracts.strokes import Catalogue, Strokes
 from brushexp_painters._laying import numpy_generator, strokes_from_arrays, vectors
 
-IN_A_BLOCK = 10  # approximate number of strokes per block, unless ``levels`` is set
+STROKES_PER_BLOCK = 10  # approximate number of strokes per block, unless ``levels`` is set
 INSIDE = 0.9  # share of a block, measured from each side, in which a stroke's middle may lie
 BLUR = 1 / 16  # standard deviation, in blocks, by which the error map is blurred before sampling
 WIDTHS = (0.02, 0.6)  # range of stroke widths, in blocks
@@ -29,10 +29,10 @@ UNITS = {"position": 1.0, "start": 1.0, "control": 1.0, "end": 1.0, "width": 0.3
 class ProgressiveBlocks(Painter):
     """Strokes are added one by one in 1, then 4, 9, ... blocks of the canvas, and optimised by gradient descent.
 
-    Source: Zou et al., 2021 (Stylized Neural Painting, arXiv:2011.08114). A new stroke lies where the error is, in the
-    picture's colour and a random direction, with a tenth to a quarter of the block's size. After each addition, centred
-    RMSprop optimises all strokes of the level for the L1 difference and a transport loss; earlier levels lie below and
-    stay fixed.
+    Source: Zou et al., 2021 (Stylized Neural Painting, arXiv:2011.08114). A new stroke lies where the error is large,
+    in the picture's colour and a random direction, with a tenth to a quarter of the block's size. After each addition,
+    centred RMSprop optimises all strokes of the level for the L1 difference and a transport loss; earlier levels lie
+    below and stay fixed.
 
     Differs from the paper: ``renderer`` draws the strokes, not the paper's networks; all blocks of a level share one
     canvas, so that strokes may leave their block, and the transport loss (`loss.sinkhorn`, debiased) covers the whole
@@ -42,7 +42,7 @@ class ProgressiveBlocks(Painter):
         levels: number of levels; null = chosen so that a block has about ten strokes.
         iterations: iterations per level, divided among the strokes added.
         lr: learning rate of RMSprop, in half-blocks.
-        transport: weight of the transport loss beside the L1 difference; 0 leaves it out.
+        transport: weight of the transport loss relative to the L1 difference; 0 omits it.
     """
 
     kind = "gradients, stroke by stroke"
@@ -59,7 +59,7 @@ class ProgressiveBlocks(Painter):
 
     def __call__(self, request: PaintRequest) -> Iterator[PaintState]:
         random, strokes = numpy_generator(request.generator), Strokes.none(request.target)
-        levels = self.levels or max(1, round((3 * request.n / IN_A_BLOCK) ** (1 / 3)))
+        levels = self.levels or max(1, round((3 * request.n / STROKES_PER_BLOCK) ** (1 / 3)))
         while levels > 1 and sum(m * m for m in range(1, levels + 1)) > request.n:
             levels -= 1
         each = request.n // sum(m * m for m in range(1, levels + 1))
@@ -102,7 +102,7 @@ def detach(catalogue: Catalogue) -> Strokes:
 
 
 def initial_strokes(request: PaintRequest, strokes: Strokes, m: int, random: np.random.Generator) -> Strokes:
-    """Make a stroke in each of m x m blocks, at a place sampled according to the error of the painting so far."""
+    """Make a stroke in each of m x m blocks, at a position sampled according to the error of the painting so far."""
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (--help does not need it)
 
     height, width = request.size
@@ -121,7 +121,7 @@ def initial_strokes(request: PaintRequest, strokes: Strokes, m: int, random: np.
     along = vectors(0.5 * length, angle)
     curves = np.stack([middle - along, middle, middle + along], 1)
     color = sampled_at(request.target.cpu().numpy(), *middle.T).T
-    new = in_windows(strokes_from_arrays(curves, thickness, color, 0.95), block)
+    new = with_windows(strokes_from_arrays(curves, thickness, color, 0.95), block)
     return new.map(lambda value: value.to(request.target))
 
 
@@ -132,7 +132,7 @@ def block_span(number: int, m: int, side: int) -> tuple[int, int]:
     return first, max(int(last), first + 1)
 
 
-def in_windows(strokes: Strokes, side: float) -> Strokes:
+def with_windows(strokes: Strokes, side: float) -> Strokes:
     """Express strokes in windows of ``side`` pixels, so that all strokes of a level have the same learning rates."""
     share = strokes.scale / side
     points = {name: getattr(strokes, name) * share[:, None] for name in ("start", "control", "end")}

@@ -1,4 +1,4 @@
-"""Partial updates: each step moves the strokes of one place and compares a patch around them."""
+"""Partial updates: each step moves the strokes of one group and compares a patch around them."""
 
 import math
 from dataclasses import dataclass, field
@@ -19,7 +19,7 @@ SAMPLED_POINTS = 200  # random points used to estimate the mean number of stroke
 @register("sampler", "patches")
 @dataclass(kw_only=True)
 class Patches(Sampler):
-    """Move a few hundred strokes of one place per step, with a fixed ring of strokes around them (thesis 2020, 6.3).
+    """Move a few hundred neighbouring strokes per step, with a fixed ring of strokes around them (thesis 2020, 6.3).
 
     The time and memory of a step do not depend on the size of the canvas.
 
@@ -27,8 +27,8 @@ class Patches(Sampler):
         n_active: maximum number of strokes that a step moves.
         n_ring: number of nearest surrounding strokes, which are drawn but not moved.
         patch: side in pixels of the square that a step paints and compares; strokes centred outside do not move.
-        steps_per_patch: number of consecutive steps at one place.
-        coverage: choice of places: fair makes every stroke active at exactly one place per round; random takes the
+        steps_per_patch: number of consecutive steps on one patch.
+        coverage: choice of patches: fair makes every stroke active in exactly one patch per round; random takes the
             strokes nearest to a random point, as in the thesis, which visits strokes at the border less often.
     """
 
@@ -80,7 +80,7 @@ class Patches(Sampler):
         self._round, self._turn, self._point = state["round"], state["turn"], state["point"]
 
     def _turn_of(self, position: Tensor, generator: torch.Generator, begins: bool) -> Tensor:
-        """Return the strokes of the next place; begin a new round after the last place or when N has changed."""
+        """Return the strokes of the next group; begin a new round after the last group or when N has changed."""
         self._turn += begins
         if len(self._round) != len(position) or self._turn > int(self._round.max()):
             self._round = places(position.cpu(), self.n_active, self.patch, generator)
@@ -99,7 +99,7 @@ class Patches(Sampler):
 
 
 def places(position: Tensor, most: int, side: float, generator: torch.Generator) -> Tensor:
-    """Divide strokes into places of at most ``most`` strokes and ``side`` pixels, numbered (N,) in random order.
+    """Divide strokes into groups of at most ``most`` strokes and ``side`` pixels, numbered (N,) in random order.
 
     The strokes, at ``position`` (N, 2), are repeatedly split in two across the longer side of their bounding box, in
     random proportions, so that the borders differ from round to round.
@@ -125,7 +125,7 @@ def places(position: Tensor, most: int, side: float, generator: torch.Generator)
 
 
 def nearest_to_box(position: Tensor, among: Tensor, low: Tensor, high: Tensor, n: int) -> Tensor:
-    """List, in order, the ``n`` strokes ``among`` (N,), bool, that are nearest to a box from ``low`` to ``high``."""
+    """List the ``n`` strokes nearest to a box from ``low`` to ``high``, in order, out of those ``among`` (N,), bool."""
     outside = (low - position).clamp_min(0) + (position - high).clamp_min(0)
     distance = torch.where(among, outside.square().sum(1), torch.inf)
     return distance.topk(min(n, int(among.sum())), largest=False).indices.sort().values

@@ -1,4 +1,4 @@
-"""Grow a painting in strata: a few large strokes, then repeatedly as many more strokes, smaller and on top."""
+"""Grow a painting in strata: a few large strokes, then repeatedly double their number with smaller ones on top."""
 
 from dataclasses import dataclass, replace
 from typing import Annotated
@@ -22,10 +22,10 @@ class Strata(Traced):
     traced through the error, and the learning rate is the optimiser's.
 
     Args:
-        start: share of the strokes to begin with; a sixteenth is doubled four times.
+        start: initial share of the strokes; a sixteenth is doubled four times.
         rounds: number of rounds that add strokes, at least 8 steps apart.
         until: share of the steps after which no strokes are added or removed.
-        moved: share of the strokes that each round may lay elsewhere, 0 to 0.5.
+        moved: share of the strokes that each round may move elsewhere, 0 to 0.5.
         price: minimum ratio of a new stroke's gain to the importance of the stroke that it replaces; below 1, because
             further steps improve the new stroke.
         tolerance: error (root mean square over a pixel, 0 to 1) below which no stroke is added.
@@ -38,8 +38,8 @@ class Strata(Traced):
     moved: Annotated[float, between(0, 0.5)] = 0.0
     surplus: Annotated[float, between(0, 0)] = 0.0
 
-    def replaced(self, state: DensificationState, missing: int, weakest: Tensor) -> tuple[Strokes, int]:
-        return super().replaced(replace(state, budget=len(state.strokes) + missing), missing, weakest)
+    def replacements(self, state: DensificationState, missing: int, weakest: Tensor) -> tuple[Strokes, int]:
+        return super().replacements(replace(state, budget=len(state.strokes) + missing), missing, weakest)
 
     def _goal(self, current: int, rounds: int, budget: int) -> int:
         first = max(1, self._first)

@@ -1,4 +1,4 @@
-"""Trace lines through missing detail, and lay new strokes along them in place of the least important strokes."""
+"""Trace lines through missing detail, and paint new strokes along them in place of the least important strokes."""
 
 import math
 from dataclasses import dataclass, fields
@@ -34,7 +34,7 @@ Array = np.ndarray
 @register("density", "traced")
 @dataclass(kw_only=True)
 class Traced(Rounds):
-    """Start with fewer strokes, and add long strokes that explain most of the error, replacing the least important.
+    """Start with fewer strokes, and add long strokes that remove most of the error, replacing the least important.
 
     From each peak of the error, a line grows in both directions along the picture's edges as long as it lowers the
     error; least squares give its colour. Its gain is known before it is painted, so a stroke is replaced only if the
@@ -46,10 +46,10 @@ class Traced(Rounds):
     stroke; and the number of strokes is given.
 
     Args:
-        start: share of the strokes to begin with, above 0 to 1.
+        start: initial share of the strokes, above 0 and at most 1.
         rounds: number of rounds that add and remove strokes, at least 8 steps apart.
         until: share of the steps after which no strokes are added or removed.
-        moved: share of the strokes that each round may lay elsewhere, 0 to 0.5.
+        moved: share of the strokes that each round may move elsewhere, 0 to 0.5.
         price: minimum ratio of a new stroke's gain to the importance of the stroke that it replaces; below 1, because
             further steps improve the new stroke.
         tolerance: error (root mean square over a pixel, 0 to 1) below which no stroke is added.
@@ -59,7 +59,7 @@ class Traced(Rounds):
 
     price: Annotated[float, at_least(0)] = 0.1
 
-    def replaced(self, state: DensificationState, missing: int, weakest: Tensor) -> tuple[Strokes, int]:
+    def replacements(self, state: DensificationState, missing: int, weakest: Tensor) -> tuple[Strokes, int]:
         new, gain = traced_strokes(state, missing + len(weakest), CHANNELS * self.tolerance**2)
         offered = gain[missing:]  # the best lines fill missing strokes; the next ones compete with the weakest strokes
         pays = int((offered > self.price * weakest[: len(offered)]).long().cumprod(0).sum())
@@ -194,7 +194,7 @@ def _explained(moments: Array) -> tuple[Array, Array]:
 
 
 def _apart(lines: Lines, n: int, least: float, size: tuple[int, ...]) -> Array:
-    """Choose the at most ``n`` lines with the largest gains that hardly overlap."""
+    """Choose at most ``n`` lines with the largest gains that hardly overlap."""
     taken = np.zeros(size, bool)
     chosen: list[int] = []
     x, y = (lines.points[..., axis].astype(int).clip(0, size[1 - axis] - 1) for axis in (0, 1))

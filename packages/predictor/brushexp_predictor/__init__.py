@@ -1,1 +1,1 @@
-"""Lay a picture's strokes with a network in a few passes, without gradient steps."""
+"""Place a picture's strokes with a network in a few passes, without gradient steps."""

@@ -17,9 +17,10 @@ from brushexp_predictor.lay.colors import ROUNDS
 @register("init", "predicted")
 @dataclass(kw_only=True)
 class Predicted(Initializer):
-    """Lay strokes from large to small with a network, where the canvas so far is worst, in a fifth of a second.
+    """Place strokes from large to small with a network, where the canvas so far is worst, in a fifth of a second.
 
-    The network is trained through the renderer (``task=train_predictor``), because only the strokes' picture counts.
+    The network is trained through the renderer (``task=train_predictor``), because only the picture that the strokes
+    form counts.
 
     Source: the feed-forward prediction proposed in the thesis (2020), in stages that receive the canvas so far, as in
     Paint Transformer (Liu et al., 2021). Differs: one stroke per cell, which may leave the cell; no labels; and colours
@@ -40,9 +41,9 @@ class Predicted(Initializer):
 
     def __call__(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None = None) -> Strokes:
         from brushexp_predictor.lay.network import load_predictor  # noqa: PLC0415  (``--help`` needs no compiled kernels)
-        from brushexp_predictor.lay.predicting import in_best_colors, predict  # noqa: PLC0415
+        from brushexp_predictor.lay.predicting import predict, with_best_colors  # noqa: PLC0415
 
         network = load_predictor(self.checkpoint)
         *_, strokes = predict(network, target, n, generator, self.temperature, focus)
         strokes = strokes[Area().depth(strokes, None).argsort(stable=True)]  # colours are fitted for this initial order
-        return in_best_colors(network, strokes, target, self.color_rounds)
+        return with_best_colors(network, strokes, target, self.color_rounds)

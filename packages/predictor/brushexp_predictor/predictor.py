@@ -13,7 +13,7 @@ from brushexp_predictor.lay.colors import ROUNDS, best_colors
 @register("painter", "predictor")
 @dataclass(kw_only=True)
 class Predictor(Painter):
-    """Lay all strokes with a network in a few passes over the picture; see ``init=predicted``.
+    """Place all strokes with a network in a few passes over the picture; see ``init=predicted``.
 
     Args:
         checkpoint: trained weights: a .safetensors file, or shipped weights: plain, or brushed for look=oil and similar

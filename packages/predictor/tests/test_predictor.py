@@ -8,7 +8,7 @@ import torch
 from brushexp_predictor.lay.colors import best_colors
 from brushexp_predictor.lay.decoding import FORMS, draw, strokes_of
 from brushexp_predictor.lay.network import CELL, NUMBERS, RECEPTIVE_FIELD, StrokePredictor, load_predictor
-from brushexp_predictor.lay.predicting import TILE_CELLS, partly, predict
+from brushexp_predictor.lay.predicting import TILE_CELLS, in_tiles, predict
 from brushexp_predictor.lay.pyramid import levels_of
 from brushexp_predictor.predicted import Predicted
 from torch import Tensor
@@ -66,7 +66,7 @@ def test_large_pictures_are_looked_at_part_by_part_and_it_cannot_be_seen() -> No
     side = CELL * (TILE_CELLS + 2 * RECEPTIVE_FIELD + 3)
     target, canvas = torch.rand(2, 1, 3, CELL * 20, side, generator=torch.Generator().manual_seed(0))
     with torch.no_grad():
-        whole, parts = network(target, canvas), partly(network)(target, canvas)
+        whole, parts = network(target, canvas), in_tiles(network)(target, canvas)
     for one, other in zip(whole, parts, strict=True):
         torch.testing.assert_close(one, other, rtol=0, atol=2e-4)
 

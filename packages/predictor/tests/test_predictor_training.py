@@ -11,7 +11,7 @@ from brushexp_predictor.lay.network import StrokePredictor
 from brushexp_predictor.lay.pyramid import lay
 from brushexp_predictor.train import task as train_task
 from brushexp_predictor.train.subjects import Subjects, load_subjects
-from brushexp_predictor.train.training import PredictorData, PredictorModule, log_error, mean_of, refined
+from brushexp_predictor.train.training import PredictorData, PredictorModule, log_error, mean_of, refine
 from refusals import refuses
 from torch import Tensor
 
@@ -68,7 +68,7 @@ def test_steps_of_the_optimiser_lower_the_error() -> None:
     strokes = brushexp.create("init", "slic")(target, 60, torch.Generator())
 
     def error(steps: int) -> float:
-        moved = refined(strokes, target, drawn, steps)
+        moved = refine(strokes, target, drawn, steps)
         return float((drawn(moved) - target).square().mean())
 
     def drawn(strokes: Strokes) -> Tensor:

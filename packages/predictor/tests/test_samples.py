@@ -12,10 +12,10 @@ from brushexp_predictor.lay.predicting import paint_samples
 from brushexp_predictor.samples import calibrate_task, conformal
 from brushexp_predictor.samples import task as sample_task
 from brushexp_predictor.samples.calibrate_task import FEWEST_RESTARTS, restart
-from brushexp_predictor.samples.conformal import Doubt, away_from, doubt_of, holds
-from brushexp_predictor.samples.coverage import KINDS, Evidence, coverage_of, lattice, seen_places, tell_at, topmost
+from brushexp_predictor.samples.conformal import Doubt, deviation_from, holds, summarise_samples
+from brushexp_predictor.samples.coverage import KINDS, Evidence, coverage_of, lattice, measure_at, seen_places, topmost
 from brushexp_predictor.samples.figure import certainty_of
-from brushexp_predictor.samples.kinds import OF_PAINTINGS, OF_STROKES, measure_each, measure_painting
+from brushexp_predictor.samples.kinds import PAINTING_KINDS, STROKE_KINDS, measure_each, measure_painting
 from brushexp_predictor.samples.known import PICTURES, known_painting
 from brushexp_predictor.samples.sampled import Interval, sample_brushwork
 from brushexp_predictor.train.subjects import SAMPLES
@@ -29,7 +29,7 @@ from brushexp.strokes.bezier import curve_of, half_width_of
 from brushexp.strokes.catalogue import Strokes
 
 SIZE = (40, 60)
-PLAIN, ANGLE = OF_PAINTINGS["colors"], OF_STROKES["direction"]
+PLAIN, ANGLE = PAINTING_KINDS["colors"], STROKE_KINDS["direction"]
 
 
 @pytest.fixture
@@ -64,7 +64,7 @@ def test_what_lies_above_is_seen_what_is_faint_is_not_and_an_empty_place_has_not
     faint = replace(upright, opacity=torch.tensor([0.2]))
     assert topmost(Strokes.join(level, faint), places).tolist() == [0, 0, -1, -1]
     assert topmost(Strokes.none(), places).tolist() == [-1] * 4
-    told = tell_at([level, Strokes.join(level, upright)], places)
+    told = measure_at([level, Strokes.join(level, upright)], places)
     assert told["direction"][1, :3] == pytest.approx([90, 0, 90], abs=1e-3)
     assert told["length"][0, :2] == pytest.approx([40, 40])
     assert np.isnan(told["width"][:, 3]).all()
@@ -74,26 +74,30 @@ def test_places_are_the_middles_of_equal_cells_and_directions_across_the_turn_ar
     assert lattice((4, 6), 2.0)[:, :, 0].tolist() == [[1, 3, 5], [1, 3, 5]]
     assert lattice((4, 6), 2.0)[:, 0, 1].tolist() == [1, 3]
     assert lattice((1, 1), 5.0).shape == (1, 1, 2)
-    doubt = doubt_of(np.array([[178.0], [2.0], [179.0], [1.0]]), axial=True)
+    doubt = summarise_samples(np.array([[178.0], [2.0], [179.0], [1.0]]), axial=True)
     assert min(doubt.middle[0], 180 - doubt.middle[0]) == pytest.approx(0, abs=1e-9)
     assert doubt.spread[0] == pytest.approx(1.5)
     assert holds(np.array([179.5]), doubt, axial=True).all()
     assert not holds(np.array([90.0]), doubt, axial=True).any()
-    assert away_from(np.array([1.0, 179.0, 90.0]), np.array([179.0, 1.0, 0.0]), axial=True).tolist() == [2, -2, -90]
+    assert deviation_from(np.array([1.0, 179.0, 90.0]), np.array([179.0, 1.0, 0.0]), axial=True).tolist() == [
+        2,
+        -2,
+        -90,
+    ]
     assert sample_task.texts_of("direction", Interval(30.0, -60.0, 120.0))["low"] == "any"
     assert sample_task.texts_of("direction", Interval(30.0, 20.0, 40.0))["low"] == "20"
     assert sample_task.texts_of("length", Interval(math.nan, math.nan, math.nan))["value"] == "–"
 
 
 def test_two_samples_one_and_none_say_what_they_can_and_intervals_stay_where_there_are_values():
-    doubt = doubt_of(np.array([[1.0, 5.0, np.nan], [3.0, np.nan, np.nan]]), axial=False)
+    doubt = summarise_samples(np.array([[1.0, 5.0, np.nan], [3.0, np.nan, np.nan]]), axial=False)
     np.testing.assert_allclose(doubt.middle, [2, 5, np.nan])
     np.testing.assert_allclose(doubt.spread, [1, 0, np.nan])
     np.testing.assert_allclose([doubt.low[0], doubt.high[0]], [-0.9, 0.9])
     assert holds(np.array([2.5, 5.0, 1.0]), doubt, axial=False).tolist() == [True, True, False]
-    assert np.isnan(doubt_of(np.full((2, 1), np.nan), axial=True).middle).all()
+    assert np.isnan(summarise_samples(np.full((2, 1), np.nan), axial=True).middle).all()
     doubt = Doubt(np.array([0.9]), np.array([0.2]), np.array([-0.1]), np.array([0.1]))
-    share = conformal.Scaling(0.0, 1.0, 0.0, 2.0)(doubt, OF_PAINTINGS["coherence"])
+    share = conformal.Scaling(0.0, 1.0, 0.0, 2.0)(doubt, PAINTING_KINDS["coherence"])
     assert (share.middle + share.high)[0] == pytest.approx(1)
     assert share.low[0] == pytest.approx(-0.4)
     any_way = conformal.Scaling(0.0, 1.0, 0.0, 1000.0)(doubt, ANGLE)
@@ -103,7 +107,7 @@ def test_two_samples_one_and_none_say_what_they_can_and_intervals_stay_where_the
 @pytest.mark.parametrize("axial", [False, True])
 def test_scaled_intervals_hold_nine_truths_of_ten_where_those_of_the_samples_do_not(axial):
     random = np.random.default_rng(0)
-    kind = ANGLE if axial else OF_STROKES["width"]
+    kind = ANGLE if axial else STROKE_KINDS["width"]
 
     def evidence(paintings: int) -> Evidence:
         painting = np.repeat(np.arange(paintings), random.integers(1, 20, paintings))
@@ -223,7 +227,7 @@ def test_intervals_are_fitted_by_one_command_and_used_by_the_next(tmp_path, run_
     scaled = run_task(sample_task, "task=sample", *options, *picture)
     data = json.loads((tmp_path / "brushwork.json").read_text())
     assert data["calibrated"] is True
-    assert set(data["measures"]) == set(OF_PAINTINGS)
+    assert set(data["measures"]) == set(PAINTING_KINDS)
     assert data["measures"]["width"]["low"] <= data["measures"]["width"]["value"] <= data["measures"]["width"]["high"]
     assert scaled["psnr"] == plain["psnr"] >= plain["psnr_worst"]
     with Image.open(tmp_path / "brushwork.png") as sheet:

@@ -1,4 +1,4 @@
-"""Recover the strokes of a photographed painting, measure them, and judge methods by paintings with known strokes.
+"""Recover the strokes of a photographed painting, measure them, and evaluate methods on paintings with known strokes.
 
 The folders are in the order of the data flow; each imports only from earlier folders:
 

@@ -156,7 +156,7 @@ class Controls:
         self.visit.wishes.palette = palette
 
     async def _take_tubes(self, tubes: str) -> None:
-        """Choose paints and the look for them; without paints, return to the first look."""
+        """Choose paints and a look that uses them; without paints, return to the first look."""
         wishes = self.visit.wishes
         wishes.tubes = tubes
         if tubes:
@@ -165,7 +165,7 @@ class Controls:
             await self._take_look(self.visit.looks[0])
 
     def receive(self, answer: dict[str, Any], take: Callable[[Photo], None]) -> None:
-        """Use the photo of an upload, or show its error."""
+        """Use an uploaded photo, or show its error."""
         self.complain(str(answer.get("error", "")))
         if "photo" in answer:
             try:

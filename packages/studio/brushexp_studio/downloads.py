@@ -41,7 +41,7 @@ class Painted(Protocol):
 
 @dataclass(frozen=True)
 class Form:
-    """A kind of file made on request."""
+    """A type of file made on request."""
 
     title: str  # label of its button
     what: str  # description in one line
@@ -69,7 +69,7 @@ def possible_forms(work: Painted) -> dict[str, Form]:
 
 @dataclass
 class Download:
-    """A file being made, or finished."""
+    """A file that is being made or is finished."""
 
     form: str
     choice: Print | Plan | None = None  # the visitor's choice of size or difficulty
@@ -80,7 +80,7 @@ class Download:
 
     @property
     def words(self) -> str:
-        """Progress in a few words.
+        """Progress in words.
 
         >>> Download("pdf", share=0.4).words
         'Making the PDF … 40 %'
@@ -107,7 +107,7 @@ class Stopped(Exception):
 
 
 def make_file(work: Painted, download: Download, tell: Callable[[float | None], None]) -> Path:
-    """Make a file of a finished painting and ``tell`` the finished share; raise UserError if that is impossible."""
+    """Make a file of a finished painting, reporting progress to ``tell``; raise UserError if that is impossible."""
     folder = work.folder / PRINTS
     folder.mkdir(parents=True, exist_ok=True)
     if download.form == "zip":
@@ -131,7 +131,7 @@ def make_file(work: Painted, download: Download, tell: Callable[[float | None], 
 
 
 def zip_files(work: Painted, path: Path, tell: Callable[[float], None]) -> Path:
-    """Pack all files of a painting and ``tell`` the finished share of their bytes."""
+    """Pack all files of a painting, reporting the finished share of their bytes to ``tell``."""
     files = work.files
     total = max(1, sum(file.stat().st_size for file in files.values()))
     packed = 0
@@ -144,7 +144,7 @@ def zip_files(work: Painted, path: Path, tell: Callable[[float], None]) -> Path:
 
 
 def describe_file(path: Path, size: tuple[int, int]) -> str:
-    """Describe in one line the kind and size of a file of a painting of ``size`` (H, W) in pixels."""
+    """Describe in one line the type and size of a file of a painting of ``size`` (H, W) in pixels."""
     megabytes = path.stat().st_size / 1e6
     amount = f"{megabytes:.1f}\u00a0MB" if megabytes >= 0.1 else f"{1000 * megabytes:.0f}\u00a0kB"
     if path.suffix == ".svg":

@@ -15,7 +15,7 @@ from brushexp_studio.photos import Photo
 from brushexp_studio.plans import DIFFICULTIES, Plan
 from brushexp_studio.print_controls import PrintControls
 from brushexp_studio.prints import Print
-from brushexp_studio.touches import HOWS, Touch
+from brushexp_studio.touches import TOUCH_KINDS, Touch
 from brushexp_studio.visit import BLEND, COMPARE, PAINTING, PHOTOGRAPH, REPLAY, TOUCH, VIEWS, Visit
 from brushexp_studio.wishes import Wishes
 from brushexp_studio.works import DONE, FAILED, GLANCE, WAITING, Work
@@ -31,7 +31,7 @@ FILES = {  # names on the page; a film is either an MP4 or a GIF
 
 
 class Easel:
-    """The views of a visit."""
+    """The views of a visit to the page."""
 
     def __init__(self, visit: Visit, receive: Any, begin: Callable[[Wishes], None]) -> None:
         self.visit, self.receive, self.begin = visit, receive, begin
@@ -70,7 +70,7 @@ class Easel:
         self.renew()
 
     def renew(self) -> None:
-        """Show the latest picture of the painting, and redraw everything if more has changed."""
+        """Show the latest picture of the painting, and redraw everything if anything else has changed."""
         work, works = self.visit.work, self.visit.works
         made = tuple((key, download.status) for key, download in work.downloads.items()) if work else ()
         state = (len(works.all), work and (work.number, work.status), bool(work and work.frames))
@@ -182,7 +182,7 @@ class Easel:
         mask.style(f"--ratio: {work.ratio}")
         Tag("p", "caption hint", "Paint over a place to repaint it; everything else stays as it is.")
         with Tag("div", "row tools", role="group", aria_label="Touch up"):
-            for how, title in HOWS.items():
+            for how, title in TOUCH_KINDS.items():
                 buttons.append(Button(title, partial(self._begin_touch, work, how)))
                 buttons[-1].allow(False)
 

@@ -58,7 +58,7 @@ class Drop(Scripted, component="web/drop.js"):
 
 
 class Wipe(Scripted, component="web/wipe.js"):
-    """Two pictures under a divider: addresses ``left`` and ``right``, ``leftName`` and ``rightName``."""
+    """Two pictures on either side of a divider: addresses ``left`` and ``right``, ``leftName`` and ``rightName``."""
 
 
 class Frames(Scripted, component="web/frames.js"):
@@ -77,7 +77,7 @@ class Mask(Scripted, component="web/mask.js"):
 
 
 class Slide(Scripted, component="web/slide.js"):
-    """A slider with a name; ``change`` receives the value and returns the text beside the name."""
+    """A slider with a name; ``change`` receives the value and returns the text next to the name."""
 
     def __init__(self, change: Callable[[float], str], **props: Any) -> None:
         super().__init__(shown=change(props["value"]), **props)

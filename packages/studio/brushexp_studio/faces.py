@@ -24,7 +24,7 @@ def find_faces(photo: Photo) -> list[Any]:
 
 
 def in_words(count: int) -> str:
-    """Say how many faces were found.
+    """Describe how many faces were found.
 
     >>> in_words(0), in_words(1), in_words(5)
     ('Found no face.', 'Found 1 face.', 'Found 5 faces.')
@@ -33,7 +33,7 @@ def in_words(count: int) -> str:
 
 
 def mask_of(faces: Sequence[Any], size: tuple[int, int]) -> np.ndarray:
-    """Draw a mask of bytes of ``size`` (H, W) with a disc on each face."""
+    """Draw a mask (bytes) of ``size`` (H, W) with a disc on each face."""
     mask = Image.new("L", (size[1], size[0]))
     for face in faces:
         radius = REACH * face.side

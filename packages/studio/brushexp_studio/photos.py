@@ -76,7 +76,7 @@ class Photos:
         return self._photos[key]
 
     def add(self, received: Path, name: str) -> Photo:
-        """Read an uploaded file with its name; raise UserError for anything but a picture."""
+        """Read an uploaded file under its name; raise UserError for anything but a picture."""
         key = f"photo{next(self._numbers)}"
         path = Path("".join(letter for letter in name if letter.isprintable()) or "picture")
         short = path.stem[:LONGEST_NAME] + path.suffix[:LONGEST_NAME] or "picture"
@@ -110,7 +110,7 @@ class Photos:
             picture = Image.fromarray(pixels)
             picture.thumbnail((LARGEST_SIDE, LARGEST_SIDE), Image.Resampling.LANCZOS)
             del pixels
-        file = self.folder / key / f"{in_plain_letters(Path(name).stem)}.png"  # the page of the painting shows its name
+        file = self.folder / key / f"{portable_name(Path(name).stem)}.png"  # the page of the painting shows its name
         file.parent.mkdir(exist_ok=True)
         write_picture(file, np.asarray(picture))
         remark = " ".join(told).replace(f"picture={path}", name)
@@ -119,7 +119,7 @@ class Photos:
 
 @contextmanager
 def remarks() -> Iterator[list[str]]:
-    """Collect the warnings of this thread while a file is read, such as that it is truncated."""
+    """Collect the warnings issued in this thread while a file is read, for example that it is truncated."""
     told: list[str] = []
     thread = get_ident()
 
@@ -136,6 +136,6 @@ def remarks() -> Iterator[list[str]]:
         root.removeHandler(listener)
 
 
-def in_plain_letters(name: str) -> str:
+def portable_name(name: str) -> str:
     """Make a file name that is valid on every system."""
     return re.sub(r"[^\w-]+", "_", name)

@@ -14,7 +14,7 @@ class Plan:
 
     @property
     def label(self) -> str:
-        """The plan's part of a saved file's name."""
+        """The part of a saved file's name that identifies the plan."""
         return self.difficulty
 
     def options(self, ratio: float) -> dict[str, Any]:

@@ -22,7 +22,7 @@ class Print:
 
     @property
     def label(self) -> str:
-        """The print's part of a saved file's name."""
+        """The part of a saved file's name that identifies the print."""
         return self.paper.replace(" ", "_")
 
     @property

@@ -107,7 +107,7 @@ def _take_uploads(app: FastAPI, photos: Photos) -> None:
 
 
 class OwnPages:
-    """Refuse requests from pages of other sites, and send the content security policy."""
+    """Reject requests from pages of other sites, and send the content security policy."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app

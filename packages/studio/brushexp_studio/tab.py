@@ -38,7 +38,7 @@ def add_page(app: FastAPI, photos: Photos, works: Works, drafts: Drafts) -> None
     def studio() -> None:
         ui.add_head_html(head)
         ui.html(bar, sanitize=False)
-        Tab(Visit(photos, works, drafts, sorted(look_names(), key=likelihood)))
+        Tab(Visit(photos, works, drafts, sorted(look_names(), key=by_popularity)))
 
     ui.run_with(
         app, title="brushexp studio", favicon=ICON, dark=None, language="en-US", tailwind=False,
@@ -46,7 +46,7 @@ def add_page(app: FastAPI, photos: Photos, works: Works, drafts: Drafts) -> None
     )  # fmt: skip
 
 
-def likelihood(look: str) -> tuple[int, str]:
+def by_popularity(look: str) -> tuple[int, str]:
     """Order looks by popularity; users' own looks come last, by name."""
     return (LIKELY.index(look) if look in LIKELY else len(LIKELY)), look
 
@@ -110,7 +110,7 @@ class Tab:
             self.renew()
 
     def look(self) -> None:
-        """Update the page if any painting has changed."""
+        """Serve files by address inside ``with``, and yield the address of the first file, ``/``."""
         if self.version != self.works.version:
             self.version = self.works.version
             self.visit.join()
@@ -119,7 +119,7 @@ class Tab:
             self.renew()
 
     def renew(self) -> None:
-        """Update the buttons and the line beside them."""
+        """Update the buttons and the line next to them."""
         work, mine = self.visit.work, self.visit.stoppable()
         self.main.allow(self.visit.wishes.photo is not None)
         self.stop.allow(mine is not None and mine.status != FINISHING and not mine.stopped.is_set())

@@ -1,4 +1,4 @@
-"""Repaint a place of a finished painting with finer, larger or different strokes."""
+"""Repaint an area of a finished painting with finer, larger or different strokes."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +13,7 @@ from brushexp.contracts import UserError, build
 from brushexp.contracts.pictures import load_mask
 from brushexp.contracts.strokes import Strokes, curve_of, half_width_of, length_of, point_at, save_catalogue
 
-HOWS = {"finer": "Finer here", "looser": "Looser here", "again": "Again"}
+TOUCH_KINDS = {"finer": "Finer here", "looser": "Looser here", "again": "Again"}
 FACTORS = {"finer": 3.0, "looser": 0.25, "again": 1.0}  # number of fresh strokes per removed stroke
 FEWEST_STROKES = 6  # minimum number of strokes for a place
 TOO_SMALL = "this place is too small for its strokes; paint over more of it"
@@ -21,18 +21,18 @@ TOO_SMALL = "this place is too small for its strokes; paint over more of it"
 
 @dataclass(frozen=True)
 class Touch:
-    """A place of a painting, bright in a ``mask``, and how to repaint it."""
+    """An area of a painting, bright in a ``mask``, and how to repaint it."""
 
     number: int  # number of the painting
     mask: Path
-    how: str  # a key of `HOWS`
+    how: str  # a key of `TOUCH_KINDS`
 
 
 def lay_fresh_strokes(painting: Any, touch: Touch, seed: int, path: Path) -> None:
-    """Replace the strokes in a place of a painting with fresh strokes in its look, and write the catalogue.
+    """Replace the strokes in an area of a painting with new strokes in its look, and write the catalogue.
 
-    A stroke lies in the place if both ends and the middle of its curve do. ``touch.how`` determines the number of fresh
-    strokes, which lie on top of all others, small over large, and are then optimised. Raises UserError if the place is
+    A stroke lies in the area if both ends and the middle of its curve do. ``touch.how`` determines the number of new
+    strokes, which lie on top of all others, small over large, and are then optimised. Raises UserError if the area is
     too small.
     """
     saved = painting.finished.job.saved
@@ -75,6 +75,6 @@ def picture_at(pixels: np.ndarray, size: tuple[int, int]) -> Tensor:
 
 
 def overrides_of(keys: dict[str, Any], touch: Touch, catalogue: Path) -> dict[str, Any]:
-    """Convert the overrides of a painting to overrides that repaint one place, starting from given strokes."""
+    """Convert the overrides of a painting to overrides that repaint one area, starting from given strokes."""
     kept = {key: value for key, value in keys.items() if key != "strokes" and key.partition(".")[0] != "init"}
     return kept | {"catalogue": str(catalogue), "region": str(touch.mask)}

@@ -48,12 +48,12 @@ class Visit:
             listener()
 
     def take_photo(self, photo: Photo) -> None:
-        """Choose the picture to paint, and drop the mask of the previous one."""
+        """Choose the picture to paint, and discard the mask of the previous one."""
         self.wishes.photo, self.wishes.mask, self.view = photo, None, PHOTOGRAPH
         self.notify()
 
     def stoppable(self) -> Work | None:
-        """Return the painting that Stop ends: this tab's own, or the shown one if no other tab waits for it."""
+        """Return the painting that Stop ends: this tab's own, or the displayed one if no other tab waits for it."""
         shown = self.work if self.work and not getattr(self.work.owner, "is_there", False) else None
         return next((work for work in (self.begun, shown) if work and work.is_open), None)
 
@@ -65,7 +65,7 @@ class Visit:
         self.notify()
 
     def arrive(self, tab: str | None) -> None:
-        """Connect to a tab; after a reload, it keeps and shows the painting it started."""
+        """Connect to a tab; after a reload, the visit shows the painting that the tab started."""
         self.is_there, self.tab = True, tab
         mine = [work for work in self.works.all if tab is not None and getattr(work.owner, "tab", None) == tab]
         for work in mine:

@@ -16,7 +16,7 @@ import brushexp
 from brushexp.contracts import UserError
 from brushexp.contracts.pages import encode
 from brushexp_studio.downloads import BROKEN, FORMS, MADE, MAKING, PRINTS, Download, Stopped, make_file
-from brushexp_studio.photos import JPEG, in_plain_letters
+from brushexp_studio.photos import JPEG, portable_name
 from brushexp_studio.plans import Plan
 from brushexp_studio.prints import Print
 from brushexp_studio.touches import TOO_SMALL, lay_fresh_strokes, overrides_of
@@ -61,7 +61,7 @@ class Work:
     @property
     def name(self) -> str:
         """Name of saved files, valid on every system."""
-        return in_plain_letters(f"{Path(self.wishes.subject.name).stem}-{self.wishes.look}-{self.number}")
+        return portable_name(f"{Path(self.wishes.subject.name).stem}-{self.wishes.look}-{self.number}")
 
     @property
     def ratio(self) -> float:
@@ -103,7 +103,7 @@ class Work:
         return file.getvalue()
 
     def jpeg(self, number: int) -> bytes:
-        """Return a picture or, if it was removed, the next one; raise KeyError if none follows."""
+        """Return a picture or, if it has been removed, the next one; raise KeyError if there is none."""
         frames = dict(self.frames)  # the painting thread continues
         later = [other for other in frames if other >= number]
         return frames[min(later, default=number)][0]
@@ -138,7 +138,7 @@ class Works:
         return next((work for work in self.all if work.is_open), None)
 
     def before(self, work: Work) -> int:
-        """Count the paintings ahead of this one."""
+        """Count the paintings ahead of this one in the queue."""
         return sum(other.is_open and other.number < work.number for other in self.all)
 
     def __getitem__(self, number: int) -> Work:
@@ -175,7 +175,7 @@ class Works:
         self.version += 1
 
     def make(self, work: Work, form: str, choice: Print | Plan | None = None) -> Download:
-        """Start to make a file of a finished painting unless it exists or is being made.
+        """Start making a file of a finished painting unless it exists or is being made.
 
         A print or a plan is remade for another ``choice``.
         """

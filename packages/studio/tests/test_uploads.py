@@ -38,7 +38,7 @@ from brushexp_studio.photos import PAINTINGS, SAMPLES, Photos
 from brushexp_studio.plans import DIFFICULTIES, Plan
 from brushexp_studio.prints import OWN, Print
 from brushexp_studio.server import application, running
-from brushexp_studio.tab import likelihood
+from brushexp_studio.tab import by_popularity
 from brushexp_studio.visit import Visit
 from brushexp_studio.wishes import Wishes
 from brushexp_studio.works import DONE, Work, Works
@@ -173,7 +173,7 @@ def test_paintings_wait_for_their_turn_and_stop_is_for_those_of_ones_own_tab(tmp
     gate.set()
     works._thread.join(60)
     assert {work.status for work in works.all} == {"done"}
-    assert sorted(["plain", "oil", "own", "ink"], key=likelihood) == ["oil", "ink", "plain", "own"]
+    assert sorted(["plain", "oil", "own", "ink"], key=by_popularity) == ["oil", "ink", "plain", "own"]
 
 
 def test_before_the_first_step_stands_what_a_network_lays_where_a_draft_begins_with_it(tmp_path, monkeypatch):

@@ -1,4 +1,4 @@
-"""Checks of each plugin family's contract, which packages apply to their own members.
+"""Checks of each plugin family's contract, which packages can apply to their own members.
 
     import brushexp
     import pytest
@@ -17,12 +17,12 @@ from typing import Any
 
 
 def contract(family: str) -> list[Callable[..., Any]]:
-    """List the checks of a family; the last check is about a member's texts.
+    """List the checks of a family; the last one checks the texts of a member.
 
     >>> [check.__name__ for check in contract("order")]
-    ['gives_every_stroke_a_depth', 'speaks_plainly']
+    ['gives_every_stroke_a_depth', 'has_clear_texts']
     """
     from brushexp_testing import changes, engines, families, media, words  # noqa: PLC0415  (torch)
 
     checks = families.CHECKS | media.CHECKS | changes.CHECKS | {"engine": engines.CHECKS}
-    return [*checks.get(family, []), words.speaks_plainly]
+    return [*checks.get(family, []), words.has_clear_texts]

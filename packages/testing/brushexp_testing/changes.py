@@ -42,16 +42,16 @@ def painting_at(step: int, strokes: Strokes, *, is_over: bool = False) -> Painti
     )
 
 
-def begun(make: Make) -> tuple[Any, Strokes]:
+def begin_change(make: Make) -> tuple[Any, Strokes]:
     """Build a change, and start a painting with its first strokes."""
     change, strokes = make(), some_strokes(N, SIZE)
     change.target(painting_at(0, strokes).target)
     return change, change.begin(strokes, painting_at(0, strokes))
 
 
-def paints_a_picture_of_the_same_size_on_one_colour(make: Make) -> None:
+def keeps_shapes_of_target_and_ground(make: Make) -> None:
     """Check that targets, in [0, 1], and grounds keep their shapes and are finite at every step."""
-    change, strokes = begun(make)
+    change, strokes = begin_change(make)
     for step in (0, 1, 50, STEPS):
         state = painting_at(step, strokes)
         for target, ground in (
@@ -64,12 +64,12 @@ def paints_a_picture_of_the_same_size_on_one_colour(make: Make) -> None:
             assert ground.isfinite().all()
 
 
-def lets_strokes_stay_as_it_has_limited_them(make: Make) -> None:
-    """Check that limiting strokes preserves their number and validity, and that limiting them twice has no effect.
+def limits_strokes_once(make: Make) -> None:
+    """Check that limiting strokes preserves their number and validity, and that limiting them again has no effect.
 
     Enlarging strokes also preserves their number.
     """
-    change, strokes = begun(make)
+    change, strokes = begin_change(make)
     assert isinstance(change.order(Depth()), Order)
     assert len(strokes) == N
     check_strokes(strokes)
@@ -82,7 +82,7 @@ def lets_strokes_stay_as_it_has_limited_them(make: Make) -> None:
         assert all(torch.allclose(getattr(twice, name), value, atol=1e-5) for name, value in once.items())
 
 
-def ends_with_at_least_its_strokes_in_one_order(make: Make) -> None:
+def keeps_strokes_at_the_end(make: Make) -> None:
     """Check that finished strokes begin with the original N, and that the order includes all of them."""
     for n in (0, 1, N):
         change, strokes = make(), some_strokes(n, SIZE)
@@ -95,12 +95,12 @@ def ends_with_at_least_its_strokes_in_one_order(make: Make) -> None:
             assert torch.equal(getattr(finished, name)[:n], getattr(strokes, name)), name
 
 
-def aims_alike_after_it_is_restored(make: Make) -> None:
+def resumes_identically(make: Make) -> None:
     """Check that a change restored from another's state continues identically."""
-    change, strokes = begun(make)
+    change, strokes = begin_change(make)
     state = painting_at(50, strokes)
     change.aim(state.target, state.ground, state)
-    again, _ = begun(make)
+    again, _ = begin_change(make)
     again.load_state_dict(change.state_dict())
     after = replace(state, step=51)
     for one, other in zip(
@@ -120,9 +120,9 @@ class Depth(Order):
 
 CHECKS: dict[str, list[Check]] = {
     "change": [
-        paints_a_picture_of_the_same_size_on_one_colour,
-        lets_strokes_stay_as_it_has_limited_them,
-        ends_with_at_least_its_strokes_in_one_order,
-        aims_alike_after_it_is_restored,
+        keeps_shapes_of_target_and_ground,
+        limits_strokes_once,
+        keeps_strokes_at_the_end,
+        resumes_identically,
     ]
 }

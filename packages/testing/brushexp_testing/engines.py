@@ -47,7 +47,7 @@ def _is_simulated(parameters: Tensor, simulated: Simulated) -> None:
 
 
 def returns_pictures_and_heights(make: Make) -> None:
-    """Check that every stroke leaves paint, none in the corner, and has its own colour where no paint is."""
+    """Check that each stroke leaves paint, but none in the corner, and keeps its own colour where there is no paint."""
     engine, parameters = make(window=WINDOW), _valid(6).requires_grad_()
     simulated = engine(parameters, seed=1)
     _is_simulated(parameters, simulated)
@@ -63,7 +63,7 @@ def returns_pictures_and_heights(make: Make) -> None:
     torch.testing.assert_close(color[bare], own[bare])
 
 
-def depends_on_the_number_of_a_stroke_and_not_on_its_batch(make: Make) -> None:
+def is_independent_of_batch(make: Make) -> None:
     """Check that simulating any part of a set alone gives the same strokes as simulating the whole."""
     engine, parameters = make(window=WINDOW), _valid(6)
     whole = engine(parameters, seed=3, first=5)
@@ -72,7 +72,7 @@ def depends_on_the_number_of_a_stroke_and_not_on_its_batch(make: Make) -> None:
         assert all(torch.equal(value, vars(whole)[name][start:stop]) for name, value in vars(part).items())
 
 
-def gives_the_same_again_on_any_number_of_threads(make: Make) -> None:
+def is_reproducible_on_any_number_of_threads(make: Make) -> None:
     """Check that every valid seed reproduces the same bits."""
     engine, parameters, threads = make(window=WINDOW), _valid(6), torch.get_num_threads()
     for seed in (0, 2**63, 2**64 - 1):
@@ -85,7 +85,7 @@ def gives_the_same_again_on_any_number_of_threads(make: Make) -> None:
         assert all(torch.equal(value, vars(two)[name]) for name, value in vars(one).items())
 
 
-def draws_anything_finite(make: Make) -> None:
+def draws_extreme_strokes(make: Make) -> None:
     """Check that extreme strokes, and empty sets, give valid pictures and do not affect their neighbours."""
     engine, alone = make(window=WINDOW), _valid(1)
     parameters = torch.cat([torch.tensor(EXTREMES), alone])
@@ -95,8 +95,8 @@ def draws_anything_finite(make: Make) -> None:
     _is_simulated(parameters[:0], engine(parameters[:0], seed=1))
 
 
-def lays_paint_where_the_stroke_is(make: Make) -> None:
-    """Check that most of the paint is on the stroke, and most of the stroke has paint."""
+def paints_on_the_stroke(make: Make) -> None:
+    """Check that most of the paint lies on the stroke, and that most of the stroke has paint."""
     parameters = _valid(12)
     alpha = make(window=WINDOW)(parameters, seed=1).images[:, 3]
     width, distance = strokes_of(parameters).width[:, None, None], _distances(parameters)
@@ -120,7 +120,7 @@ def centres_the_paint_on_the_stroke(make: Make) -> None:
     assert (alpha.mean((1, 2)).diff() > 0.01).all()
 
 
-def turns_its_picture_with_the_stroke(make: Make) -> None:
+def rotates_with_the_stroke(make: Make) -> None:
     """Check that rotating a stroke by a right angle rotates its picture, apart from the grain."""
     engine = make(window=WINDOW)
     parameters = torch.tensor([[-0.6, 0.3, 0.1, -0.4, 0.5, 0.1, 0.5, 0, 0, 0]]).repeat(24, 1)  # grains average out
@@ -134,10 +134,10 @@ def turns_its_picture_with_the_stroke(make: Make) -> None:
 
 CHECKS: list[Check] = [
     returns_pictures_and_heights,
-    depends_on_the_number_of_a_stroke_and_not_on_its_batch,
-    gives_the_same_again_on_any_number_of_threads,
-    draws_anything_finite,
-    lays_paint_where_the_stroke_is,
+    is_independent_of_batch,
+    is_reproducible_on_any_number_of_threads,
+    draws_extreme_strokes,
+    paints_on_the_stroke,
     centres_the_paint_on_the_stroke,
-    turns_its_picture_with_the_stroke,
+    rotates_with_the_stroke,
 ]

@@ -22,7 +22,7 @@ from brushexp.contracts.families import (
 from brushexp.contracts.members import Analytic, Tiled
 from brushexp.contracts.runs import Status
 from brushexp.contracts.strokes import FIELDS, LATER_FIELDS, Catalogue, Strokes, check_strokes
-from brushexp_testing.words import refuses_plainly
+from brushexp_testing.words import has_clear_message
 
 Make = Callable[..., Any]  # function that builds a new plugin from options
 Check = Callable[[Make], None]
@@ -60,8 +60,8 @@ def with_gradients(strokes: Strokes, dtype: torch.dtype = torch.float32) -> Stro
     return strokes.map(lambda value: value.detach().to(dtype).clone().requires_grad_())
 
 
-def makes_as_many_strokes_as_asked_in_range(make: Make) -> None:
-    """Check that an initialiser's strokes have the right number and ranges, and depend on the seed alone."""
+def makes_requested_strokes_in_range(make: Make) -> None:
+    """Check that an initialiser's strokes have the right number and ranges, and depend only on the seed."""
     for n in (1, 7, 60):
         target = torch.rand(3, *SIZE)
         strokes, again = (make()(target, n, torch.Generator().manual_seed(1)) for _ in range(2))
@@ -98,12 +98,12 @@ def loads_its_checkpoint(make: Make) -> None:
         try:
             make(checkpoint="missing.safetensors")
         except UserError as error:
-            refuses_plainly(error)
+            has_clear_message(error)
             return
         raise AssertionError("call self.restore(checkpoint, ...) at the end of __init__")
 
 
-def paints_the_size_it_is_told(make: Make) -> None:
+def paints_requested_size(make: Make) -> None:
     """Check the size and range of a blend's picture, and that each stroke has an accuracy."""
     layers = Analytic()(some_strokes(9, SIZE))
     canvas = make()(layers, torch.arange(9), SIZE, torch.ones(3), torch.rand(3, *SIZE))
@@ -113,7 +113,7 @@ def paints_the_size_it_is_told(make: Make) -> None:
 
 
 def gives_every_stroke_a_depth(make: Make) -> None:
-    """Check that an order gives each depth once, with and without an accuracy of the strokes."""
+    """Check that an order assigns each depth once, both with and without the accuracy of the strokes."""
     order = make()
     assert order.every >= 1
     for accuracy in (None, torch.rand(9)):
@@ -140,7 +140,8 @@ def is_finite_differentiable_and_zero_at_best(make: Make) -> None:
 def is_best_for_equal_pictures(make: Make) -> None:
     """Check that a metric is a number or None for pictures of any size, and is best for equal pictures.
 
-    A metric that needs the ``job`` measures a painting's file, which two pictures lack; it is left to its own tests.
+    A metric that needs the ``job`` measures a painting's file, which two bare pictures do not have; its own tests cover
+    it.
     """
     metric, size = make(), (176, 184)  # some metrics compare several scales
     if "job" in metric.needs:
@@ -154,7 +155,7 @@ def is_best_for_equal_pictures(make: Make) -> None:
     assert isinstance(metric(Comparison(pixel, pixel, torch.ones(1, 1), strokes)), float | None)
 
 
-def revises_what_is_there(make: Make) -> None:
+def stays_within_budget(make: Make) -> None:
     """Check that a density policy ends within its budget, accepts an empty set, and restores its state."""
     for n in (0, 1, 40):
         density, strokes = make(), some_strokes(n, SIZE)
@@ -212,7 +213,7 @@ def lowers_a_loss(make: Make) -> None:
 
 
 def writes_into_the_folder_of_the_run(make: Make) -> None:
-    """Check that a logger writes the logged values into a file."""
+    """Check that a logger writes the logged values to a file."""
     with tempfile.TemporaryDirectory() as name:
         logger = make()
         curves = logger.open(Run(Path(name)))
@@ -223,10 +224,10 @@ def writes_into_the_folder_of_the_run(make: Make) -> None:
         assert any(path.is_file() for path in Path(name).rglob("*"))
 
 
-def paints_with_no_more_strokes_than_asked(make: Make) -> None:
+def paints_within_stroke_budget(make: Make) -> None:
     """Check that a painter yields valid strokes within the budget, counts its steps, and leaves no bare canvas.
 
-    The result depends only on the seed. Tiny pictures and pictures of a single colour are painted as well.
+    The result depends only on the seed. Tiny pictures and pictures of a single colour are also painted.
     """
     if not isinstance(make(), Painter):
         return
@@ -258,14 +259,14 @@ def request_of(target: torch.Tensor, n: int, background: torch.Tensor) -> PaintR
 
 
 CHECKS: dict[str, list[Check]] = {
-    "painter": [paints_with_no_more_strokes_than_asked],
-    "init": [makes_as_many_strokes_as_asked_in_range],
+    "painter": [paints_within_stroke_budget],
+    "init": [makes_requested_strokes_in_range],
     "renderer": [is_bounded_and_differentiable_in_every_field, loads_its_checkpoint],
-    "blend": [paints_the_size_it_is_told],
+    "blend": [paints_requested_size],
     "order": [gives_every_stroke_a_depth],
     "loss": [is_finite_differentiable_and_zero_at_best],
     "metric": [is_best_for_equal_pictures],
-    "density": [revises_what_is_there],
+    "density": [stays_within_budget],
     "sampler": [stays_on_the_canvas],
     "optimizer": [lowers_a_loss],
     "logger": [writes_into_the_folder_of_the_run],

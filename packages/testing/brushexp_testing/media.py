@@ -20,7 +20,7 @@ def keeps_size_and_range(make: Make) -> None:
 
 
 def is_one_paper_in_bands(make: Make) -> None:
-    """Check that a paper has the same look and relief in bands of rows as in one piece, and keeps bare ground bare."""
+    """Check that a paper and its relief are the same in bands of rows as in one piece, and bare ground stays bare."""
     paper, flat, bare = make(), torch.rand(3, *SIZE), torch.tensor([0.2, 0.9, 0.5])
     whole = Rows(0, SIZE[0], SIZE)
     covered, relief = paper.cover(flat, bare, whole), paper.relief(whole)

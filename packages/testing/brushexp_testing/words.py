@@ -61,7 +61,7 @@ def options_of_docstring(docstring: str) -> dict[str, str]:
     return {match[1]: " ".join(match[2].split()) for match in OPTION.finditer(arguments)}
 
 
-def speaks_plainly(make: Callable[..., Any]) -> None:
+def has_clear_texts(make: Callable[..., Any]) -> None:
     """Check that a plugin's summary and the help of its options are plain, short and complete."""
     for cls in type(make()).__mro__:
         written = cls.__doc__ or ""
@@ -74,6 +74,6 @@ def speaks_plainly(make: Callable[..., Any]) -> None:
             assert not (wrong := problem_of_help(text)), f"{cls.__name__}, {option}: {text!r}: {wrong}"
 
 
-def refuses_plainly(error: UserError) -> None:
+def has_clear_message(error: UserError) -> None:
     """Check that a message to users is one short line that says what is wrong and what to do."""
     assert not (wrong := problem_of_message(str(error))), f"{str(error)!r}: {wrong}"

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import pytest
 import torch
 from brushexp_testing import contract
-from brushexp_testing.words import refuses_plainly, speaks_plainly
+from brushexp_testing.words import has_clear_message, has_clear_texts
 
 import brushexp
 from brushexp.errors import UserError
@@ -49,18 +49,18 @@ def test_python_has_them_by_the_name_of_the_program_and_a_plugin_that_breaks_one
 def test_a_plugin_whose_words_are_not_plain_is_found(docstring, reason):
     untold = type("Untold", (Tied,), {"__doc__": docstring, "__module__": __name__})
     with pytest.raises(AssertionError, match=reason):
-        speaks_plainly(untold)
+        has_clear_texts(untold)
 
 
 def test_a_message_says_in_one_line_what_is_wrong_and_what_to_do():
-    refuses_plainly(UserError("size=0 is not 1 or more; try size=1"))
+    has_clear_message(UserError("size=0 is not 1 or more; try size=1"))
     for message in (
         "size=0 is wrong",
         "size=0 is not 1 or more; try size=1.",
         "no; " * 100 + "x",
     ):
         with pytest.raises(AssertionError):
-            refuses_plainly(UserError(message))
+            has_clear_message(UserError(message))
 
 
 class Shrinks(Change):
@@ -80,4 +80,4 @@ def test_a_change_that_breaks_its_contract_is_found():
             check(Shrinks)
         except (AssertionError, UserError):
             broken.append(check.__name__)
-    assert broken == ["lets_strokes_stay_as_it_has_limited_them", "ends_with_at_least_its_strokes_in_one_order"]
+    assert broken == ["limits_strokes_once", "keeps_strokes_at_the_end"]

@@ -1,4 +1,4 @@
-"""Measure paintings by others with our own code, and store them in folders like runs."""
+"""Measure paintings by others with our own code, and store them in folders like those of runs."""
 
 from collections.abc import Iterator, Mapping
 from itertools import pairwise

@@ -1,4 +1,4 @@
-"""Read the thesis's claims, and judge each by the paired difference measured in a study."""
+"""Read the thesis's claims, and test each by the paired difference measured in a study."""
 
 import math
 import shlex
@@ -23,10 +23,10 @@ COMPARED = ("setting", "against", "metric", "expects")  # fields that a claim ne
 
 @dataclass(kw_only=True)
 class Claim:
-    """A sentence of the thesis and the comparison that decides it; see claims.yaml.
+    """A sentence of the thesis and the comparison that decides whether it holds; see claims.yaml.
 
-    ``cannot`` says why no study here could answer the claim. ``needs`` says what a study that could answer it would
-    need; the claim is then *not run*, whatever its study has measured.
+    ``cannot`` gives the reason why no study here could test the claim. ``needs`` describes what such a study would
+    need; the claim is then *not run*, regardless of what its study has measured.
     """
 
     study: str = ""
@@ -43,10 +43,10 @@ class Claim:
     after_results: bool = False
 
     def answer(self, difference: Difference) -> tuple[str, Bounds]:
-        """Judge the claim by a measured difference; the verdict of an open claim is the difference's own verdict.
+        """Decide the claim by a measured difference; the verdict of an open claim is the difference's own verdict.
 
-        The bounds are those of the mean gain stated by the verdict or, if it is undecided, by the claim. A claim of a
-        gain is first tested for the absence of a gain that matters.
+        The bounds are those on the mean gain that the verdict states or, if it is undecided, that the claim states. A
+        claim of a gain is first tested for the absence of a gain that matters.
         """
         matters, least = difference.quantity.matters, math.log(self.at_least)
         larger = (0.0, math.inf) if difference.mean > 0 else (-math.inf, 0.0)

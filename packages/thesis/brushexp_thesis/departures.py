@@ -1,4 +1,4 @@
-"""``task=departures``: list every setting in which finished paintings differ from the procedure of the thesis."""
+"""``task=departures``: list every setting in which finished paintings depart from the procedure of the thesis."""
 
 import json
 import logging
@@ -37,7 +37,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def departures(settings: Mapping[str, str]) -> Iterator[dict[str, str]]:
-    """Yield each ``setting`` in which a run differs from the thesis, with both values and the section of the thesis.
+    """Yield each ``setting`` in which a run departs from the thesis, with both values and the section of the thesis.
 
     ``settings`` maps dotted keys to values as they would be typed, with plugins by name.
     """

@@ -1,4 +1,4 @@
-"""Complement Student's interval of paired gains with tests by ranks, by medians, and for many claims together.
+"""Complement Student's interval of paired gains with tests by ranks, by medians, and for many claims jointly.
 
 ``gains`` has one number for each picture or seed; see `brushexp_studies.paired.Difference`.
 """
@@ -39,8 +39,8 @@ def p_of_ranks(gains: Sequence[float], stated: Bounds) -> float:
     return min(1.0, 2 * max(one_sided, default=0.0))
 
 
-def p_of_both_ways(gains: Sequence[float], matters: float) -> float:
-    """Compute the p-value of the statement that more than a share `RARE` of all pictures gain, and as many lose.
+def p_of_gains_and_losses(gains: Sequence[float], matters: float) -> float:
+    """Compute the p-value of the statement that over a share `RARE` of all pictures gain, and over `RARE` lose.
 
     Only gains and losses greater than ``matters`` count. It is twice the larger of the two binomial p-values (an
     intersection-union test; Berger, 1982).

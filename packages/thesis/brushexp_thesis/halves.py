@@ -1,4 +1,4 @@
-"""Measure a painting's quality separately where its target is flat and where it is busy."""
+"""Measure a painting's quality separately where its target is flat and where it is detailed."""
 
 import torch
 from torch import Tensor

@@ -1,4 +1,4 @@
-"""Judge all claims of a page by the available studies, with further evidence for and against each claim."""
+"""Test all claims of a page against the available studies, with further evidence for and against each claim."""
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -16,7 +16,7 @@ from brushexp_studies.paired import (
 
 from brushexp.contracts.results import holm
 from brushexp_thesis.claims import CANNOT, DEPENDS, NOT_RUN, Claim
-from brushexp_thesis.evidence import detectable_effect, median_of, p_of_both_ways, p_of_mean, p_of_ranks
+from brushexp_thesis.evidence import detectable_effect, median_of, p_of_gains_and_losses, p_of_mean, p_of_ranks
 from brushexp_thesis.study_records import Study
 
 LEAST_RANKED = 6  # minimum number of units at which ranks can be significant
@@ -24,7 +24,7 @@ LEAST_RANKED = 6  # minimum number of units at which ranks can be significant
 
 @dataclass(frozen=True)
 class Judgement:
-    """A claim with its verdict.
+    """A claim and its verdict.
 
     ``difference`` decides the claim; it is None without a study. ``p`` is the p-value of the verdict's statement or, if
     undecided, of the claim, corrected for all claims of the page; ``p_ranks`` is the uncorrected p-value by signed
@@ -60,7 +60,7 @@ class Judgement:
 
     @property
     def note(self) -> str:
-        """Collect what qualifies the verdict."""
+        """Collect qualifications of the verdict."""
         notes = [
             "post hoc" * self.claim.after_results,
             f"alone: {self.alone}" * (self.alone != self.verdict),
@@ -70,7 +70,7 @@ class Judgement:
 
     @property
     def remark(self) -> str:
-        """Explain to the reader why the study does not answer the claim, or how to read the answer."""
+        """Explain to the reader why the study does not decide the claim, or how to read the verdict."""
         if self.claim.cannot:
             return f"Cannot be answered here: {self.claim.cannot}."
         if self.claim.needs:
@@ -86,7 +86,7 @@ class Judgement:
 
 
 def judge(claims: Iterable[Claim], studies: Mapping[str, Study]) -> list[Judgement]:
-    """Judge every claim, and correct all answered claims together (Holm)."""
+    """Test every claim, and correct all decided claims together (Holm)."""
     single = [_judge_alone(claim, studies) for claim in claims]
     corrected = iter(holm([one.p for one in single if one.p is not None]))
     return [one if one.p is None else _correct(one, next(corrected)) for one in single]
@@ -106,7 +106,7 @@ def _judge_alone(claim: Claim, studies: Mapping[str, Study]) -> Judgement:
     verdict, stated = claim.answer(difference)
     gains = list(difference.gains.values())
     if verdict == DEPENDS:
-        return Judgement(claim, difference, verdict, verdict, p_of_both_ways(gains, difference.quantity.matters))
+        return Judgement(claim, difference, verdict, verdict, p_of_gains_and_losses(gains, difference.quantity.matters))
     return Judgement(claim, difference, verdict, verdict, p_of_mean(gains, stated), p_of_ranks(gains, stated))
 
 

@@ -120,7 +120,7 @@ def _painting(folder: Path, row: Row, k: int, side: int) -> dict[str, Any]:
 
 
 def write_standings_plot(folder: Path, sections: Sequence[Section]) -> Path | None:
-    """Write ``anytime.png`` of up to four sections; None if no section has two rows with curves."""
+    """Write ``anytime.png`` for up to four sections; None if no section has two rows with curves."""
     compared = [section for section in sections if section.times][:4]
     if not compared:
         return None

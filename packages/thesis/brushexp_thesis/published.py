@@ -1,4 +1,4 @@
-"""Read figures published by others, which a leaderboard shows beside measured figures."""
+"""Read figures published by others, which a leaderboard shows next to measured figures."""
 
 import math
 from dataclasses import dataclass, field

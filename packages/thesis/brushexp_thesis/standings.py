@@ -1,8 +1,8 @@
 """Compare painters on the same pictures: means with intervals, at equal strokes and at equal seconds.
 
-A row is a painter with its settings and number of strokes. A section is a set of pictures with the rows that have
-painted all of them, so that all means of a section are over the same pictures. Published figures are listed but enter
-no mean.
+A row is a painter with its settings and number of strokes. A section is a set of pictures with the rows for painters
+that painted all of them, so that all means of a section are over the same pictures. Published figures are listed but do
+not enter any mean.
 """
 
 import math
@@ -71,7 +71,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Row:
-    """A painter on the pictures of a section; ``numbers`` has a mean over seeds for each picture."""
+    """A painter on the pictures of a section; ``numbers`` holds the mean over seeds for each picture."""
 
     painter: str
     settings: str
@@ -89,14 +89,14 @@ class Row:
         return " ".join(filter(None, (self.painter, self.settings)))
 
     def psnr_at(self, seconds: float) -> list[float]:
-        """Return each picture's PSNR in dB after ``seconds``, or at its earlier end; empty before all have begun."""
+        """Return each picture's PSNR in dB after ``seconds``, or at its earlier end; empty until all have started."""
         psnr = [quality_at(curve, seconds, after_end=True) for curve in self.curves]
         return [] if None in psnr else psnr  # type: ignore[return-value]
 
 
 @dataclass(frozen=True)
 class Section:
-    """The rows of one set of pictures, by strokes and then by PSNR, and published figures of these pictures."""
+    """The rows of one set of pictures, sorted by strokes and then PSNR, and published figures for these pictures."""
 
     pictures: Mapping[str, str]  # target -> name with its size
     rows: Sequence[Row]
@@ -125,7 +125,7 @@ class Section:
         return [time for time in TIMES if start <= time <= end][-7:]
 
     def against_best(self, row: Row) -> tuple[float, float, float] | None:
-        """Compute mean and bounds of the differences in PSNR from the best row with as many strokes.
+        """Compute mean and bounds of the differences in PSNR from the best row with the same number of strokes.
 
         Returns None for the best row itself, and for a row with an unknown number of strokes.
         """
@@ -203,7 +203,7 @@ def sections_of(entries: Sequence[Entry], published: Sequence[PublishedFigures] 
 def _row(
     key: tuple[str, tuple[str, ...], int | None], alike: Sequence[Sequence[Entry]], common: Collection[str]
 ) -> Row:
-    """Average the paintings of each picture, ``alike`` except for seeds; all rows share the ``common`` settings."""
+    """Average the paintings of each picture that differ only in seeds; all rows share the ``common`` settings."""
     painter, settings, budget = key
     every = [entry for one in alike for entry in one]
     counts = [entry.strokes for entry in every if entry.strokes is not None]

@@ -81,7 +81,7 @@ def _with_interval(bounds: tuple[float, float, float], digits: int) -> str:
 
 
 def at_equal_seconds(section: Section) -> list[dict[str, str]]:
-    """Compute the mean PSNR of each row with curves at the times of a section, with its interval."""
+    """Compute the mean PSNR, with its interval, of each row with curves at the times of a section."""
     rows = [row for row in section.rows if row.curves and section.times]
     return [row.words | {f"{time:g} s": _mean(row.psnr_at(time), 2) for time in section.times} for row in rows]
 

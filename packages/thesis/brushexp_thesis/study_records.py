@@ -2,7 +2,7 @@
 
 A record is a CSV file: a first line with JSON after ``# `` (command, numbers of runs, cost), then a row with the
 metrics for each setting and picture (or seed). A page can be rewritten from records after the large folders of runs are
-deleted. Another program can write a record with its command and the question that it asks in the first line.
+deleted. Another program can write a record whose first line contains its command and its question.
 """
 
 import json
@@ -33,7 +33,7 @@ OMITTED = ("hydra.sweeper.lenient=", "hydra.searchpath=", "hydra/launcher=", "hy
 class Study:
     """A finished sweep of a named experiment; ``words`` is its command line without machine-specific folders.
 
-    The words of another program begin with ``python``, and its record contains the ``question``.
+    The command line of another program begins with ``python``, and its record contains the ``question``.
 
     ``table`` is the `paired_table` of its runs. A complete study has ``n_jobs``; of ``n_runs`` started runs,
     ``n_finished`` have finished, at a ``cost`` in words.
@@ -120,17 +120,17 @@ def _read_sweeps(folders: Sequence[Path], into: Path) -> Iterator[Study]:
             continue
         frame = gather([path], into)
         if (table := paired_table(frame)) is not None:
-            table = as_listed(table, record.get("jobs", []))
+            table = rename_options(table, record.get("jobs", []))
             finished = frame[~frame["run", "status"].isin(UNFINISHED)]
             sizes = (len(record.get("jobs", [])), len(frame), len(finished))
             remark = remark_on_provenance(finished)
             yield Study(name, tuple(_short(words)), table, *sizes, _cost(finished["metric"]), provenance=remark)
 
 
-def as_listed(table: pd.DataFrame, jobs: Sequence[Sequence[str]]) -> pd.DataFrame:
-    """Rename the options of a `paired_table` to the study's settings, the words of ``jobs`` after the picture.
+def rename_options(table: pd.DataFrame, jobs: Sequence[Sequence[str]]) -> pd.DataFrame:
+    """Rename the options of a `paired_table` to the study's settings: each job's arguments after the picture.
 
-    The table's own options lack the words that all jobs share, and are ordered differently.
+    The table's own options lack the arguments that all jobs share, and are ordered differently.
     """
     places = [next((k for k, word in enumerate(job) if word.startswith(PICTURE_WORD)), len(job)) for job in jobs]
     listed = list(dict.fromkeys(tuple(job[place + 1 :]) for job, place in zip(jobs, places, strict=True)))

@@ -162,7 +162,7 @@ def _extent(study: Study, paintings: Collection[str]) -> str:
 
 
 def numbers_of_settings(study: Study, differences: Sequence[paired.Difference]) -> list[dict[str, str]]:
-    """Make a row for each metric and setting: its mean, its change from the reference, and the number of better units.
+    """Make a row for each metric and setting: its mean, its change from the reference, and how many units improved.
 
     Means are over the pictures for which every setting was run. A change is a difference or, for ratios, a ratio.
     """

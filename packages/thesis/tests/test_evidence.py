@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from brushexp_thesis.evidence import RARE, median_of, p_of_both_ways, p_of_mean, p_of_ranks
-from brushexp_thesis.study_records import as_listed
+from brushexp_thesis.evidence import RARE, median_of, p_of_gains_and_losses, p_of_mean, p_of_ranks
+from brushexp_thesis.study_records import rename_options
 from scipy.stats import bootstrap, ttest_1samp, wilcoxon
 
 GAINS = [0.3, -0.1, 0.4, 0.25, 0.6, 0.15, -0.02, 0.33]
@@ -40,7 +40,7 @@ def test_p_of_both_ways_is_twice_that_of_the_rarer_one(gaining, losing):
     gains = [1.0] * gaining + [-1.0] * losing + [0.05] * (12 - gaining - losing)
     rarer = min(gaining, losing)
     expected = sum(math.comb(12, k) * RARE**k * (1 - RARE) ** (12 - k) for k in range(rarer, 13))
-    assert p_of_both_ways(gains, 0.1) == pytest.approx(min(1, 2 * expected))
+    assert p_of_gains_and_losses(gains, 0.1) == pytest.approx(min(1, 2 * expected))
 
 
 def test_settings_have_the_words_and_the_order_of_the_study():
@@ -48,7 +48,7 @@ def test_settings_have_the_words_and_the_order_of_the_study():
     jobs = [["seed=0", f"image={name}", *setting.split()] for setting in settings for name in "ab"]
     labels = ["steps=800", "steps=800 init.orient=random", "steps=50"]
     index = pd.MultiIndex.from_product([labels, [*"ab"]], names=["option", "picture"])
-    table = as_listed(pd.DataFrame({"psnr": range(6)}, index), jobs)
+    table = rename_options(pd.DataFrame({"psnr": range(6)}, index), jobs)
     assert [*table.index] == [(setting, name) for setting in settings for name in "ab"]
     assert table.index.names == index.names
-    assert [*as_listed(table, []).index] == [*table.index]
+    assert [*rename_options(table, []).index] == [*table.index]

@@ -1,4 +1,4 @@
-"""Check before a training starts that its strokes, network and limits fit together."""
+"""Check before a training starts that its strokes, network and limits are consistent."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -61,13 +61,13 @@ def check_brushes(cfg: DictConfig, origin: "Origin", sets: int) -> None:
 
 
 def check_batch(cfg: DictConfig, window: int) -> None:
-    """Raise UserError if memory cannot hold the pictures of a step, of ``window`` x ``window`` pixels each."""
+    """Raise UserError if the pictures of a step, ``window`` x ``window`` pixels each, do not fit into memory."""
     what = f"batch_size={cfg.batch_size} strokes of {window} x {window} pixels"
     check_memory(cfg.batch_size * window**2 * BYTES_PER_TRAINED_PIXEL, what, "choose a smaller batch_size=")
 
 
 def check_simulate(cfg: DictConfig, overrides: Sequence[str]) -> None:
-    """Check that the set can be continued with these strokes, and that memory can hold the strokes of one file."""
+    """Check that the set can be continued with these strokes, and that the strokes of one file fit into memory."""
     from brushexp_training.stroke_sets.dataset import origin_of  # noqa: PLC0415
     from brushexp_training.stroke_sets.writer import BYTES_PER_PIXEL, SHARD_STROKES, whole_shards  # noqa: PLC0415
 
@@ -88,7 +88,7 @@ def check_ends(cfg: DictConfig) -> None:
 
 
 def check_evaluate(cfg: DictConfig, overrides: Sequence[str]) -> None:
-    """Check that strokes exist, and that the renderer was trained on strokes of this kind."""
+    """Check that strokes exist, and that the renderer was trained on strokes of the same origin."""
     from brushexp_training.stroke_sets.stroke_data import check_origin  # noqa: PLC0415
 
     check_origin(cfg)

@@ -44,7 +44,7 @@ class NetworkTrainerOptions(TrainerOptions):
 
 @dataclass
 class SimulateTask(Task):
-    """Simulate brush strokes on an empty canvas, to train renderers on."""
+    """Simulate brush strokes on an empty canvas for training renderers."""
 
     is_research = True
     module = "brushexp_training.tasks.simulate"

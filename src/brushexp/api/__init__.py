@@ -1,1 +1,1 @@
-"""Offer the tasks of the command line as Python functions: ``import brushexp``."""
+"""Expose the tasks of the command line as Python functions: ``import brushexp``."""

@@ -1,4 +1,4 @@
-"""``brushexp.iterate``: yield the states of a painting while it is optimised."""
+"""``brushexp.iterate``: yield the states of a painting during its optimisation."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class State:
 
 
 class Handover(L.Callback):
-    """Pass the states of a painting to another thread, at most one ahead; the painter's clock stops while it waits."""
+    """Pass painting states to another thread, at most one ahead; the painter's clock stops while it waits."""
 
     def __init__(self, every: int, every_seconds: float) -> None:
         self.every, self.every_seconds = every, every_seconds
@@ -76,7 +76,7 @@ class Handover(L.Callback):
             painter.schedule.start()
 
     def _is_due(self, before: int) -> bool:
-        """Check whether the last steps passed a multiple of ``every``; some painters take many steps at once."""
+        """Check whether the last steps passed a multiple of ``every``; some painters take many steps at a time."""
         is_next = self.step // self.every > before // self.every
         return is_next and time.monotonic() - self.last >= self.every_seconds
 
@@ -99,11 +99,12 @@ def iterate(
     output: str | PathLike[str] | None = None,
     **overrides: Any,
 ) -> Iterator[State]:
-    """Paint as `paint` does, bit for bit, and yield the state before the first step and after every ``every`` steps.
+    """Paint like `paint`, with identical results, and yield the state at the start and after every ``every`` steps.
 
-    A thread paints, at most one state ahead of the caller; the time it waits does not count as ``seconds``. The last
-    state has the finished ``painting``. ``state.stop()`` makes the next state the last; closing the generator ends the
-    painting without a last state. The painting uses PyTorch's global random generators until it ends.
+    A background thread paints, at most one state ahead of the caller; its waiting time does not count towards
+    ``seconds``. The last state holds the finished ``painting``. ``state.stop()`` makes the next state the last; closing
+    the generator ends the painting without a final state. The painting uses PyTorch's global random generators until it
+    ends.
 
     ``every`` counts steps, and ``every_seconds`` is the shortest time between two states. With ``every=1`` there are as
     many states as the caller has time for. The other arguments are those of `paint`.

@@ -1,4 +1,4 @@
-"""``brushexp.load``: read a painting from the folder of its run or from its catalogue."""
+"""``brushexp.load``: load a painting from its run folder or its catalogue."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def load(source: str | PathLike[str]) -> Painting:
 
     Args:
         source: the folder of a run, a ``catalogue.h5``, ``strokes.json`` or ``strokes.bits``, or the name of a
-            catalogue that ships. A catalogue without the other files of its run has no ``target`` and no ``metrics``.
+            shipped catalogue. A catalogue without the other files of its run has no ``target`` and no ``metrics``.
 
     Raises:
         UserError: if a file is damaged or needs a plugin that is missing.
@@ -62,7 +62,7 @@ def load(source: str | PathLike[str]) -> Painting:
 
 
 def _settings_of(saved: Saved, path: Path, folder: Path | None) -> Settings:
-    """Read the settings of a painting from its catalogue, as far as they are recorded."""
+    """Read the settings recorded in a painting's catalogue."""
     recorded = plain_config(config_of(saved))
     usual = {"task": "paint", "image": str(path), "threads": None}
     cfg: Any = OmegaConf.merge(usual, recorded)

@@ -72,12 +72,12 @@ class Painting:
 
     @property
     def image(self) -> np.ndarray:
-        """(H, W, 3) uint8: the painting, under its lamp if it has one."""
+        """(H, W, 3) uint8: the painting, lit by its lamp if it has one."""
         return self.finished.image
 
     @property
     def target(self) -> np.ndarray:
-        """(H, W, 3) uint8: the target, at the resolution at which the strokes were optimised.
+        """(H, W, 3) uint8: the target, at the resolution used for optimisation.
 
         Raises a UserError if the run was loaded without it.
         """
@@ -92,7 +92,7 @@ class Painting:
             return self.finished.metrics
 
     def render(self, size: int | None = None, *, light: bool = True) -> np.ndarray:
-        """Draw the painting (H, W, 3) uint8, crisp at any ``size`` of the longer side; ``light`` adds its lamp."""
+        """Draw the painting as (H, W, 3) uint8, sharp at any ``size`` of the longer side; ``light`` adds its lamp."""
         job = _sized(self.finished.job, size)
         with undisturbed():
             return (job if light else replace(job, light=UNLIT)).picture()
@@ -105,7 +105,7 @@ class Painting:
         Args:
             form: name of the exporter.
             folder: folder for the files; it is created if necessary.
-            size: pixels of the longer side; None keeps the size of the painting.
+            size: longer side in pixels; None keeps the size of the painting.
             options: options of the exporter, such as ``digits=2`` for svg.
 
         Returns:
@@ -191,7 +191,7 @@ def paint(
             ``**{"init.length": 3}``. ``style`` and ``focus`` may be pictures, too.
 
     Raises:
-        UserError: says in one line what is wrong, as on the command line.
+        UserError: if an argument is wrong; the message is that of the command line.
 
     >>> painting = paint("astronaut", look="plain", resolution=32, strokes=20, steps=3)
     >>> painting.image.shape, len(painting.strokes), painting.metrics["steps"]
@@ -204,7 +204,7 @@ def paint(
 def plan_of(
     image: Picture, output: str | PathLike[str] | None, main: Mapping[str, Any], overrides: Mapping[str, Any]
 ) -> Settings:
-    """Check the settings of a painting; entries of ``main`` that are None are ignored."""
+    """Check the settings of a painting, ignoring entries of ``main`` that are None."""
     typed = {key: value for key, value in main.items() if value is not None}
     frames = {"frames": 0} if output is None else {}  # no timelapse
     settings = settings_of("paint", {"image": image, **typed, **frames, **overrides}, output)
@@ -216,7 +216,7 @@ def plan_of(
 
 
 def painting_of(settings: Settings, callbacks: Sequence[L.Callback] = ()) -> Painting:
-    """Paint with checked settings, in a folder if they name one."""
+    """Paint with checked settings, and write the results to the output folder if the settings name one."""
     start, folder, cfg = time.monotonic(), settings.folder, settings.cfg
     with explaining_to_users(cfg), settings.as_asked():
         if folder is None:

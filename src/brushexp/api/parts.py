@@ -1,4 +1,4 @@
-"""``brushexp.list_plugins``, ``brushexp.create`` and ``brushexp.render``: plugins, and strokes drawn with them."""
+"""``brushexp.list_plugins``, ``brushexp.create`` and ``brushexp.render``: build plugins, and draw strokes with them."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def _draw(
 def _depths(
     depth: Tensor | Sequence[Tensor | None] | None, canvases: Sequence[Strokes], *, is_one: bool
 ) -> Sequence[Tensor | None]:
-    """List the ranks of the strokes of each canvas; refuse (UserError) wrong strokes or ranks."""
+    """Collect the stroke ranks of each canvas; raise a UserError for invalid strokes or ranks."""
     if not canvases:
         raise UserError("strokes is an empty list; give at least one Strokes")
     for number, strokes in enumerate(canvases):
@@ -143,7 +143,7 @@ def _depths(
 
 
 def _grounds(background: Tensor | None, count: int, *, is_one: bool) -> Sequence[Tensor]:
-    """List the colours of the bare canvases; refuse (UserError) other shapes."""
+    """Collect the colours of the bare canvases; raise a UserError for wrong shapes."""
     ground = torch.ones(3) if background is None else background
     if ground.shape == (3,):
         return [ground] * count
@@ -154,7 +154,7 @@ def _grounds(background: Tensor | None, count: int, *, is_one: bool) -> Sequence
 
 
 def _canvas(size: object) -> tuple[int, int]:
-    """Read height and width of a canvas; one number stands for both."""
+    """Read the height and width of a canvas; a single number sets both."""
     sides = (size, size) if isinstance(size, Integral) else size
     if not isinstance(sides, str) and isinstance(sides, Iterable):
         match [*sides]:

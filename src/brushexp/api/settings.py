@@ -1,4 +1,4 @@
-"""Compose and check keys given in Python as the command line does, with the same messages."""
+"""Compose and check keys given in Python like those of the command line, with the same messages."""
 
 import logging
 import os
@@ -14,12 +14,12 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.config.changes import expand_changes
-from brushexp.config.check import check, leave_to_others
+from brushexp.config.check import check, check_stand_ins
 from brushexp.config.compose import composed, folders_of
 from brushexp.config.key_types import type_of_key
 from brushexp.config.mistakes import explanation
 from brushexp.config.publish import prepare
-from brushexp.config.vocabulary import as_found
+from brushexp.config.vocabulary import spell_paths
 from brushexp.config.words import as_typed, expand_shorthand, parse_value
 from brushexp.errors import UserError
 from brushexp.pictures.held import HeldPicture, hold, is_picture
@@ -35,14 +35,14 @@ RESERVED = {"task": "call another function", "output": "set output=", "resume": 
 
 @cache
 def load_choices() -> list[Path]:
-    """Load all plugins at the first call, including those of the current folder; list the folders of configs."""
+    """Load all plugins, including those of the current folder, on the first call; return the config folders."""
     prepare(Path())
     return folders_of(Path().resolve())  # the program may change its working folder
 
 
 @dataclass(frozen=True)
 class Settings:
-    """The checked config of a task, its overrides, and the in-memory pictures that it names."""
+    """The checked config of a task, its overrides, and the in-memory pictures it refers to."""
 
     cfg: DictConfig
     words: list[str]
@@ -77,7 +77,7 @@ class Settings:
 
 @contextmanager
 def undisturbed(gradients: bool = True) -> Iterator[None]:
-    """Use PyTorch's default precision and device inside ``with``, with gradients by default; restore all after."""
+    """Use PyTorch's default precision and device inside ``with``, normally with gradients; restore both afterwards."""
     import torch  # noqa: PLC0415
 
     dtype, gradients = torch.get_default_dtype(), gradients or torch.is_grad_enabled()
@@ -91,16 +91,16 @@ def undisturbed(gradients: bool = True) -> Iterator[None]:
 
 
 def settings_of(task: str, options: Mapping[str, Any], output: str | os.PathLike[str] | None = None) -> Settings:
-    """Check the settings of a task given as Python values; refuse (UserError) what the command line refuses.
+    """Check the settings of a task given as Python values; raise a UserError where the command line would.
 
-    Values are numbers, texts, paths, None, and lists and mappings of these; pictures may be in memory.
+    Values are numbers, strings, paths, None, and lists and mappings of these; pictures may be in memory.
     """
     folders = load_choices()
     held: dict[str, HeldPicture] = {}
     folder = None if output is None else find_path(output).resolve()
     words = [f"task={task}", *words_from(options, held), *([] if folder is None else [f"output={folder}"])]
-    words = [expand_shorthand(word, task=task) for word in expand_changes([as_found(word) for word in words])]
-    leave_to_others(task, dict(word.split("=", 1) for word in words))
+    words = [expand_shorthand(word, task=task) for word in expand_changes([spell_paths(word) for word in words])]
+    check_stand_ins(task, dict(word.split("=", 1) for word in words))
     try:
         cfg = _composed(tuple(word for word in words if not word.startswith(PICTURE)), tuple(folders)).copy()
         for word in words:
@@ -114,7 +114,7 @@ def settings_of(task: str, options: Mapping[str, Any], output: str | os.PathLike
 
 
 def write_pictures(settings: Settings, folder: Path) -> Settings:
-    """Write in-memory pictures into the folder of a run and make the settings name these files."""
+    """Write in-memory pictures to the folder of a run, and replace them in the settings by the paths of these files."""
     cfg, words = settings.cfg.copy(), settings.words
     for key, held in settings.held.items():
         path = str(held.write(folder / ".hydra", key.replace(".", "_")))
@@ -127,7 +127,7 @@ def write_pictures(settings: Settings, folder: Path) -> Settings:
 
 
 def words_from(options: Mapping[str, Any], held: dict[str, HeldPicture], above: str = "") -> Iterator[str]:
-    """Write each option as ``key=value``; entries of a mapping go below its key: ``light={"azimuth": 90}``."""
+    """Write each option as ``key=value``, with mappings flattened below their key: ``light={"azimuth": 90}``."""
     for key, value in options.items():
         name = f"{above}{key}"
         if name in RESERVED:

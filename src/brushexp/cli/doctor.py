@@ -1,7 +1,7 @@
 """Describe this installation in fifteen lines to paste into a bug report: ``brushexp doctor``.
 
-Libraries and plugins are imported in separate processes, where they may fail or crash. A line that cannot be written
-says why. A line that begins with "!" names something broken.
+Libraries and plugins are imported in separate processes, where they may fail or crash. A check that fails gives the
+reason on its line. A line that starts with "!" reports something broken.
 """
 
 import json
@@ -67,7 +67,7 @@ Probes = Mapping[str, Future[dict[str, Any]]]
 
 
 class Broken(Exception):
-    """Something is broken; the message is the text of its line."""
+    """A broken part of the installation; the message is the text of its line."""
 
 
 def examine() -> int:
@@ -108,7 +108,7 @@ def _lines(probes: Probes) -> dict[str, Callable[[], str]]:
 
 
 def _run(code: str) -> dict[str, Any]:
-    """Run a probe and return the data that it prints; raise Broken with the reason if it fails."""
+    """Run a probe in its own process and return the data it prints; raise Broken with the reason if it fails."""
     try:
         done = subprocess.run(
             [sys.executable, "-P", "-c", code],
@@ -175,7 +175,7 @@ def _libraries() -> str:
 
 
 def _extras() -> tuple[list[str], list[str]]:
-    """List the installed and the missing extras; an extra without libraries for this system is neither."""
+    """List the installed and the missing extras, omitting extras that have no libraries for this system."""
     names = distribution("brushexp").metadata.get_all("Provides-Extra") or []
     extras = {
         name: [is_there for _, is_there in _requirements(name)] for name in sorted(set(names) - {*FOR_DEVELOPERS})
@@ -190,7 +190,7 @@ def _missing_extras() -> str:
 
 
 def _requirements(extra: str) -> Iterable[tuple[str, bool]]:
-    """Yield each requirement of an extra on this system ("" for the program itself), and whether it is installed."""
+    """Yield each requirement of an extra on this system ("" for brushexp itself), and whether it is installed."""
     from packaging.requirements import Requirement  # noqa: PLC0415  (it may be missing)
 
     for text in distribution("brushexp").requires or ():

@@ -1,4 +1,4 @@
-"""Write the text of ``--help``."""
+"""Write the output of ``--help``."""
 
 from collections.abc import Iterator, Sequence
 from functools import reduce
@@ -38,7 +38,7 @@ TRAINER = "trainer."  # keys of Lightning's Trainer, which few people need
 
 
 def topic_of(words: Sequence[str]) -> str:
-    """Read the topic of ``--help=topic``, "" for plain ``--help``; refuse (UserError) an unknown topic."""
+    """Parse the topic of ``--help=topic``, "" for plain ``--help``; raise a UserError for an unknown topic."""
     topics = [word.removeprefix("--help=") for word in words if word.startswith("--help=")]
     if topics and topics[-1] not in TOPICS:
         raise UserError(f"--help={topics[-1]} is not a topic; type --help, or --help= and one of {', '.join(TOPICS)}")
@@ -46,9 +46,10 @@ def topic_of(words: Sequence[str]) -> str:
 
 
 def help_text(cfg: DictConfig, overrides: Sequence[str], folders: Sequence[Path], topic: str = "") -> str:
-    """Write the help for a composed config and the typed overrides; ``folders`` hold the presets.
+    """Write the help for a composed config and the overrides the user typed; ``folders`` hold the presets.
 
-    For a typed family, ``renderer=`` or ``renderer=neural``, it lists the members and the options of the chosen ones.
+    If the user names a family, as in ``renderer=`` or ``renderer=neural``, list its members and the options of the
+    chosen ones.
     """
     typed = [word.lstrip("+~").partition("=")[0].partition(".")[0] for word in overrides]
     families = [name for name in dict.fromkeys(typed) if name in CHOSEN_GROUPS - {"task"}]
@@ -102,7 +103,7 @@ def _task(cfg: DictConfig, folders: Sequence[Path]) -> list[str]:
 
 
 def _all_of(cfg: DictConfig, folders: Sequence[Path], families: Sequence[str]) -> list[str]:
-    """List every key of a task with its meaning, and every plugin and preset that the task can use."""
+    """List every key of a task with its description, and every plugin and preset available to the task."""
     schema = TASKS[cfg.task]
     lines = [usage_of(cfg.task, schema.alone), schema.__doc__ or "", "", "Keys and their current values"]
     lines += _keys(cfg, list(keys_of(schema).values()))
@@ -124,7 +125,7 @@ def _tasks_of(topic: str, folders: Sequence[Path]) -> list[str]:
 
 
 def _words_of_changes(cfg: DictConfig) -> list[str]:
-    """List the words that set options of changes, with the values of the chosen ones."""
+    """List the short words for options of changes, with the current values of the chosen changes."""
     words = change_words_of(TASKS[cfg.task])
     options = {option: word for word, option in words.items()}
     for word, tuned in table_of_words("change_options").items():
@@ -152,7 +153,7 @@ def usage_of(task: str, alone: str) -> str:
 
 
 def _keys(cfg: DictConfig, keys: Sequence[Key]) -> list[str]:
-    """List keys with their values in a config and their meanings."""
+    """List keys with their values in a config and their descriptions."""
     raw: Any = OmegaConf.to_container(cfg, resolve=False)
     lines = []
     for key in keys:
@@ -166,7 +167,7 @@ def _keys(cfg: DictConfig, keys: Sequence[Key]) -> list[str]:
 
 
 def _names(group: str, folders: Sequence[Path]) -> list[str]:
-    """List the members of a group: plugins and presets."""
+    """List the members of a group, both plugins and presets."""
     presets = [name for folder in folders for name in presets_of(folder / group)]
     return sorted({plugin.name for plugin in plugins(group)} | set(presets))
 
@@ -181,7 +182,7 @@ def _members(group: str, folders: Sequence[Path]) -> Iterator[str]:
 
 
 def _group(group: str, cfg: DictConfig, folders: Sequence[Path], with_options: bool) -> list[str]:
-    """List the members of a group, one line each; ``with_options`` adds facts for choosing one, and options."""
+    """List the members of a group, one line each; ``with_options`` adds their options and facts that help to choose."""
     rows = {plugin.name: plugin.summary for plugin in plugins(group)}
     for folder in folders:
         rows |= presets_of(folder / group)
@@ -202,7 +203,7 @@ def _group(group: str, cfg: DictConfig, folders: Sequence[Path], with_options: b
 
 
 def two_columns(name: str, meaning: str, column: int = COLUMN) -> list[str]:
-    """Write a name and its meaning in two columns, or on two lines if the name is long."""
+    """Lay out a name and its description in two columns, or on two lines if the name is long."""
     head = f"  {name:<{column - 3}} "
     if len(head) > column:
         indent = " " * column

@@ -1,4 +1,4 @@
-"""Turn many pictures, ``image=photos/``, ``image='photos/*.jpg'`` or ``pictures=thesis12``, into a sweep."""
+"""Turn a command line with many pictures (``image=photos/``, ``image='photos/*.jpg'``) into a sweep."""
 
 import glob
 import logging
@@ -13,7 +13,7 @@ from pathlib import Path
 from brushexp.config.compose import files_of, quote
 from brushexp.config.words import verbatim
 from brushexp.errors import UserError
-from brushexp.pictures.folders import is_several, left_out, pictures_in
+from brushexp.pictures.folders import is_several, pictures_in, skipped_files
 from brushexp.pictures.load import samples
 from brushexp.registry import literal
 from brushexp.results.runs import JOBS
@@ -32,27 +32,27 @@ PICTURES_PER_PROCESS = 2  # minimum
 MB_PER_PROCESS = 2048  # memory of a process: 450 MB for modules, and about 800 bytes for each pixel
 
 
-def in_processes(words: Sequence[str], pictures: int = 0) -> list[str]:
-    """Replace ``jobs=2`` by a launcher that runs this many jobs at once; several ``pictures`` imply ``jobs=auto``."""
+def expand_jobs(words: Sequence[str], pictures: int = 0) -> list[str]:
+    """Replace ``jobs=2`` by a launcher that runs two jobs in parallel; several ``pictures`` imply ``jobs=auto``."""
     typed = [word for word in words if word.startswith(PROCESSES)]
     others = [word for word in words if word not in typed]
     automatic = pictures and not any(word.startswith(LAUNCHER_WORDS) for word in words)
     number = (typed or [PROCESSES + (AUTO if automatic else "1")])[-1].removeprefix(PROCESSES)
     if number == AUTO:
-        number = str(as_many_as_fit(pictures))
+        number = str(parallel_limit(pictures))
     if not number.isdecimal() or number == "0":
         raise UserError(f"{typed[-1]} is not a number of processes; try jobs=2, or jobs=auto")
     return others if number == "1" else [*others, f"hydra/launcher={launcher()}", f"hydra.launcher.n_jobs={number}"]
 
 
 def launcher() -> str:
-    """Choose the launcher for several processes: one from a package that works on this machine, or Hydra's joblib."""
+    """Choose the launcher for parallel processes: a package's launcher that works on this machine, or Hydra's."""
     suiting = (name for name, works_here in published(LAUNCHERS).items() if works_here.load()())
     return next(suiting, "joblib")
 
 
-def as_many_as_fit(pictures: int) -> int:
-    """Return how many processes the cores, memory and number of pictures (0 = any) allow at once; 1 on a GPU."""
+def parallel_limit(pictures: int) -> int:
+    """Compute how many processes the cores, memory and number of pictures (0 = any) allow in parallel; 1 on a GPU."""
     from brushexp.system.device import device_of  # noqa: PLC0415  (torch; --help should not wait for it)
     from brushexp.system.runtime import cores, free_memory  # noqa: PLC0415
 
@@ -63,15 +63,15 @@ def as_many_as_fit(pictures: int) -> int:
     return max(1, min(cores(), int(min(free_memory() / MB_PER_PROCESS, work))))
 
 
-def as_sweep(words: Sequence[str], is_sweep: bool) -> list[str]:
-    """Turn a command line with several pictures into a sweep, which the same command continues."""
+def expand_pictures(words: Sequence[str], is_sweep: bool) -> list[str]:
+    """Turn a command line with several pictures into a sweep; repeating the command resumes it."""
     named = [word.removeprefix(PICTURE) for word in words if word.startswith(PICTURE)]
     sets = [_without_brackets(word.removeprefix(SETS)) for word in words if word.startswith(SETS)]
     if not sets and len(named) < 2 and not any(map(is_several, named)):
-        return in_processes(words)
+        return expand_jobs(words)
     counts = [len(pictures_in(image)) if is_several(image) else 1 for image in named]  # UserError if there are none
     pictures = 0 if sets or is_sweep else sum(counts)
-    others = in_processes([word for word in words if not word.startswith((PICTURE, SETS))], pictures)
+    others = expand_jobs([word for word in words if not word.startswith((PICTURE, SETS))], pictures)
     parts = [*named, *(part for text in sets for part in ([text] if os.path.exists(text) else text.split(",")))]
     texts = ",".join(quote(literal(part)) for part in parts)  # Hydra resolves the options of a sweeper twice
     typed = [word.removeprefix("output=") for word in others if word.startswith("output=")]
@@ -90,7 +90,7 @@ def as_sweep(words: Sequence[str], is_sweep: bool) -> list[str]:
 
 
 def _without_brackets(text: str) -> str:
-    """Write a bracketed list, ``[a.jpg,"b.jpg"]``, as ``a.jpg,b.jpg``, unless a file has this very name."""
+    """Write a bracketed list, ``[a.jpg,"b.jpg"]``, as ``a.jpg,b.jpg``, unless a file has exactly this name."""
     if not (text.startswith("[") and text.endswith("]")) or os.path.exists(text):
         return text
     return ",".join(part.strip().strip("\"'") for part in text[1:-1].split(","))
@@ -102,11 +102,11 @@ def all_pictures(names: Sequence[str], folders: Sequence[Path]) -> list[str]:
 
 
 def pictures_named(name: str, folders: Sequence[Path]) -> list[str]:
-    """List the pictures of one part of ``pictures=``: a set, a folder or pattern, or one picture.
+    """List the pictures named by one entry of ``pictures=``: a set, a folder, a pattern or a single picture.
 
-    A set is a YAML file, ``pictures/<name>.yaml`` in a folder of configs or at a typed path, that lists samples and
-    files; relative paths start from its folder or the current one. A UserError names files that are missing or that do
-    not have the SHA-256 of the set.
+    A set is a YAML file, ``pictures/<name>.yaml`` in a config folder or at a given path, that lists samples and files;
+    relative paths start from its folder or the current one. A UserError names files that are missing or whose SHA-256
+    differs from the set's.
     """
     files = {key: path for folder in folders for key, path in files_of(folder, "pictures").items()}
     path = Path(os.path.expanduser(name)) if name.endswith(ENDING) else files.get(name)
@@ -131,9 +131,9 @@ def pictures_named(name: str, folders: Sequence[Path]) -> list[str]:
 
 
 def _pictures_in(name: str) -> list[str]:
-    """List the pictures of a folder or pattern, and log which files are left out."""
+    """List the pictures in a folder or matching a pattern, and log the files that are skipped."""
     paths = pictures_in(name)
-    for line in left_out(name):
+    for line in skipped_files(name):
         log.warning("image=%s: %s", name, line)
     return paths
 
@@ -151,14 +151,14 @@ def _place_of(picture: str, folder: Path) -> Path:
 
 
 def name_of(image: str) -> str:
-    """Choose the name of the output folder for the pictures of a folder or pattern."""
+    """Choose the name of the output folder for the pictures in a folder or matching a pattern."""
     folder = image if os.path.isdir(os.path.expanduser(image)) else glob.escape(image).partition("[")[0]
     name = Path(os.path.expanduser(folder)).resolve().name  # pathlib's version raises for ~nosuchuser
     return name.replace("${", "{") or "pictures"  # Hydra cannot write into a folder with ${ in its name
 
 
 def subfolders_for(paths: Sequence[str]) -> list[str]:
-    """Name a folder after each picture's stem, adding its extension and a number where names would clash."""
+    """Name a folder after each picture's stem; where names clash, add the file extension and a number."""
     stems = ["".join(c if c.isalnum() or c in "-_." else "_" for c in Path(path).stem) for path in paths]
     endings = [Path(path).suffix.lower().replace(".", "_") for path in paths]
     often = Counter(stems)

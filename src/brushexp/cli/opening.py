@@ -1,6 +1,6 @@
-"""Announce what a command line starts before the slow imports, and answer what needs no imports.
+"""Announce what a command line will start before the slow imports, and answer requests that need no imports.
 
-Nothing here checks the words: `brushexp.config.words` reports mistakes a moment later.
+Nothing here checks the arguments: `brushexp.config.words` reports mistakes a moment later.
 """
 
 import os
@@ -11,7 +11,7 @@ from io import TextIOWrapper
 from pathlib import Path
 
 from brushexp import __version__
-from brushexp.config.vocabulary import as_found, as_task, is_path, meaning_of, respelt, task_names
+from brushexp.config.vocabulary import is_path, meaning_of, respell_task, spell_paths, switch_spelling, task_names
 from brushexp.pictures.folders import is_several
 from brushexp.system.heartbeat import heartbeat
 from brushexp.system.words import table_of_words
@@ -21,14 +21,14 @@ PAINTED = ("", "paint")  # tasks whose first line names the picture
 
 
 def open_with(words: Sequence[str]) -> list[str]:
-    """Answer ``--version`` and ``doctor`` and exit; otherwise announce on a terminal what starts.
+    """Answer ``--version`` and ``doctor`` and exit; otherwise announce on a terminal what will start.
 
-    Returns the words with ``help`` spelled ``--help`` and tasks in our spelling.
+    Returns the arguments with ``help`` rewritten as ``--help`` and task names in our spelling.
     """
     open_streams()
     if isinstance(sys.stdout, TextIOWrapper):  # tests may have replaced it
         sys.stdout.reconfigure(errors="backslashreplace")  # like stderr: the encoding may lack some characters
-    words = [as_task(as_found(word)) for word in words]
+    words = [respell_task(spell_paths(word)) for word in words]
     if "--version" in words:
         print(f"brushexp {__version__}")
         sys.exit()
@@ -50,14 +50,14 @@ def open_with(words: Sequence[str]) -> list[str]:
 
 
 def open_streams() -> None:
-    """Open closed streams (``2>&-``) on the null device; otherwise the next file would get their number and output."""
+    """Connect closed standard streams (``2>&-``) to the null device, so that no other file receives their output."""
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115  (until the end)
 
 
 def opening_line(words: Sequence[str]) -> str:
-    """Describe in a few words what a command line starts; "" for a question or a file that does not exist.
+    """Describe briefly what a command line will start; "" for a help request or a missing file.
 
     >>> opening_line(["coffee", "look=ink", "strokes=300"])
     'painting coffee in ink'
@@ -77,26 +77,26 @@ def opening_line(words: Sequence[str]) -> str:
 
 
 def painting_line(keys: Mapping[str, str], alone: Sequence[str]) -> str:
-    """Describe which pictures will be painted and how; "" if they do not exist."""
+    """Describe which pictures will be painted and in which look; "" if they do not exist."""
     pictures = [*alone, *(keys[key] for key in ("image", "pictures") if key in keys)] or ["astronaut"]
     if not all(is_path(one) or is_several(one) or is_sample(one) or "pictures" in keys for one in pictures):
         return ""
     look, words = keys.get("look", "oil"), table_of_words("look_in_words")
-    way = words.get(look) or words.get(respelt(look)) or f"with look={look}"
+    way = words.get(look) or words.get(switch_spelling(look)) or f"with look={look}"
     style = keys.get("style", keys.get("style.image"))
     several = "the pictures of " if len(pictures) == 1 and is_several(pictures[0]) else ""
     return f"painting {several}{', '.join(pictures)} {way}" + (f", in the style of {style}" if style else "")
 
 
 def is_sample(name: str) -> bool:
-    """Check whether scikit-image or matplotlib ships a picture of this name."""
+    """Check whether scikit-image or matplotlib ships a sample picture of this name."""
     found = find_spec("skimage")
     folders = [Path(folder, "data") for folder in (found.submodule_search_locations or () if found else ())]
     return name == "grace_hopper" or any((folder / f"{name}{end}").is_file() for folder in folders for end in ENDS)
 
 
 def _sorted(words: Sequence[str]) -> tuple[dict[str, str], list[str]]:
-    """Separate keys from words typed alone; painters' words count as keys."""
+    """Separate ``key=value`` arguments from bare words; painters' words count as keys."""
     keys: dict[str, str] = {}
     alone = []
     for word in words:

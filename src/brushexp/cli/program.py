@@ -1,4 +1,4 @@
-"""Run the program with the words of a command line."""
+"""Run the program with command-line arguments."""
 
 import logging
 import os
@@ -15,9 +15,9 @@ from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.cli.help import help_text, topic_of
-from brushexp.cli.many_pictures import as_sweep
+from brushexp.cli.many_pictures import expand_pictures
 from brushexp.compat.hidden_packages import REMARKS
-from brushexp.compat.hydra import composing_once, one_store, parse_arguments
+from brushexp.compat.hydra import parse_arguments, shared_store, skip_sweep_check
 from brushexp.config.changes import expand_changes
 from brushexp.config.compose import composed, folders_of, search_path, without_folder
 from brushexp.config.key_types import type_of_key
@@ -28,7 +28,7 @@ from brushexp.config.schema import Task
 from brushexp.config.stands_for import spell_out
 from brushexp.config.tasks import TASKS, add_task
 from brushexp.config.vocabulary import is_path, meaning_of
-from brushexp.config.words import ALL_PIXELS, RESUME_SWEEP, at_home, expand_positional, expand_shorthand
+from brushexp.config.words import ALL_PIXELS, RESUME_SWEEP, expand_home, expand_positional, expand_shorthand
 from brushexp.errors import UserError
 from brushexp.system.heartbeat import heartbeat
 from brushexp.system.runtime import end_on_signals, interrupted_code
@@ -42,7 +42,7 @@ _start = [time.monotonic()]  # start time of the program
 
 @hydra.main(version_base="1.3", config_path="pkg://brushexp.conf", config_name="config")
 def job(cfg: DictConfig) -> dict[str, object] | float:
-    """Run the task of a config and return its metrics or objective; processes of a parallel sweep start here."""
+    """Run the task of a config and return its metrics or objective; worker processes of a parallel sweep start here."""
     if os.getpid() not in _prepared:
         prepare(Path(), warns=False)
         _prepared.add(os.getpid())
@@ -52,7 +52,7 @@ def job(cfg: DictConfig) -> dict[str, object] | float:
 
 
 def run(start: float) -> None:
-    """Run the program with the words of its command line; ``start`` is `time.monotonic` at its start."""
+    """Run the program with its command-line arguments; ``start`` is the `time.monotonic` of its launch."""
     _start[0] = start
     typed_words = sys.argv[1:]
     words = ["--help" if word.startswith("--help=") else word for word in typed_words]
@@ -68,33 +68,33 @@ def run(start: float) -> None:
             print(help_text(composed(settings, folders), typed.overrides, folders, topic))
         else:
             sys.argv[1:] = search_path(folders) + without_folder(words)
-            with one_store(), composing_once(words):
+            with shared_store(), skip_sweep_check(words):
                 job()
 
 
 def settings_first(words: Sequence[str]) -> list[str]:
-    """Move flags behind all settings, because Hydra accepts settings in one place only."""
+    """Move flags after all settings, because Hydra accepts settings in one contiguous block only."""
     typed, after_flags = parse_arguments(words)
     return sorted(words, key=lambda word: word not in (*typed.overrides, *after_flags))
 
 
 def expand_arguments(arguments: list[str]) -> list[str]:
-    """Expand the short forms of a command line (`brushexp.config.words`); several pictures become a sweep.
+    """Expand the shorthand of a command line (`brushexp.config.words`); several pictures become a sweep.
 
-    A UserError names the word that is not ``key=value`` or has an impossible value.
+    A UserError names the argument that is not ``key=value`` or has an invalid value.
     """
-    arguments = without_general(spell_out([at_home(word) for word in arguments]))
+    arguments = drop_implied(spell_out([expand_home(word) for word in arguments]))
     typed, after_flags = parse_arguments(arguments)
     refuse_flags(after_flags)
     overrides = {*typed.overrides, *after_flags}
     task = next((word.removeprefix("task=") for word in arguments if word.removeprefix("task=") in TASKS), "paint")
     beside = dict(word.split("=", 1) for word in overrides if "=" in word)
     words = [expand_positional(word, task, beside) if word in overrides else word for word in arguments]
-    refuse_two_of_a_kind(arguments, words)
+    check_duplicates(arguments, words)
     flags = {word for word, argument in zip(words, arguments, strict=True) if argument not in overrides}
-    whole = expand_changes(add_task(in_place(joined(words, TASKS[task]))), sweep=typed.multirun)
+    whole = expand_changes(add_task(resume_in_own_folder(join_paths(words, TASKS[task]))), sweep=typed.multirun)
     ours = {*whole} - flags
-    plain = as_sweep(whole, typed.multirun)
+    plain = expand_pictures(whole, typed.multirun)
     has_study = any(word.startswith("experiment=") for word in plain)
     task = "" if has_study else next((word[5:] for word in reversed(plain) if word.startswith("task=")), "paint")
     if typed.multirun and task == "paint" and not any(word.startswith(RESOLUTIONS) for word in plain):
@@ -103,7 +103,7 @@ def expand_arguments(arguments: list[str]) -> list[str]:
 
 
 def refuse_flags(words: Sequence[str]) -> None:
-    """Refuse (UserError) flags that Hydra does not have, because keys have no dashes."""
+    """Raise a UserError for flags that Hydra does not know, because keys have no dashes."""
     for word in words:
         name, equal, value = word.lstrip("-").partition("=")
         if word.startswith("--"):
@@ -112,14 +112,14 @@ def refuse_flags(words: Sequence[str]) -> None:
             raise UserError(f"{word} is not a flag; {cure or '--help lists the keys, which have no dashes'}")
 
 
-def without_general(words: Sequence[str]) -> list[str]:
-    """Drop words that a more specific word implies, such as strokes=auto next to worth=fine."""
+def drop_implied(words: Sequence[str]) -> list[str]:
+    """Drop arguments implied by a more specific one, such as strokes=auto next to worth=fine."""
     general = table_of_words("general")
     return [word for word in words if word not in general or not any(one.startswith(general[word]) for one in words)]
 
 
-def refuse_two_of_a_kind(typed: Sequence[str], meant: Sequence[str]) -> None:
-    """Refuse (UserError) two values for one key, such as finer with bolder, or ink with look=oil."""
+def check_duplicates(typed: Sequence[str], meant: Sequence[str]) -> None:
+    """Raise a UserError for two values of one key, such as finer with bolder, or ink with look=oil."""
     alone: dict[str, tuple[str, str]] = {}
     pairs = [(word, *setting.partition("=")[::2]) for word, setting in zip(typed, meant, strict=True)]
     for word, key, value in sorted(pairs, key=lambda pair: meaning_of(pair[0]) is None):
@@ -130,8 +130,8 @@ def refuse_two_of_a_kind(typed: Sequence[str], meant: Sequence[str]) -> None:
             raise UserError(f"{other} and {word} both set {key}; {cure}")
 
 
-def joined(words: Sequence[str], schema: type[Task]) -> list[str]:
-    """Join paths typed alone for a task that takes a list; refuse (UserError) several for a task that takes one."""
+def join_paths(words: Sequence[str], schema: type[Task]) -> list[str]:
+    """Join bare paths for a task that takes a list; raise a UserError for several paths if the task takes one."""
     begin = f"{schema.alone}="
     several = [word.removeprefix(begin) for word in words if word.startswith(begin)]
     if schema.alone in ("", "image") or len(several) < 2:
@@ -143,8 +143,8 @@ def joined(words: Sequence[str], schema: type[Task]) -> list[str]:
     return [*words[:first], begin + ",".join(several), *others]
 
 
-def in_place(words: Sequence[str]) -> list[str]:
-    """Continue a resumed run in its own folder unless another one is typed."""
+def resume_in_own_folder(words: Sequence[str]) -> list[str]:
+    """Resume a run in its own folder unless the user names another one."""
     resumed = [word.removeprefix("resume=") for word in words if word.startswith("resume=") and word != RESUME_SWEEP]
     if not resumed or any(word.startswith("output=") for word in words):
         return [*words]
@@ -153,7 +153,7 @@ def in_place(words: Sequence[str]) -> list[str]:
 
 @contextmanager
 def reporting_errors(words: Sequence[str]) -> Iterator[None]:
-    """Turn errors that a user can fix into one line on stderr and an exit code; bugs keep their traceback."""
+    """Report errors that a user can fix as one line on stderr with an exit code; bugs keep their traceback."""
     os.environ.setdefault("HYDRA_FULL_ERROR", "1")  # otherwise Hydra handles exceptions
     warnings.filterwarnings("ignore", REMARKS)
     logging.raiseExceptions = False  # no tracebacks from the log on a full disk

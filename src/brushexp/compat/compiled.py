@@ -1,15 +1,15 @@
-"""Compile functions with Numba at their first call, so that nothing else waits for its import (a second).
+"""Compile functions with Numba on their first call, so that its import (about a second) delays nothing else.
 
-A compiled function may have **parts**: functions that it calls by name and that can be exchanged (`Compiled.having`),
-so that one loop serves many formulas. Numba types a part once for all functions that use it. Machine code is stored
-under a name derived from the code of the function and of everything it calls, so a change in any file is noticed.
-Columns of an array may be named by an `IntEnum`, whose members stand for their numbers.
+A compiled function may have **parts**: functions that it calls by name and that can be replaced (`Compiled.having`), so
+that one loop serves many formulas. Numba types a part once for all functions that use it. Machine code is stored under
+a name derived from the code of the function and of everything it calls, so a change in any file is noticed. Columns of
+an array may be named by an `IntEnum`, whose members are compiled as their numbers.
 
-Code uses one thread and releases Python's lock: a loop over independent iterations takes the first index and the end
+Compiled code uses one thread and releases the GIL: a loop over independent iterations takes the first index and the end
 index as arguments, and `system.runtime.share` distributes it over threads. Numba's own parallel loops take three times
 as long to compile, since Numba optimises them twice, and their threads do not survive a fork.
 
-The arrays passed to a function must not share memory that it writes: the compiler relies on it.
+Arrays that a function writes must not overlap its other arrays: the compiler relies on this.
 """
 
 from collections import namedtuple
@@ -38,7 +38,7 @@ _inlined: dict[str, Any] = {}  # Numba's versions of functions marked by `inline
 class Compiled:
     """A Python function that is compiled at its first call, for the types of its arguments.
 
-    It may call functions marked by `inline` and other compiled ones; ``parts`` replace the functions of the same names.
+    It may call functions marked by `inline` and other compiled ones; ``parts`` replace functions by name.
     """
 
     def __init__(self, function: FunctionType, parts: Mapping[str, Any]) -> None:
@@ -49,7 +49,7 @@ class Compiled:
         return self.dispatcher(*args)
 
     def having(self, **parts: Any) -> "Compiled":
-        """Return the function with these parts exchanged."""
+        """Return a copy of the function with these parts replaced."""
         return Compiled(self.function, {**self.parts, **parts})
 
     @cached_property
@@ -143,7 +143,7 @@ def _names(code: CodeType) -> Iterator[str]:
 
 
 def _parts(code: CodeType) -> tuple[Any, ...]:
-    """List the parts of code in a form that is the same in every process, leaving out addresses of nested code."""
+    """List the components of a code object, without addresses of nested code, so that all processes agree."""
     constants = [str(_parts(one)) if isinstance(one, CodeType) else repr(one) for one in code.co_consts]
     return code.co_code, code.co_names, code.co_varnames, constants
 

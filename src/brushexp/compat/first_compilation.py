@@ -1,4 +1,4 @@
-"""Announce once that Numba compiles: the first run on a machine waits for it, later runs load the stored code."""
+"""Log once that Numba is compiling, because the first run on a machine waits while later runs load the stored code."""
 
 import logging
 from functools import cache
@@ -10,8 +10,8 @@ log = logging.getLogger(__name__)
 
 
 @cache
-def tell_of_compilation() -> None:
-    """Log the first compilation of this process when it begins; loading stored code logs nothing."""
+def log_compilation() -> None:
+    """Log when the first compilation in this process starts; loading stored code logs nothing."""
     from numba.core import event  # noqa: PLC0415  (a second)
 
     class Teller(event.Listener):

@@ -12,8 +12,8 @@ REMARKS = ".*LeafSpec|.*in eval mode at the start of training"
 
 
 @contextmanager
-def hidden(*packages: str) -> Iterator[None]:
-    """Make packages that are not loaded yet look uninstalled to lightning_utilities.
+def hide_packages(*packages: str) -> Iterator[None]:
+    """Make packages that are not yet loaded appear uninstalled to lightning_utilities.
 
     torchmetrics, and so Lightning, loads SciPy's signal processing and matplotlib if they are installed, which takes
     two fifths of the time to import Lightning. Explicit imports still work.

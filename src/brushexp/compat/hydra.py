@@ -23,7 +23,7 @@ _lock = Lock()  # Hydra's state is global to the process
 
 
 def parse_arguments(words: Sequence[str]) -> tuple[Namespace, list[str]]:
-    """Parse a command line as Hydra does into flags, overrides, and the words that follow flags unknown to Hydra.
+    """Parse a command line as Hydra does into flags, overrides, and the arguments after flags unknown to Hydra.
 
     A UserError explains a wrong flag, such as ``-help`` or ``-o x``.
     """
@@ -38,7 +38,7 @@ def parse_arguments(words: Sequence[str]) -> tuple[Namespace, list[str]]:
 
 
 class NodeWhenRead(ConfigNode):
-    """A choice of a config group; its config is built when Hydra reads it.
+    """A member of a config group whose config is built when Hydra reads it.
 
     Copying the store builds no configs. Pickling builds them all, because a sweep's process composes before it loads
     plugins.
@@ -89,13 +89,13 @@ def store_when_read(
     provider: str,
     package: str | None = "_global_",
 ) -> None:
-    """Publish a choice of a group (``loss``, ``look_options/init``); ``make`` builds its config when Hydra reads it."""
+    """Publish a member of a group (``loss``, ``look_options/init``); ``make`` builds its config when Hydra reads it."""
     file = f"{name}.yaml"
     _group(group)[file] = NodeWhenRead(file, make, group, package, provider)
 
 
 def move_choice(group: str, name: str, to: str, by: str) -> bool:
-    """Move a published choice to another group, without its package; False if ``by`` published it."""
+    """Move a published member to another group, without its package; False if missing or published by ``by``."""
     choices, file = _group(group), f"{name}.yaml"
     if file not in choices or choices[file].provider == by:
         return False
@@ -105,12 +105,12 @@ def move_choice(group: str, name: str, to: str, by: str) -> bool:
 
 
 def remove_choice(group: str, name: str) -> None:
-    """Remove a choice of a group if it exists."""
+    """Remove a member of a group if it exists."""
     _group(group).pop(f"{name}.yaml", None)
 
 
 def _group(path: str) -> dict[str, Any]:
-    """Return the choices of a group in Hydra's store."""
+    """Return the members of a group in Hydra's store."""
     choices: dict[str, Any] = ConfigStore.instance().repo
     for part in path.split("/"):
         choices = choices.setdefault(part, {})
@@ -118,8 +118,8 @@ def _group(path: str) -> dict[str, Any]:
 
 
 @contextmanager
-def composing_once(words: Sequence[str]) -> Iterator[None]:
-    """Skip the extra composition in which Hydra checks whether a config asks for a sweep; only studies do."""
+def skip_sweep_check(words: Sequence[str]) -> Iterator[None]:
+    """Skip the extra composition in which Hydra checks whether a config requests a sweep; only studies do."""
     if any(word.startswith(("experiment=", "+experiment=", "hydra.mode=", "hydra/")) for word in words):
         yield
         return
@@ -128,11 +128,11 @@ def composing_once(words: Sequence[str]) -> Iterator[None]:
 
 
 @contextmanager
-def isolated() -> Iterator[None]:
+def isolated_hydra() -> Iterator[None]:
     """Give the block a fresh Hydra, and restore another program's Hydra afterwards."""
     singletons: dict[Any, Any] = Singleton._instances
     kinds = (GlobalHydra, VersionBase)
-    with _lock, one_store():
+    with _lock, shared_store():
         before = {kind: singletons.pop(kind) for kind in kinds if kind in singletons}
         try:
             yield
@@ -143,10 +143,10 @@ def isolated() -> Iterator[None]:
 
 
 @contextmanager
-def one_store() -> Iterator[None]:
+def shared_store() -> Iterator[None]:
     """Share one config store among all compositions in the block.
 
-    Nothing changes it, and copying it takes a third of the time of a composition.
+    Compositions never change the store, and copying it takes a third of the time of a composition.
     """
     is_first = "__deepcopy__" not in vars(ConfigStore)
     ConfigStore.__deepcopy__ = _itself  # type: ignore[attr-defined]

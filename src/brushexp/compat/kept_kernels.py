@@ -1,4 +1,4 @@
-"""Store the code that Numba compiles; tolerate a missing folder, a full disk and damaged files (Numba 0.68)."""
+"""Store the code that Numba compiles, tolerating a missing folder, a full disk and damaged files (Numba 0.68)."""
 
 import logging
 from contextlib import suppress
@@ -12,11 +12,11 @@ _unkept: set[str] = set()  # functions that could not be stored
 
 
 def keep_compiled(function: Any) -> None:
-    """Let a function of `numba.njit` load and store its machine code if there is a folder for it."""
+    """Let a function of `numba.njit` load and store its machine code if a cache folder is available."""
     try:
         function._cache = _forgiving_cache()(function.py_func)
     except RuntimeError:  # Numba has found no folder
-        _tell_of(function.py_func.__qualname__)
+        _log_unstored(function.py_func.__qualname__)
 
 
 def is_kept() -> bool:
@@ -24,7 +24,7 @@ def is_kept() -> bool:
     return not _unkept
 
 
-def _tell_of(name: str) -> None:
+def _log_unstored(name: str) -> None:
     """Log once that compiled functions cannot be stored."""
     if not _unkept:
         log.warning(
@@ -36,7 +36,7 @@ def _tell_of(name: str) -> None:
 
 @cache
 def _forgiving_cache() -> Any:
-    """Make a cache for Numba that recompiles what it cannot load and ignores failures to store."""
+    """Make a Numba cache that recompiles what it cannot load and ignores failed writes."""
     from numba.core.caching import FunctionCache  # noqa: PLC0415  (a second)
 
     class ForgivingCache(FunctionCache):
@@ -52,6 +52,6 @@ def _forgiving_cache() -> Any:
             try:
                 super().save_overload(sig, data)
             except OSError:  # a full disk, a quota
-                _tell_of(self._py_func.__qualname__)
+                _log_unstored(self._py_func.__qualname__)
 
     return ForgivingCache

@@ -14,7 +14,7 @@ LEAST_ROWS = 64  # rows below which a band is not halved to save memory for laye
 
 
 class Drawer(Protocol):
-    """Draws strokes as layers, like a `Renderer`."""
+    """A callable that draws strokes as layers, like a `Renderer`."""
 
     @property
     def at_once(self) -> int | None:
@@ -31,7 +31,7 @@ class Drawer(Protocol):
 def bands(
     strokes: Strokes, front_to_back: Tensor, size: Size, background: Tensor, renderer: Drawer, blend: Compose
 ) -> Iterator[tuple[int, Tensor]]:
-    """Paint strokes band by band, from the top of the canvas to the bottom; the arguments are those of `Blend`.
+    """Paint strokes band by band, from top to bottom of the canvas; the arguments are those of `Blend`.
 
     Yields the first row of each band and its picture (3, h, W). A band draws only the strokes that touch it.
     """
@@ -45,7 +45,7 @@ def band_of(
     strokes: Strokes, place: Tensor, number: Tensor, band: tuple[int, int, int], background: Tensor,
     renderer: Drawer, blend: Compose,
 ) -> Tensor:  # fmt: skip
-    """Paint strokes ``number`` (n,) in a band (first row, rows, columns); ``place`` (N,) ranks the strokes, top 0."""
+    """Paint strokes ``number`` (n,) in a band (first row, rows, columns); ``place`` (N,) ranks all strokes, top = 0."""
     top, *size = band
     layers = renderer(strokes[number].moved(shift=(0, -top)))
     return blend(layers, place[number].argsort(), (size[0], size[1]), background).image
@@ -53,7 +53,7 @@ def band_of(
 
 @torch.no_grad()
 def cuts(strokes: Strokes, size: Size, renderer: Drawer) -> Iterator[tuple[int, int, Tensor]]:
-    """Cut a canvas of ``size`` (H, W) into bands: first row, number of rows, and indices of the strokes in the band."""
+    """Divide a canvas of ``size`` (H, W) into bands: first row, number of rows, and indices of the band's strokes."""
     height, width = size
     rows = renderer.rows(strokes)
     top, number = 0, torch.arange(len(strokes), device=strokes.position.device)
@@ -69,5 +69,5 @@ def cuts(strokes: Strokes, size: Size, renderer: Drawer) -> Iterator[tuple[int, 
 
 
 def within(rows: Tensor, top: int, height: int) -> Tensor:
-    """Find the strokes whose rows (N, 2) overlap the ``height`` rows that start at ``top``."""
+    """Find the strokes whose row ranges (N, 2) overlap the ``height`` rows that start at ``top``."""
     return ((rows[:, 1] > top) & (rows[:, 0] < top + height)).nonzero()[:, 0]

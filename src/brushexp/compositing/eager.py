@@ -62,7 +62,7 @@ def paint_tiles(
 def _judge(
     layers: Layers, index: Tensor, points: Tensor, goal: Tensor, size: Size, error: Tensor, total: Tensor
 ) -> None:
-    """Add each stroke's alpha |color - target|^2 and alpha to ``error`` and ``total`` (N,)."""
+    """Accumulate each stroke's alpha |color - target|^2 in ``error`` and its alpha in ``total`` (N,)."""
     alpha, color = layers.sample(index.clamp_min(0), points)
     inside = (points[..., 0] < size[1]) & (points[..., 1] < size[0])
     alpha = alpha * (index >= 0)[..., None] * inside[:, None]

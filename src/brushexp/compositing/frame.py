@@ -1,4 +1,4 @@
-"""Compute the coordinates of points in a stroke: along its curve, beyond an end, and to the side."""
+"""Compute the coordinates of points relative to a stroke: along its curve, beyond its ends, and to the side."""
 
 import torch
 from torch import Tensor
@@ -12,7 +12,7 @@ SHORTEST_SQUARED = 1 / 32  # and no shorter than about a quarter of its half wid
 
 
 def stroke_frame(curve: Tensor, points: Tensor, half_width: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Compute coordinates (...) of ``points`` (..., 2) in strokes with control points (..., 3, 2).
+    """Compute coordinates (...) of ``points`` (..., 2) relative to strokes with control points (..., 3, 2).
 
     ``t`` is the nearest parameter in [0, 1]. ``along`` (pixels) is 0 beside the curve, negative before the start and
     positive beyond the end, measured along the end's tangent. ``across`` (pixels) is positive where a point lies

@@ -1,4 +1,4 @@
-"""Layers of strokes, the compiled kernel for a kind of layer, and the canvas that a blend paints."""
+"""Define the layers of strokes, the compiled kernel for a type of layer, and the canvas that a blend produces."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -23,14 +23,14 @@ Part = Callable[..., Any]  # a function marked by `system.compiled.inline`
 
 
 class TileKernel:
-    """The compiled passes for a kind of layer, built from its parts: see the functions of these names in `passes`.
+    """The compiled passes for a type of layer, built from its parts: see the functions of these names in `passes`.
 
     Args:
-        rows: rows of ``own``, plus ``rows_per_channel`` for each channel. The skeleton owns row ABOVE, and row NEAREST
+        rows: rows of ``own``, plus ``rows_per_channel`` for each channel. The skeleton uses row ABOVE, and row NEAREST
             if ``curved``.
         temporary: scratch rows for use within a part.
-        curved: find nearest points first. The first six numbers of a stroke are then its control points in pixels:
-            start, control and end, x and y each.
+        curved: whether to find the nearest points first. The first six numbers of a stroke are then its control points
+            in pixels: start, control and end, x and y each.
         columns: how many numbers ``pull`` writes; None for as many as a stroke has.
         gather: computes gradients from the output of ``pull``, called with pairs, there, row of the lists, order,
             gradient of the picture, strokes and data. With None, the output is summed by stroke and is the gradient of
@@ -68,7 +68,7 @@ class KernelInput:
 
 
 class Layers(ABC):
-    """Coverage of N strokes: their curves, their reach, and their alpha and colour at any point."""
+    """The coverage of N strokes: their curves, their reach, and their alpha and colour at any point."""
 
     curve: Tensor  # (N, 3, 2) control points in pixels; a stroke lies entirely within ``reach`` of its curve
     reach: Tensor  # (N,) pixels beyond which alpha is exactly 0; 0 or less for a stroke that covers nothing
@@ -84,7 +84,7 @@ class Layers(ABC):
     def sample(self, index: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
         """Evaluate alpha (T, K, P) and colour (T, K, P or 1, C) of strokes ``index`` (T, K) at ``points`` (T, P, 2).
 
-        Both are in [0, 1] and differentiable in all fields. A constant colour has one pixel.
+        Both are in [0, 1] and differentiable in all fields. The pixel axis of a constant colour has length 1.
         """
 
     def pictures(self, side: int) -> Tensor:
@@ -98,17 +98,17 @@ class Layers(ABC):
         return parts.reshape(n, side, side, -1).movedim(-1, 1)
 
     def encoded(self, encode: Encode) -> "Layers":
-        """Encode the colours in other channels, where the tone of textures then mixes them with white or black."""
+        """Encode the colours into other channels, in which the tone of textures then mixes them with white or black."""
         return EncodedLayers(self, encode)
 
     def compiled(self) -> KernelInput | None:
-        """Make the input of a compiled kernel; None if no kernel can draw these layers."""
+        """Prepare the input of a compiled kernel; return None if no kernel can draw these layers."""
         return None
 
 
 @dataclass(frozen=True)
 class Canvas:
-    """A picture: ``image`` (3, H, W), display-referred RGB; ``accuracy`` (N,), without gradient, if there is a target.
+    """A picture: ``image`` (3, H, W), display-referred RGB; with a target, also ``accuracy`` (N,), without gradient.
 
     ``order.base.Order.depth`` defines accuracy; it is NaN for a stroke that covers nothing here.
     """
@@ -121,13 +121,13 @@ Compose = Callable[[Layers, Tensor, Size, Tensor], Canvas]  # as `Blend`, withou
 
 
 def accuracy_of(error: Tensor, total: Tensor) -> Tensor:
-    """Compute accuracy (N,) from sums (N,) of alpha |color - target|^2 and of alpha; NaN where nothing is covered."""
+    """Compute accuracy (N,) from sums (N,) of alpha |color - target|^2 and of alpha; NaN if nothing is covered."""
     covers = total > 1e-6  # less than a millionth of a pixel is too little to judge
     return torch.where(covers, 1 - error / total.clamp_min(1e-6), torch.nan)
 
 
 class EncodedLayers(Layers):
-    """Layers of any kind whose colours are encoded when they are sampled."""
+    """Layers of any type whose colours are encoded when they are sampled."""
 
     def __init__(self, layers: Layers, encode: Encode) -> None:
         self.layers, self.encode = layers, encode

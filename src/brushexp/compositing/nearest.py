@@ -16,7 +16,7 @@ TIE = F(3e-7)  # fraction of the curve's length; within it, two legs of a fold a
 
 @inline
 def _part_near(reach, bx, by, fx, fy, mx, my):
-    """Bound the range of t that contains all points of the curve within ``reach`` of the tile.
+    """Bound the range of t that contains all curve points within ``reach`` of the tile.
 
     (mx, my) is the start of the curve relative to the middle of the tile. Every point of the curve is within 1/32 of
     one of the 16 places in t, and every pixel's centre is within half a diagonal of the middle.
@@ -36,7 +36,7 @@ def _part_near(reach, bx, by, fx, fy, mx, my):
 
 @inline
 def _evenness(a, b, c0, bx, by, mx, my, low, high):
-    """Compute the ratio of the smallest to the largest slope of f, the cubic with zeros at the nearest points.
+    """Compute the ratio of the smallest to the largest slope of f, the cubic whose zeros are the nearest points.
 
     The range is t from ``low`` to ``high``, for all pixels of a tile. A ratio of 1 means that f is straight. If the
     ratio is above 0, each pixel has exactly one nearest point in that range.
@@ -64,7 +64,7 @@ def _constant(a, b, c0, t):
 
 @inline
 def _find_from_middle(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own):
-    """Find nearest points with Newton's method, starting in the middle."""
+    """Find nearest points with Newton's method, starting at the middle of the range."""
     floor, middle = LEAST_SLOPE * (a + abs(b) + c0) + F(1e-20), F(0.5) * (low + high)
     for q in range(AREA):
         mx, my = sx - CENTER_X[q], sy - CENTER_Y[q]
@@ -105,14 +105,14 @@ def _find_from_nine(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own):
 
 @inline
 def _four(a, b, c0, t, step):
-    """Compute `_constant` at ``t`` and three more places."""
+    """Compute `_constant` at ``t`` and at three further parameters."""
     u, v, w = t + step, t + F(2) * step, t + F(3) * step
     return _constant(a, b, c0, t), _constant(a, b, c0, u), _constant(a, b, c0, v), _constant(a, b, c0, w)
 
 
 @inline
 def _best_of_four(t, step, bend, forward, shared):
-    """Compute a quarter of |B(t) - p|^2 - |P0 - p|^2 at the best of four places, and that place."""
+    """Compute a quarter of |B(t) - p|^2 - |P0 - p|^2 at the best of four parameters, and that parameter."""
     u, v, w = t + step, t + F(2) * step, t + F(3) * step
     at_t, at_u = (bend * t + forward + shared[0]) * t, (bend * u + forward + shared[1]) * u
     at_v, at_w = (bend * v + forward + shared[2]) * v, (bend * w + forward + shared[3]) * w
@@ -123,7 +123,7 @@ def _best_of_four(t, step, bend, forward, shared):
 
 @inline
 def _three_steps(a, b, c, d, floor, t, low, high):
-    """Take three steps of Newton's method, written out because a loop would prevent SIMD code over the pixels."""
+    """Take three steps of Newton's method, unrolled because a loop would prevent SIMD code over the pixels."""
     t = _newton(a, b, c, d, floor, t, low, high)
     t = _newton(a, b, c, d, floor, t, low, high)
     return _newton(a, b, c, d, floor, t, low, high)
@@ -145,7 +145,7 @@ def _halley(a, b, c, d, t):
 
 @inline
 def _valley(a, b, c, d, t, low, high):
-    """Take five steps of Halley's method from an end; written out like `_three_steps`."""
+    """Take five steps of Halley's method from an end, unrolled like `_three_steps`."""
     t = min(max(t - _halley(a, b, c, d, t), low), high)
     t = min(max(t - _halley(a, b, c, d, t), low), high)
     t = min(max(t - _halley(a, b, c, d, t), low), high)
@@ -157,8 +157,9 @@ def _valley(a, b, c, d, t, low, high):
 def _find_from_ends(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own):
     """Find nearest points with Halley's method from both ends, and choose the nearer of the two minima of the distance.
 
-    The derivative of the squared distance is a cubic that rises. Its outermost zeros are the minima, one on each side
-    of its inflection. On both sides it curves away from the ends, so nothing lies between an end and its minimum.
+    The derivative of the squared distance is a cubic with a positive leading coefficient. Its outermost zeros are the
+    minima, one on each side of its inflection point. On each side it curves such that no zero lies between an end and
+    its minimum.
     """
     size = a + abs(b) + c0 + F(1e-20)
     unit = F(1) / size  # keeps squares from overflowing
@@ -186,7 +187,8 @@ def _find_from_ends(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own):
 def find_nearest(p, i, reach, ox, oy, own, near, j, keep):
     """Part `seek`: write the parameter of the point of stroke ``i`` nearest to each pixel of the tile to row NEAREST.
 
-    The backward pass gets a copy in steps of 1/65535, a quarter of the memory that alpha, t and distance would take.
+    The backward pass gets a copy quantised to steps of 1/65535, which takes a quarter of the memory of alpha, t and
+    distance.
     """
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
@@ -211,7 +213,7 @@ def find_nearest(p, i, reach, ox, oy, own, near, j, keep):
 
 @inline
 def recall_nearest(p, i, ox, oy, own, near, j):
-    """Part `recall`: restore what `find_nearest` stored, and correct most of the rounding by a Newton step.
+    """Part `recall`: restore what `find_nearest` stored, and correct most of the rounding error with a Newton step.
 
     Two Newton iterations compute 1 / slope from its lower bound, so that it is never too large. A negative slope counts
     as 0, because the nearest point is then an end; all slopes in a tile may be negative.

@@ -1,4 +1,4 @@
-"""The compiled passes over tiles of 8 x 8 pixels: one skeleton for every kind of layer, which supplies its parts.
+"""The compiled passes over tiles of 8 x 8 pixels: one skeleton for every type of layer, which supplies its parts.
 
 The only stored array of size strokes x pixels holds a kind's nearest points. A tile's 64 pixels stay in the first-level
 cache while its strokes are composited front to back ("over", Porter and Duff, 1984); the loops over the pixels have no
@@ -6,13 +6,13 @@ branches, so that they become SIMD code. The backward pass repeats the forward p
 nearest points. It then visits the strokes back to front and tracks what lies behind them, so that nothing is divided by
 (1 - alpha); of the colours behind, it needs only the sum of their products with the gradient of the picture. The
 gradient of a stroke in a tile goes to its own row, and rows are summed per stroke in double precision: there are no
-atomics, and the bits are the same on any number of threads.
+atomics, and results are identical to the bit on any number of threads.
 
 Colours have CHANNELS numbers. A pixel's alpha is computed once, and the loops over its channels are unrolled, because
 their number is known when a kernel is compiled (`channel_rows`).
 
-The parts are the functions `seek`, `recall`, `cover`, `tint`, `shade`, `tone` and `pull`. The ones here do nothing and
-document what is expected; `TileKernel` replaces them by those of a kind of layer. Their arguments are:
+The parts are the functions `seek`, `recall`, `cover`, `tint`, `shade`, `tone` and `pull`. The versions here do nothing
+and document the interface; `TileKernel` replaces them by those of a type of layer. Their arguments are:
 
 - ``p``: (N, C) float32, the numbers of the strokes; ``i``, the index of a stroke; ``data``, a tuple of any other data
   of the layers; ``(ox, oy)``, the upper left corner of the tile in pixels.
@@ -44,7 +44,7 @@ def recall(p, i, ox, oy, own, near, j):
 
 @inline
 def cover(p, i, data, ox, oy, own, temporary):
-    """Part: write the data of stroke ``i`` in this tile into ``own``; return whether the stroke covers any of it."""
+    """Part: write the data of stroke ``i`` for this tile into ``own``; return whether it covers any of the tile."""
 
 
 @inline
@@ -79,7 +79,7 @@ def of_color(own, buf, q, c):
 
 @inline
 def _lay(look, own, buf, opaque):
-    """Composite a stroke under those above it; return how many pixels still transmit at least the light ``opaque``."""
+    """Composite a stroke beneath those above it; return how many pixels still transmit at least ``opaque``."""
     bright = F(0)
     for q in range(AREA):
         seen, light = shade(look, own, q), buf[LIGHT * AREA + q]
@@ -161,7 +161,7 @@ def forward_pass(
 
 @inline
 def _replay(p, data, order, stroke, slot, there, near, at, n, ox, oy, buf, kept, temporary):
-    """Repeat the forward pass of a tile from its nearest points; keep each stroke's rows and the light above it."""
+    """Repeat the forward pass of a tile from its nearest points; keep each stroke's rows and the light reaching it."""
     buf[LIGHT * AREA : (LIGHT + 1) * AREA] = F(1)
     for k in range(n):
         if not there[slot[at + k]]:
@@ -191,7 +191,7 @@ def _begin_behind(background, weighs, buf):
 
 @inline
 def _step_back(look, own, buf):
-    """Write the derivative with respect to the alpha of a stroke, then include the stroke in what lies behind the next.
+    """Write the derivative with respect to a stroke's alpha, then add the stroke to what lies behind the next one.
 
     Only the product of the colour behind with the gradient of the picture is needed.
     """
@@ -204,7 +204,7 @@ def _step_back(look, own, buf):
 
 @inline
 def _product(look, seen, own, q, buf):
-    """Sum over channels the colour of a stroke at a pixel times the gradient of the picture."""
+    """Compute the dot product, over channels, of a stroke's colour at a pixel and the gradient of the picture."""
     total = F(0)
     for c in range(CHANNELS):
         total += buf[(PICTURE + c) * AREA + q] * tone(look, seen, own, q, c)
@@ -213,7 +213,7 @@ def _product(look, seen, own, q, buf):
 
 @inline
 def _miss(look, own, buf):
-    """Compute by how much the weighted squared error in a tile grows without a stroke; add it to the colour behind."""
+    """Compute how much a tile's weighted squared error grows if a stroke is removed; add it to the colour behind."""
     total = F(0)
     for q in range(AREA):
         seen, light, grown = shade(look, own, q), own[ABOVE * AREA + q], F(0)
@@ -230,12 +230,12 @@ def backward_pass(
     begin, end, p, data, reach, order, first, stroke, slot, columns, background, used, there, near, picture,
     weighs, pairs,
 ):  # fmt: skip
-    """Visit the strokes of these workers' tiles back to front, and compute the gradients of all pairs.
+    """Visit the strokes in these workers' tiles back to front, and compute the gradients of all pairs.
 
     The arguments are those of `forward_pass`, with the arrays it wrote. ``picture`` is the gradient of the image (C, H,
-    W). If ``weighs``, it is image minus target, followed by the weight of each pixel (C + 1, H, W), and the output is
-    the increase in the weighted squared error without a stroke. ``pairs`` (pairs, .) is written where they are
-    ``there``.
+    W). With ``weighs``, it is instead image minus target, followed by the weight of each pixel (C + 1, H, W), and the
+    output is the increase in the weighted squared error if a stroke is removed. ``pairs`` (pairs, .) is written where
+    they are ``there``.
     """
     buf, temporary = np.empty(SCRATCH * AREA, F), np.empty(TEMPORARY * AREA, F)
     kept = np.empty(used.max() * ROWS * AREA, F)
@@ -264,7 +264,7 @@ def backward_pass(
 
 @function
 def sum_by_stroke(begin, end, pairs, there, row, order, out):
-    """Sum the rows of each stroke's pairs, in double precision and always in the same order."""
+    """Sum the rows of each stroke's pairs, in double precision and in a fixed order."""
     totals = np.empty(pairs.shape[1], np.float64)
     for i in range(begin, end):
         totals[:] = 0.0

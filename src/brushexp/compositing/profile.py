@@ -1,4 +1,4 @@
-"""Strokes with round ends and a soft edge, whose colour may drift along them, and the parts of their kernel.
+"""Strokes with round ends and a soft edge, whose colour may change along their length, and the parts of their kernel.
 
 By the envelope theorem, the distance to a curve depends on its control points only through the nearest point at fixed
 t, so its gradient is the unit normal times the Bernstein weights. Where thickness or colour change along the stroke,
@@ -30,7 +30,7 @@ DISTANCE, COVER, ROWS = 2, 3, 4  # whether colours change along strokes, a const
 
 @dataclass(frozen=True)
 class Profile(Layers):
-    """Strokes with round ends and a soft edge; a stroke has one colour, which may drift along it.
+    """Strokes with round ends and a soft edge; each has one colour, which may change linearly along the stroke.
 
     alpha = opacity * C(d), where d is the distance to the curve and C(d) = S(h + d) + S(h - d) - 1 with the smooth step
     S of width ``soft`` + ``softness``: a box of half width h smoothed by S, so that a line thinner than its edge fades
@@ -93,7 +93,7 @@ class Profile(Layers):
 
 
 def smooth_rise(x: Tensor) -> Tensor:
-    """Compute a cubic step from -1/2 (x <= -1/2) to 1/2 (x >= 1/2), odd to the bit: its sum at x and -x is 0."""
+    """Compute a cubic step from -1/2 (x <= -1/2) to 1/2 (x >= 1/2), exactly odd: values at x and -x sum to 0."""
     z = x.clamp(-0.5, 0.5)
     return z * (1.5 - 2 * z * z)
 
@@ -113,7 +113,7 @@ def _slope(x):
 
 @inline
 def _is_wide(p, i, taper):
-    """Check whether the stroke is as thick as its edge everywhere, so that a point sees only one of its sides."""
+    """Check whether the stroke is everywhere at least as thick as its edge, so that only one side affects any point."""
     return taper == F(0) and p[i, 6] * (F(1) - abs(p[i, WIDENING])) * p[i, SHARP] >= F(0.5)
 
 
@@ -254,7 +254,7 @@ def _of_all(color, own, buf, q):
 
 @inline
 def _add_change(p, i, ox, oy, taper, own, of_t, out):
-    """Add to the gradient of the curve the dependence of thickness and colour on t, and of t on the control points."""
+    """Add to the curve's gradient the effect of t on thickness and colour, and of the control points on t."""
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
     size = bx * bx + by * by + F(3) * abs(bx * fx + by * fy) + F(2) * (fx * fx + fy * fy)

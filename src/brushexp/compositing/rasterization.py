@@ -14,7 +14,7 @@ from brushexp.system.runtime import share
 
 
 class Rasterizer(Protocol):
-    """One pass of some kernels over the layers given at construction; `paint` stores what `gradient` needs.
+    """One pass of kernels over the layers given at construction; `paint` stores what `gradient` needs.
 
     ``errors`` (N, 2) are the sums of alpha |color - target|^2 and of alpha; `paint` sets them if it gets a target.
     """
@@ -28,7 +28,7 @@ class Rasterizer(Protocol):
         """Compute gradients of the strokes' numbers and of learnt data from the gradient (C, H, W) of the picture."""
 
     def importance(self, target: Tensor, weight: Tensor) -> Tensor:
-        """Compute by how much (N,) the squared error, weighted by (H, W), grows if each stroke is removed."""
+        """Compute how much (N,) the squared error, weighted by (H, W), grows when each stroke is removed."""
 
 
 class Rasterization(Rasterizer):
@@ -91,7 +91,7 @@ class Rasterization(Rasterizer):
 
 
 class Painted(torch.autograd.Function):
-    """The kernels as a single differentiable operation from the tensors of N strokes to the picture (C, H, W)."""
+    """The kernels as a single differentiable operation that maps the tensors of N strokes to the picture (C, H, W)."""
 
     @staticmethod
     def forward(ctx: Any, rasterizer: Rasterizer, target: Tensor | None, *tensors: Tensor) -> Tensor:
@@ -109,7 +109,7 @@ class Painted(torch.autograd.Function):
 
 
 class DifferentiatedOnce(torch.autograd.Function):
-    """First derivatives that refuse (UserError) to be differentiated again, in the gradient or the inputs."""
+    """First derivatives that raise a UserError if differentiated again, in the gradient or the inputs."""
 
     @staticmethod
     def forward(ctx: Any, count: int, *tensors: Tensor) -> tuple[Tensor, ...]:

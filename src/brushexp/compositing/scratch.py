@@ -1,4 +1,4 @@
-"""Define a worker's scratch, rows of numbers for the 64 pixels of a tile, and copy pictures to and from it."""
+"""Define a worker's scratch memory, rows of numbers for the 64 pixels of a tile, and copy pictures to and from it."""
 # mypy: allow-untyped-defs
 
 from brushexp.compat.compiled import inline
@@ -6,7 +6,7 @@ from brushexp.compositing.tile_lists import AREA, TILE, F
 
 
 def channel_rows(channels: int) -> dict[str, int]:
-    """Assign the rows of a worker's scratch for colours of ``channels`` channels.
+    """Assign the rows of a worker's scratch memory for colours of ``channels`` channels.
 
     The first rows are the picture so far (in the backward pass: what lies behind), then the remaining light, the input
     picture (target, gradient or error), and the weight of its pixels or, for `pull`, the derivative with respect to
@@ -57,7 +57,7 @@ def _copy(source, goal, n):
 
 @inline
 def show(buf, background, top, left, image):
-    """Write a finished tile into the picture, with the bare canvas where light gets through."""
+    """Write a finished tile into the picture, adding the bare canvas where light still gets through."""
     for c in range(CHANNELS):
         for q in range(AREA):
             buf[c * AREA + q] += buf[LIGHT * AREA + q] * background[c]

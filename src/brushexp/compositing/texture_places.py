@@ -1,4 +1,4 @@
-"""Find where the 64 pixels of a tile sample a stroke's texture: parts of the kernel for textured strokes."""
+"""Find where the 64 pixels of a tile sample a stroke's texture; these are parts of the kernel for textured strokes."""
 # mypy: allow-untyped-defs
 
 import numpy as np
@@ -21,7 +21,7 @@ def curve_size(bx, by, fx, fy):
 
 @inline
 def place_in_texture(p, i, ox, oy, frame, own):
-    """Write rows X, Y and ONE: where pixels of a tile sample the texture of stroke ``i``, in texels; see `frame`."""
+    """Write rows X, Y and ONE: the texels at which pixels of a tile sample the texture of stroke ``i``; see `frame`."""
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
     still = F(SLOWEST * SLOWEST) * curve_size(bx, by, fx, fy) + F(SLOWEST_PIXELS * SLOWEST_PIXELS)
@@ -53,7 +53,7 @@ def place_in_texture(p, i, ox, oy, frame, own):
 
 @function
 def places_in_windows(begin, end, p, frames, places):
-    """Write the ``places`` (n, S, S, 2) where the pixels of a canvas sample strokes ``begin`` to ``end``.
+    """Write the ``places`` (n, S, S, 2) at which the pixels of a canvas sample strokes ``begin`` to ``end``.
 
     They are coordinates in the stroke's texture, from -1 to 1.
     """

@@ -1,4 +1,4 @@
-"""Strokes with textures in the stroke's own coordinates, and the parts of their kernel.
+"""Strokes with textures defined in stroke coordinates, and the parts of their kernel.
 
 The kernel fetches the four texels around a place with one load: eight bits each of opacity and of tone. The gradient
 reaches the curve through both coordinates; the textures are fixed.
@@ -31,14 +31,14 @@ ALPHA, SHADE, OPACITIES, LIGHTS, ROWS = range(PLACES, PLACES + 5)
 
 @dataclass(frozen=True)
 class TexturedProfile(Layers):
-    """Strokes whose opacity and tone are looked up in textures (`Sheets`), in coordinates of the stroke.
+    """Strokes whose opacity and tone are looked up in textures (`Sheets`) by stroke coordinates.
 
     The caps beyond the ends of a curve scale with its thickness. Along the curve lie the beginning of the texture, as
     many ``repeats`` of its loop as fit, and its end; the curve parameter t runs evenly through all of them. A ``flip``
     of -1 mirrors a texture. Lookups are bilinear.
 
-    The tone changes the colour: tone > 0 mixes it with white, tone < 0 with black, by |tone|. So the colour stays in
-    range without being clamped.
+    The tone changes the colour: tone > 0 mixes it with white, tone < 0 with black, by |tone|. The colour therefore
+    stays in range without clamping.
     """
 
     per_stroke = ("curve", "half_width", "color", "opacity", "look", "repeats", "flip")
@@ -57,7 +57,7 @@ class TexturedProfile(Layers):
         return self.half_width * self.sheets.extent.to(self.half_width.dtype)[self.look]
 
     def frame(self) -> Tensor:
-        """Compute where each stroke finds its texels (N, 8), in texels of its sheet; texel j has its centre at j.
+        """Compute how each stroke maps to its texture (N, 8), in texels of its sheet; texel j has its centre at j.
 
         The columns are: rows and columns of the sheet, the column at the start of the curve, the columns along the
         curve, the column where the loop begins, the length of the loop (1 if there is none), the repeats after the
@@ -97,7 +97,7 @@ class TexturedProfile(Layers):
         return torch.lerp(above, below, down)
 
     def pictures(self, side: int) -> Tensor:
-        """Draw like other layers, but find the places in the textures with compiled code, for training."""
+        """Draw like other layers, but look up texture coordinates with compiled code; used for training."""
         size, free = self.sheets.size[self.look], not (self.curve.requires_grad or self.half_width.requires_grad)
         if not free or side % TILE or self.curve.device.type != "cpu" or bool((size != size[:1]).any()):
             return super().pictures(side)
@@ -133,7 +133,7 @@ def with_reach(frame: Tensor, reach: Tensor) -> Tensor:
 
 @inline
 def _fetch(cells, first, columns, rows, own, at, opacity, light):
-    """Write the corners (AREA,) around the places in rows X and Y, and replace these rows with places within the cell.
+    """Write the corners (AREA,) around the places in rows X and Y, and replace these rows by positions in the cell.
 
     ``cells`` are those of all textures (`cells_of`); this texture has ``rows`` x ``columns`` texels without the ring,
     and begins at ``first``. ``at`` is scratch (AREA,) int32.
@@ -232,7 +232,7 @@ def _pull(p, i, data, ox, oy, own, temporary, buf, out):
 
 @inline
 def _of_colors(color, own, buf, q):
-    """Compute the derivatives with respect to the amounts of the stroke's colour and of white at a pixel."""
+    """Compute the derivatives with respect to the proportions of the stroke's colour and of white at a pixel."""
     plain, every = F(0), F(0)
     for c in range(CHANNELS):
         slope = of_color(own, buf, q, c)
@@ -243,7 +243,7 @@ def _of_colors(color, own, buf, q):
 
 @inline
 def _move(p, i, ox, oy, body, flip, own, out):
-    """Compute the gradients of curve and size from the gradient of the place in the texture, in rows X and Y."""
+    """Compute the gradients of the curve and its size from the gradient of the texture position in rows X and Y."""
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
     half, scale = p[i, 6], p[i, 8]

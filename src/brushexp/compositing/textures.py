@@ -1,9 +1,9 @@
-"""Textures along and across a stroke: their layout, their smaller versions, and their form for the kernel.
+"""Textures along and across a stroke: their layout, their reduced versions, and their form for the kernel.
 
-The rows of a texture run across the stroke, from ``SPREAD`` half widths on one side to as many on the other. Its
-columns are the cap before the start of the curve, its beginning, a piece that long strokes repeat (`Loop`), its end,
-and the cap beyond; columns are ``TEXEL_ASPECT`` times as far apart as rows. A ring of texels surrounds all this,
-transparent where its neighbours are, so that a lookup outside may be clamped to it with zero slope.
+The rows of a texture run across the stroke, from ``SPREAD`` half widths on one side to ``SPREAD`` half widths on the
+other. Its columns are the cap before the start of the curve, its beginning, a piece that long strokes repeat (`Loop`),
+its end, and the cap beyond; the spacing of columns is ``TEXEL_ASPECT`` times that of rows. A ring of texels surrounds
+all this, transparent where its neighbours are, so that a lookup outside may be clamped to it with zero slope.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ BYTE, HALF = 255, 127  # steps of opacity, and of tone on either side of 0
 
 @dataclass(frozen=True)
 class Loop:
-    """The columns of a texture, without its ring, that a long stroke repeats; length 0 means none."""
+    """The columns of a texture, without its ring, that repeat on a long stroke; length 0 means none."""
 
     begin: int
     length: int
@@ -29,7 +29,7 @@ class Loop:
 
 @dataclass(frozen=True, eq=False)
 class Sheets:
-    """M textures of several sizes, stored one after the other as lines of texels with their rings."""
+    """M textures of several sizes, stored consecutively as lines of texels with their rings."""
 
     texels: Tensor  # (T, C) opacity in [0, 1], tone in [-1, 1], and, where known, height in films, in [0, 1]
     first: Tensor  # (M,) int64, index of the first texel of each
@@ -56,7 +56,7 @@ def coordinates_of(rows: int, columns: int) -> tuple[Tensor, Tensor, Tensor, Ten
 
 
 def cap_of(rows: int) -> float:
-    """Compute the number of columns of a cap."""
+    """Compute the number of columns in a cap."""
     return rows / (2 * TEXEL_ASPECT)
 
 
@@ -116,14 +116,14 @@ def _round_steps(sheet: Tensor) -> Tensor:
 
 
 def extent_of(opacity: Tensor) -> Tensor:
-    """Compute the half widths (M,) from the curve beyond which opacities (M, rows + 2, columns + 2) are 0."""
+    """Compute the distances (M,) from the curve, in half widths, beyond which all opacities in a texture are 0."""
     distance = texel_distances(opacity.shape[1] - 2, opacity.shape[2] - 2).to(opacity)
     farthest = functional.max_pool2d(distance[None], 3, 1, 1)  # interpolation extends a texel to its neighbours
     return torch.where(opacity > 0, farthest, 0.0).amax((1, 2)) * (1 + 1e-5)
 
 
 def cells_of(texels: Tensor, size: Tensor) -> Tensor:
-    """Pack the corners of the cell below and to the right of each texel into one word, so that a lookup is one load.
+    """Pack the four corners of the cell below and to the right of each texel into one word, for a lookup in one load.
 
     ``texels`` (T, C) and ``size`` (M, 2) are those of `Sheets`, in whole steps of 8 bits. A word is int64: its lower
     half has the opacity of the corners above left, above right, below left and below right, lowest byte first; its

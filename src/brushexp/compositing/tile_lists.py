@@ -142,7 +142,7 @@ def _sample(curve, reach, xs, ys):
 
 @inline
 def _glance(xs, ys, count, x, y, within, beyond):
-    """Compare the distance from points of a curve to the square around (x, y) with two squared distances.
+    """Compare the distance from sampled curve points to the square around (x, y) with two squared distances.
 
     Returns 1000 or more if a point is closer than ``within``, 1 or more if one is closer than ``beyond``, and otherwise
     0.
@@ -177,10 +177,10 @@ def _flatten(curve, points):
 
 @function
 def _find(first_band, end_band, curve, reach, boxes, rows, columns, boxes_only, space, hits, per_tile, per_band):
-    """Test the tiles in the boxes of strokes within some bands; write and count those that are touched.
+    """Test the tiles in the boxes of strokes within some bands; record and count the tiles that are touched.
 
-    From ``space[i]`` on, ``hits`` has room for all tiles in the box of stroke ``i``, row by row, so that each band of
-    the stroke has its own place.
+    Starting at ``space[i]``, ``hits`` has room for all tiles in the box of stroke ``i``, row by row, so that no two
+    bands share memory.
     """
     for band in range(first_band, end_band):
         low, high = band * rows // BANDS, (band + 1) * rows // BANDS
@@ -208,7 +208,7 @@ def _find(first_band, end_band, curve, reach, boxes, rows, columns, boxes_only, 
 
 @function
 def _fill(first_band, end_band, hits, space, boxes, rows, place, row, per_band, stroke, slot):
-    """Sort the hits of some bands, which come by stroke, into the lists of tiles and strokes."""
+    """Sort the hits of some bands, which are grouped by stroke, into the lists of tiles and strokes."""
     for band in range(first_band, end_band):
         low = band * rows // BANDS
         for i in range(len(row)):
@@ -222,11 +222,11 @@ def _fill(first_band, end_band, hits, space, boxes, rows, place, row, per_band, 
 
 @inline
 def most_tiles(used):
-    """Return the largest number of tiles of a worker."""
+    """Return the largest number of tiles that a worker gets."""
     return (len(used) + RUN * WORKERS - 1) // (RUN * WORKERS) * RUN
 
 
 @inline
 def tile_of(worker, k):
-    """Return the number of tile ``k`` of a worker; the numbers ascend, and may exceed the last tile."""
+    """Return the number of a worker's tile ``k``; the numbers ascend, and may exceed that of the last tile."""
     return (k // RUN * WORKERS + worker) * RUN + k % RUN

@@ -89,7 +89,7 @@ class Windows(Layers):
     def _boxes(self) -> tuple[Tensor, Tensor]:
         """Compute the box around the visible part of each window, as a line (N, 3, 2) and a half thickness (N,).
 
-        Where an image is exactly transparent, its alpha has no gradient; neither has the network that drew it there.
+        Where an image is exactly transparent, neither its alpha nor the network that drew it gets a gradient.
         """
         side = self.images.shape[-1]
         shows = self.images[:, -1] > 0
@@ -106,7 +106,7 @@ class Windows(Layers):
 
 @inline
 def _axis(centre, scale, side, origin, index, weight, inside):
-    """Find the texels before and after each of eight pixels from ``origin`` on, along one axis.
+    """Find the texels before and after each of eight pixels, starting at ``origin``, along one axis.
 
     Writes arrays (16,), the eight texels before first: their indices, their weights, and whether they exist.
     """
@@ -192,7 +192,7 @@ def _gathering(channels: int) -> Compiled:
 
 @function
 def _over_strokes(begin, end, places, images, order, row, there, left, grad_image, grad_places, grad_images):
-    """Gather the gradients of some strokes from what `_pull` ``left`` in their tiles, always in the same order.
+    """Gather the gradients of some strokes from what `_pull` left in their tiles (``left``), always in the same order.
 
     ``places`` (N, 4) are centre x and y, side, and opacity of ``images`` (N, C + 1, S, S). Writes ``grad_places`` and
     ``grad_images``, which have the same shapes and are 0 before.

@@ -1,1 +1,1 @@
-"""Configs that ship; `brushexp.config.schema` declares the keys of tasks, and users keep their configs in ``conf``."""
+"""Shipped configs; `brushexp.config.schema` declares the keys of tasks, and users keep their own in ``conf``."""

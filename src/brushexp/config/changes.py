@@ -1,4 +1,4 @@
-"""Expand words for options of changes: ``guides=lines.png`` chooses a change and sets one of its options.
+"""Expand short words for options of changes: ``guides=lines.png`` chooses a change and sets one of its options.
 
 guides=lines.png                +change=[guides] change.guides.lines=lines.png
 guides=lines.png change=[wet]   change=[wet,guides] change.guides.lines=lines.png
@@ -26,9 +26,9 @@ NONE = ("", "null", "none")  # values of a word that choose no change
 
 
 def expand_changes(words: Sequence[str], beside: Sequence[str] = (), *, sweep: bool = False) -> list[str]:
-    """Expand the words of a command line that stand for options of changes; ``beside`` are other words in effect.
+    """Expand the command-line words that set options of changes; ``beside`` holds the other arguments in effect.
 
-    A UserError names a word whose change is not chosen or that belongs to an earlier version.
+    A UserError names any word from an earlier version and any word whose change is not chosen.
     """
     refuse_earlier(words)
     schema = TASKS.get(value_of("task", [*beside, *words]), PaintTask)
@@ -64,7 +64,7 @@ def expand_changes(words: Sequence[str], beside: Sequence[str] = (), *, sweep: b
 
 
 def with_list_of_look(words: Sequence[str], beside: Sequence[str]) -> list[str]:
-    """Write out the changes that a look chooses, unless the words name several looks or a study, or add to a list.
+    """Write out the changes that a look chooses, unless the arguments name several looks or a study, or add to a list.
 
     Hydra composes members added by ``+change`` before the look, but options of some members depend on the look.
     """
@@ -76,7 +76,7 @@ def with_list_of_look(words: Sequence[str], beside: Sequence[str]) -> list[str]:
 
 
 def choose(words: Sequence[str], names: Sequence[str], *, sweep: bool = False) -> list[str]:
-    """Add members to the typed list of changes, or to the look's list if none is typed."""
+    """Add members to the list of changes on the command line, or to the look's list if there is none."""
     if not names:
         return [*words]
     typed = [word for word in words if word.startswith((f"{GROUP}=", f"+{GROUP}="))]
@@ -91,7 +91,7 @@ def choose(words: Sequence[str], names: Sequence[str], *, sweep: bool = False) -
 
 
 def merge(words: Iterable[str]) -> list[str]:
-    """Merge all words that choose changes, such as those of a sweep and of its settings, into one list."""
+    """Merge all arguments that choose changes, such as those of a sweep and of its settings, into one list."""
     words = [*words]
     lists = [word for word in words if word.startswith((f"{GROUP}=", f"+{GROUP}="))]
     if len(lists) < 2:
@@ -102,40 +102,40 @@ def merge(words: Iterable[str]) -> list[str]:
 
 
 def keep_added(words: Sequence[str], beside: Iterable[str]) -> list[str]:
-    """Add the changes in the words ``beside`` a setting to the setting's list, which would otherwise replace them."""
+    """Add the changes in the arguments ``beside`` a setting to the setting's list, which would otherwise replace it."""
     added = [name for word in beside if word.startswith(f"+{GROUP}=") for name in names_in(word)]
     has_list = any(word.startswith((f"{GROUP}=", f"+{GROUP}=")) for word in words)
     return choose(words, added) if has_list else [*words]
 
 
 def names_in(word: str) -> list[str]:
-    """List the changes that a word names; none if the word is a sweep."""
+    """List the changes that an argument names; none if it defines a sweep."""
     found = LIST.fullmatch(word.partition("=")[2])
     return re.findall(r"\w+", found[1]) if found else []
 
 
 def chosen_by(words: Sequence[str]) -> tuple[set[str], list[set[str]]]:
-    """List the changes that words choose directly and through each look that they name."""
+    """List the changes that arguments choose, directly or through the looks they name."""
     looks = (value_of("look", words) or PaintTask.presets["look"]).split(",")
     typed = [word for word in words if word.startswith((f"{GROUP}=", f"+{GROUP}="))]
     return {name for word in typed for name in names_in(word)}, [{*changes_of(look)} for look in looks]
 
 
 def changes_of(look: str) -> list[str]:
-    """List the changes that a look chooses, or the task if the look chooses none."""
+    """List the changes that a look chooses, or the task's changes if the look chooses none."""
     stored = ConfigStore.instance().repo.get("look", {}).get(f"{look}.yaml")
     look_node: Any = {} if stored is None else stored.node
     return [*choices_of(look_node, PaintTask.groups)[GROUP]]
 
 
 def missing(brought: Iterable[str], words: Sequence[str]) -> list[str]:
-    """List the implied words whose keys are not typed."""
+    """List the implied arguments whose keys the user has not set."""
     typed = {key.lstrip("+~") for key, _ in pairs_in(words)}
     return [word for word in brought if word.partition("=")[0].lstrip("+") not in typed]
 
 
 def refuse_earlier(words: Sequence[str]) -> None:
-    """Refuse (UserError) callbacks and tasks of earlier versions that are now changes."""
+    """Raise a UserError for callbacks and tasks of earlier versions that are now changes."""
     for key, value in pairs_in(words):
         for name in re.findall(r"\w+", value) if key in ("task", "callbacks", "+callbacks") else ():
             if cure := table_of_words("earlier").get(f"{key.lstrip('+')}={name}"):
@@ -144,7 +144,7 @@ def refuse_earlier(words: Sequence[str]) -> None:
 
 
 def needs(word: str) -> str:
-    """Explain which words choose the change whose option a word sets."""
+    """Explain which words choose the change whose option an argument sets."""
     names = [path_of(path)[0] for path in table_of_words("change_options")[word]]
     choosing = [key for key, path in table_of_words("change_words").items() if path_of(path)[0] in names]
     other = spellings("keys").get(word)
@@ -169,7 +169,7 @@ def path_of(option: str) -> tuple[str, str]:
 
 
 def as_typed_word(name: str, node: Mapping[str, Any] | DictConfig) -> str:
-    """Write a chosen change as its word, ``wet=0.5``, or as ``change=random_ground`` if it has no word."""
+    """Write a chosen change as its short word, ``wet=0.5``, or as ``change=random_ground`` if it has none."""
     for word, path in table_of_words("change_words").items():
         change, option = path_of(path)
         if change == name and node.get(option) is not None:
@@ -178,7 +178,7 @@ def as_typed_word(name: str, node: Mapping[str, Any] | DictConfig) -> str:
 
 
 def shortened(words: Iterable[str]) -> list[str]:
-    """Shorten expanded words, for a command line that can be typed.
+    """Shorten expanded arguments for a command line that can be typed.
 
     >>> shortened(["image=a.png", "+change=[guides]", "change.guides.lines=b.png"])
     ['image=a.png', 'guides=b.png']

@@ -34,16 +34,16 @@ NOT_KEYS = {"task", "hydra", "experiment"}  # names at the top of a config that 
 STYLE_PARTS = {"style.loss": "style.image", "style.strokes": "style.brushwork"}  # losses and the keys that add them
 
 
-def leave_to_others(name: str, values: Mapping[str, Any]) -> None:
-    """Refuse (UserError) values for which another task stands in for this one."""
+def check_stand_ins(name: str, values: Mapping[str, Any]) -> None:
+    """Raise a UserError for values that require another task in place of this one."""
     if (other := task_for(name, values)) != name:
         raise UserError(f"task={other} handles this, not task={name}; repeat the command with task={other}")
 
 
 def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
-    """Check a composed config, and keep the built plugins for the run; a UserError names the override to correct."""
+    """Check a composed config, and keep the plugins built for the run; a UserError names the override to correct."""
     schema = TASKS[cfg.task]
-    leave_to_others(cfg.task, cfg)
+    check_stand_ins(cfg.task, cfg)
     for family in MULTI_SELECT:
         if {f"+{family}", family} <= {override.partition("=")[0] for override in overrides}:
             raise UserError(f"Hydra ignores +{family}=... beside {family}=; type one list: '{family}=[a,b]'")
@@ -71,7 +71,7 @@ def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
 
 
 def name_scaling_key(cfg: DictConfig, key: Key) -> str:
-    """Explain which key scales another key's value beyond its bounds, with its limit; "" if none does."""
+    """Explain which key scales another key's value beyond its bounds, and give its limit; "" if none does."""
     scaling, power = SCALED_BY.get(key.name, ("", 0))
     if not power or not OmegaConf.is_interpolation(cfg, key.name) or not isinstance(key.bounds, Bounds):
         return ""
@@ -85,9 +85,9 @@ def name_scaling_key(cfg: DictConfig, key: Key) -> str:
 
 
 def check_collection(name: str, annotation: Any, value: Any) -> None:
-    """Refuse (UserError) a value that is not a list or mapping of the annotated type.
+    """Raise a UserError for a value that is not a list or mapping of the annotated type.
 
-    OmegaConf checks typed values, but not the values of interpolations such as ``${seed}``.
+    OmegaConf checks values with declared types, but not the values of interpolations such as ``${seed}``.
     """
     kind = without_null(annotation)
     if get_origin(kind) not in COLLECTIONS or (value is None and kind != annotation):
@@ -104,7 +104,7 @@ def check_collection(name: str, annotation: Any, value: Any) -> None:
 
 
 def check_names(cfg: DictConfig) -> None:
-    """Refuse keys that the task does not have, at any level."""
+    """Reject keys that the task does not have, at any level."""
     schema = TASKS[cfg.task]
     names = {*keys_of(schema), *groups_of(schema), *NOT_KEYS, *(group.rpartition("@")[2] for group in schema.groups)}
     parents = {name.rpartition(".")[0] for name in names}
@@ -116,7 +116,7 @@ def check_names(cfg: DictConfig) -> None:
 
 
 def check_plugin(path: str, node: DictConfig, is_used: bool) -> None:
-    """Check the options of a plugin in its node of a config; build and keep it if the run uses it."""
+    """Check the options of a plugin in its config node; build it and keep it if the run uses it."""
     options = options_in(node, path)
     try:
         if is_used:
@@ -137,7 +137,7 @@ def leaves(settings: Any, above: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def check_chosen(cfg: DictConfig) -> None:
-    """Refuse a family without a chosen member, and options of a plugin that is not chosen."""
+    """Reject a family without a chosen member, and options of a plugin that is not chosen."""
     for family, default in TASKS[cfg.task].groups.items():
         if isinstance(default, str) and family in FAMILIES and "_target_" not in (cfg.get(family) or {}):
             raise UserError(f"{family} is not chosen; choose one of {members_of(family)}")
@@ -173,19 +173,19 @@ def nodes_of(cfg: DictConfig, above: str = "") -> Iterator[tuple[str, DictConfig
 
 
 def members_of(family: str) -> str:
-    """List the members of a family for a message."""
+    """List the members of a family for an error message."""
     return ", ".join(plugin.name for plugin in plugins(family))
 
 
 def nearest_first(word: str, names: Sequence[str]) -> str:
-    """List the three names most similar to a word for a message, with known synonyms first."""
+    """List the three names most similar to a word for an error message, known synonyms first."""
     plain = plain_name(word)
     ours = [name for name in (spellings("keys").get(plain, ""), spellings("members").get(plain, "")) if name in names]
     return ", ".join([*dict.fromkeys([*ours, *get_close_matches(word.lower(), names, SUGGESTIONS, 0)])][:SUGGESTIONS])
 
 
 def unknown_option(option: str, plugin: Plugin, arguments: Sequence[str] = ()) -> str:
-    """Explain that a plugin lacks an option, and name the plugins that have it, typed ones first."""
+    """Explain that a plugin lacks an option, and name the plugins that have it, those the user named first."""
     family, names = plugin.family, list(plugin.meanings)
     text = f"{plugin.path}.{option} is not an option of {family}={plugin.name}; "
     text += f"its options, nearest first: {nearest_first(option, names)}" if names else "it has none"
@@ -202,19 +202,19 @@ def unknown_option(option: str, plugin: Plugin, arguments: Sequence[str] = ()) -
 
 
 def change_words_of(schema: type[Task]) -> dict[str, str]:
-    """Map the words that a task accepts for options of changes to these options."""
+    """Map the short words that a task accepts to the options of changes they set."""
     taken = table_of_words("change_words") if "change" in schema.groups else {}
     return {word: option for word, option in taken.items() if word not in keys_of(schema)}
 
 
 def meaning_of_option(option: str) -> str:
-    """Return the meaning of a plugin's option such as ``change.wet.amount``, or "" if there is none."""
+    """Return the description of a plugin's option such as ``change.wet.amount``, or "" if there is none."""
     above, _, name = option.rpartition(".")
     return next((plugin.meanings.get(name, "") for plugin in plugins() if plugin.path == above), "")
 
 
-def known_elsewhere(typed: str, task: str) -> str:
-    """Explain a missing key by its name in this program; "" if it has none."""
+def explain_foreign_key(typed: str, task: str) -> str:
+    """Explain an unknown key by giving its name in this program; "" if there is no equivalent."""
     schema, plain = TASKS[task], plain_name(typed)
     keys, words = keys_of(schema), change_words_of(schema)
     if typed in words:
@@ -234,7 +234,7 @@ def unknown_key(typed: str, task: str) -> str:
     family, _, rest = typed.partition(".")
     keys, plain = keys_of(TASKS[task]), plain_name(typed)
     names = [*keys, *change_words_of(TASKS[task]), *groups_of(TASKS[task])]
-    if known := known_elsewhere(typed, task):
+    if known := explain_foreign_key(typed, task):
         return known
     if family in MULTI_SELECT and rest:
         name, members = rest.partition(".")[0], [plugin.name for plugin in plugins(family)]

@@ -10,7 +10,7 @@ from typing import Any
 from hydra import compose, initialize_config_module
 from omegaconf import DictConfig, OmegaConf
 
-from brushexp.compat.hydra import isolated, parse_arguments
+from brushexp.compat.hydra import isolated_hydra, parse_arguments
 from brushexp.errors import UserError
 from brushexp.registry import FAMILIES, literal
 from brushexp.system.reading import decode_text
@@ -22,9 +22,9 @@ GLOBAL = "# @package _global_\n"  # first line of global config files
 
 
 def folders_of(root: Path, words: Sequence[str] = ()) -> list[Path]:
-    """List the folders of configs: the shipped ones and the user's, which is ``--config-dir`` or ``root/conf``.
+    """List the config folders: the shipped one and the user's, which is ``--config-dir`` or ``root/conf``.
 
-    A UserError names a typed folder that does not exist.
+    Raises a UserError if the given folder does not exist.
     """
     typed = parse_arguments(words)[0].config_dir
     own = root / "conf" if typed is None else Path(typed)
@@ -35,7 +35,7 @@ def folders_of(root: Path, words: Sequence[str] = ()) -> list[Path]:
 
 
 def own_folders(folders: Sequence[Path]) -> list[Path]:
-    """List the folders of configs that do not ship with the program."""
+    """List the config folders that do not ship with the program."""
     return [folder for folder in folders if folder not in conf_folders()]
 
 
@@ -46,12 +46,12 @@ def folders_in(cfg: DictConfig) -> list[Path]:
 
 
 def files_of(folder: Path, group: str) -> dict[str, Path]:
-    """Map names to files of a group in a folder of configs."""
+    """Map the names in a config group to their files in a config folder."""
     return {path.stem: path for path in sorted((folder / group).glob("*.yaml"))}
 
 
 def presets_of(folder: Path) -> dict[str, str]:
-    """Map the presets in a folder to their first comment lines; the line that Hydra reads does not count."""
+    """Map the presets in a folder to their first comment lines, ignoring Hydra's own directive line."""
     texts = {path.stem: decode_text(path.read_bytes()) for path in folder.glob("*.yaml")}
     return {name: text.removeprefix(GLOBAL).partition("\n")[0].lstrip("# ") for name, text in texts.items()}
 
@@ -68,7 +68,7 @@ def search_path(folders: Sequence[Path]) -> list[str]:
 
 
 def without_folder(words: Sequence[str]) -> list[str]:
-    """Drop ``--config-dir`` from the words of a command line."""
+    """Drop ``--config-dir`` from command-line arguments."""
     flags = ("--config-dir", "-cd")
     return [
         word
@@ -84,9 +84,9 @@ def quote(text: str) -> str:
 
 
 def composed(words: Sequence[str], folders: Sequence[Path] = ()) -> DictConfig:
-    """Compose the config for the words of a command line; ``folders`` of configs default to the shipped ones.
+    """Compose the config for command-line arguments; ``folders`` default to the shipped config folders.
 
     The function is thread-safe and does not disturb other users of Hydra in this process.
     """
-    with isolated(), initialize_config_module("brushexp.conf", version_base="1.3"):
+    with isolated_hydra(), initialize_config_module("brushexp.conf", version_base="1.3"):
         return compose("config", overrides=[*words, *search_path(folders or conf_folders())])

@@ -60,7 +60,7 @@ def _annotations_of(name: str, task: str) -> Iterator[list[Any]]:
 
 
 def _owners(family: str, option: str) -> list[tuple[Plugin, str]]:
-    """List the plugins that may have an option, each with the plugin's name for the option."""
+    """List the plugins that may have an option, each with its own name for the option."""
     if family in MULTI_SELECT:
         name, _, own = option.partition(".")
         plugin = member(family, name)

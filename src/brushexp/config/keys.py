@@ -29,7 +29,7 @@ class Key:
 
 
 def keys_of(schema: type[Any], above: str = "") -> dict[str, Key]:
-    """List all keys of a task by their full names; keys that every task has come last."""
+    """List all keys of a task by their full names, with the keys common to all tasks last."""
     hints = get_type_hints(schema)
     keys: dict[str, Key] = {}
     inherited = {item.name for base in schema.__bases__ if is_dataclass(base) for item in fields(base)}
@@ -49,12 +49,12 @@ def groups_of(schema: type[Any]) -> list[str]:
 
 
 def with_types(schema: type[Any], values: DictConfig) -> DictConfig:
-    """Convert the values of a task's keys to the types of its schema; OmegaConf raises an error if one does not fit."""
+    """Convert the values of a task's keys to the types of its schema; OmegaConf raises an error if this fails."""
     return OmegaConf.merge(without_class(OmegaConf.structured(schema)), values)  # type: ignore[return-value]
 
 
 def without_class(node: DictConfig) -> DictConfig:
-    """Copy typed values into a plain mapping, so that groups can be added."""
+    """Copy values with declared types into a plain mapping, so that groups can be added."""
     children = ((name, node._get_node(name)) for name in node)
     return DictConfig(
         {name: without_class(child) if isinstance(child, DictConfig) else child for name, child in children}

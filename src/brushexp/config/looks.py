@@ -1,8 +1,9 @@
 """Publish looks: files of overrides, ``conf/look/<name>.yaml``, that define a medium or style (``look=oil``).
 
-A look also sets options of plugins, which must yield if another plugin is typed. So these options are published one by
-one, as ``look_options/<family>/<look>_<member>``. The defaults lists of tasks, and of members of families that allow
-several, load only the options of the chosen members. A typed ``renderer=analytic`` keeps all other options.
+A look also sets options of plugins, which must not apply if the user chooses another plugin. These options are
+therefore published separately, as ``look_options/<family>/<look>_<member>``. The defaults lists of tasks, and of
+members of families that allow several, load only the options of the chosen members. ``renderer=analytic`` on the
+command line keeps all other options.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -36,7 +37,7 @@ LAYERS = 3  # layers added at abstraction=1, so that the smallest strokes keep t
 
 
 def scale(key: str, value: float, *, _root_: DictConfig) -> int | float:
-    """Scale a look's value of a key by ``detail``, ``effort`` and ``abstraction``; integers stay integers."""
+    """Scale a look's value of a key by ``detail``, ``effort`` and ``abstraction``; integers remain integers."""
     fewer = FEWER**_root_.abstraction
     scaled: dict[str, int | float] = {
         "steps": round(value * _root_.effort),
@@ -49,10 +50,10 @@ def scale(key: str, value: float, *, _root_: DictConfig) -> int | float:
 
 
 def fast_start(look: str, family: str) -> str:
-    """Choose a member for a draft; for ``init``, one that lays strokes in a single pass, if the look's choice has one.
+    """Choose a member for a draft; for ``init``, one that places strokes in a single pass, if the look names one.
 
-    The members of other families then match this initialiser. A look that imitates brushwork or tunes the optimizer
-    keeps its own members.
+    The members of other families are then chosen to match this initialiser. A look that imitates brushwork or tunes the
+    optimizer keeps its own members.
     """
     store = ConfigStore.instance()
     node = store.load(f"look/{look}.yaml").node
@@ -67,7 +68,7 @@ def fast_start(look: str, family: str) -> str:
 
 
 def start_of_draft(look: str, family: str) -> str:
-    """Choose a member for a draft: the look's own member if its strokes keep their size, otherwise a fast start."""
+    """Choose a member for a draft: the look's own if its strokes keep their size, otherwise that of a fast start."""
     node = ConfigStore.instance().load(f"look/{look}.yaml").node
     return str(choices_of(node, PaintTask.groups)[family]) if node.get(KEEPS_SIZE) else fast_start(look, family)
 
@@ -79,7 +80,7 @@ def density_of_quality(look: str, density: str) -> str:
 
 
 def by_quality(nearer: Any, finished: Any, *, _root_: DictConfig) -> Any:
-    """Choose the effect of ``quality``: ``finished`` if a look's strokes keep their size, otherwise ``nearer``."""
+    """Resolve a value in a quality preset: ``finished`` if the look's strokes keep their size, otherwise ``nearer``."""
     return finished if _root_[KEEPS_SIZE] else nearer
 
 
@@ -91,7 +92,7 @@ OmegaConf.register_new_resolver("fast_start", fast_start, replace=True)
 
 
 def publish_looks(folders: Sequence[Path], schema: type[Any], left_out: Collection[Path] = ()) -> set[str]:
-    """Publish the looks in folders of configs for a task, and list the one-member families whose options they set.
+    """Publish the looks in config folders for a task, and list the single-member families whose options they set.
 
     Files are parsed now, and checked when they are chosen.
     """
@@ -120,7 +121,7 @@ def look_names() -> list[str]:
 
 
 def _parse(path: Path) -> dict[str, Any]:
-    """Parse the file of a look into plain values; an invalid file, which `_read` reports, becomes an empty mapping."""
+    """Parse the file of a look into plain values; an invalid file becomes an empty mapping, and `_read` reports it."""
     try:
         return _with_options_of_changes(yaml_of(read_text(path, "correct it")))
     except UserError:
@@ -128,9 +129,9 @@ def _parse(path: Path) -> dict[str, Any]:
 
 
 def _with_options_of_changes(look: dict[str, Any]) -> dict[str, Any]:
-    """Expand words for options of changes, such as ``wet: 0.5``, into these options, and choose the changes.
+    """Expand short words for options of changes, such as ``wet: 0.5``, into those options, and choose the changes.
 
-    Looks of version 0.1 contain such keys, and users still type them.
+    Looks of version 0.1 contain such keys, and users still write them.
     """
     words = {word: option for word, option in table_of_words("change_words").items() if word in look}
     if not words or not isinstance(look.get("change") or {}, dict):
@@ -148,7 +149,7 @@ def _with_options_of_changes(look: dict[str, Any]) -> dict[str, Any]:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """Read the file of a look; refuse (UserError) plugins or options in places that Hydra ignores."""
+    """Read the file of a look; raise a UserError for plugins or options in places that Hydra ignores."""
     look = _with_options_of_changes(yaml_of(read_text(path, "correct it")))
     if not look:
         raise UserError(f"{path} sets nothing; a look has lines like 'steps: 100'")
@@ -182,12 +183,12 @@ def _keys_of(path: Path, schema: type[Any]) -> DictConfig:
 
 
 def _as_scaled(key: str, value: object) -> object:
-    """Wrap a number of a look so that `scale` adapts it."""
+    """Wrap a number in a look so that `scale` can adapt it."""
     return f"${{scaled:{key},{value}}}" if isinstance(value, int | float) else value
 
 
 def _tuned_by(look: Mapping[str, Any], groups: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield the family and name of each member whose options a look sets."""
+    """Yield the family and name of each member whose options are set by a look."""
     chosen = choices_of(look, groups)
     for family in FAMILIES:
         if family not in look:
@@ -200,7 +201,7 @@ def _tuned_by(look: Mapping[str, Any], groups: Mapping[str, Any]) -> Iterator[tu
 
 
 def _options_of(path: Path, family: str, chosen: str, groups: Mapping[str, Any]) -> DictConfig:
-    """Build the config of a look's options for a member; refuse (UserError) options that the plugin lacks."""
+    """Build the config of a look's options for a member; raise a UserError for options that the plugin lacks."""
     look = _read(path)
     options: DictConfig = OmegaConf.create(look[family][chosen] if family in MULTI_SELECT else look[family])
     check_options(path, family, chosen, options)
@@ -210,7 +211,7 @@ def _options_of(path: Path, family: str, chosen: str, groups: Mapping[str, Any])
 
 
 def choices_of(look: Mapping[str, Any] | DictConfig, groups: Mapping[str, Any]) -> dict[str, Any]:
-    """Map the families of a task to the members that the look chooses, or the task if the look chooses none."""
+    """Map the families of a task to the members chosen by the look, or by the task if the look chooses none."""
     chosen = dict(groups)
     for entry in look.get("defaults") or []:
         if isinstance(entry, Mapping | DictConfig):
@@ -219,7 +220,7 @@ def choices_of(look: Mapping[str, Any] | DictConfig, groups: Mapping[str, Any]) 
 
 
 def check_options(path: Path, family: str, name: str, options: DictConfig) -> None:
-    """Refuse (UserError) a file that sets options that the plugin does not have."""
+    """Raise a UserError for a file that sets options that the plugin does not have."""
     if (plugin := member(family, name)) is None:
         return  # a preset, which Hydra reports
     try:
@@ -231,13 +232,13 @@ def check_options(path: Path, family: str, name: str, options: DictConfig) -> No
 
 
 def is_tuned(family: str, name: str) -> bool:
-    """Check whether a published look sets options of a member of a family that allows several."""
+    """Check whether any published look sets options of this member of a family that allows several."""
     stored = ConfigStore.instance().get_type(f"{UNTUNED}/{family}/{name}.yaml")
     return stored is ObjectType.CONFIG
 
 
 def _make_tunable(family: str, name: str) -> None:
-    """Republish a member so that looks set its options wherever the member is chosen."""
+    """Republish a member so that a look's options for it apply wherever it is chosen."""
     parts = [
         "_self_",
         f"/{UNTUNED}/{family}/{name}@_here_",

@@ -44,12 +44,12 @@ def explanation(error: BaseException, folders: Sequence[Path], arguments: Sequen
     if match := re.search(r"interpolation '\$\{look\}_(\w+)'", text):
         family = next((word.partition("=")[0].lstrip("+") for word in arguments if word.startswith("+")), "loss")
         return f"+{family}={match[1]} has no list to add to; type the whole list, {family}=[...,{match[1]}]"
-    return translate(text, task_of(arguments, folders), folders, arguments) or unreadable(error) or text
+    return translate(text, task_of(arguments, folders), folders, arguments) or explain_unparsed(error) or text
 
 
 def translate(text: str, task: str, folders: Sequence[Path], arguments: Sequence[str] = ()) -> str | None:
-    """Translate an error message of Hydra or OmegaConf for a task; None for an unknown message."""
-    if message := of_grammar(text):
+    """Translate an error message of Hydra or OmegaConf for a task; return None for an unknown message."""
+    if message := explain_grammar_error(text):
         return message
     if match := re.search(r"Could not (?:find|load) '(\w+)/([^']*)'", text):
         names = choices(match[1], folders)
@@ -72,10 +72,10 @@ def translate(text: str, task: str, folders: Sequence[Path], arguments: Sequence
     return wrong_type(text, task)
 
 
-def of_grammar(text: str) -> str | None:
-    """Translate an error message of Hydra or OmegaConf about a word they cannot parse; None for other messages."""
+def explain_grammar_error(text: str) -> str | None:
+    """Translate an error message of Hydra or OmegaConf about an argument they cannot parse; None for other messages."""
     if match := re.match(r"LexerNoViableAltException: (.*?) \^ See |Ambiguous value for argument '(.*?)' ", text):
-        return quoting(match[1]) if match[1] else several(match[2])
+        return explain_quoting(match[1]) if match[1] else several(match[2])
     if match := re.search(r"Sweep parameters '(.*)' requires --multirun", text):
         return several(match[1])
     if match := re.search(r"Could not delete (from config\. )?'([\w./@]+)'", text):
@@ -89,24 +89,24 @@ def of_grammar(text: str) -> str | None:
     return None
 
 
-def unreadable(error: BaseException) -> str | None:
-    """Explain a word that Hydra's parser rejects without explanation; None for other errors."""
+def explain_unparsed(error: BaseException) -> str | None:
+    """Explain an argument that Hydra's parser rejects without explanation; None for other errors."""
     word = getattr(error, "override", None)
     if word and (twice := re.fullmatch(r"([\w.]+)=[=:](.*)", word)):
         return f"{word} has one sign too many; type {twice[1]}={twice[2]}"
     return f"{word} cannot be parsed; a list is key=[a,b], a text with such characters key='\"...\"'" if word else None
 
 
-def quoting(word: str) -> str:
-    """Explain how to type a word that contains characters of Hydra's grammar."""
+def explain_quoting(word: str) -> str:
+    """Explain how to quote an argument that contains characters of Hydra's grammar."""
     key = word.partition("=")[0]
     return f"{word} has characters that need quotes; type both kinds: '{key}=\"...\"'"
 
 
 def several(word: str) -> str:
-    """Explain how to type several values, or a number with a decimal comma or thousands separators."""
+    """Explain how to enter several values, or a number with a decimal comma or thousands separators."""
     key, _, value = word.partition("=")
-    if (takes_fractions(key) or "x" in value) and (meant := with_points(value)):
+    if (takes_fractions(key) or "x" in value) and (meant := with_decimal_points(value)):
         thousands = f" or {key}={value.replace(',', '')}" if re.fullmatch(r"[1-9]\d{0,2},\d{3}", value) else ""
         return f"{word} are several values; type {key}={meant}{thousands}, or add -m for a sweep"
     if key == "background" and re.fullmatch(r"\d{1,3}(,\d{1,3}){2}", value):
@@ -132,7 +132,7 @@ def takes_fractions(key: str) -> bool:
     return any(kind is float or float in get_args(kind) for kind in kinds)
 
 
-def with_points(value: str) -> str | None:
+def with_decimal_points(value: str) -> str | None:
     """Replace decimal commas with points in a number or a size such as 29,7x21; None for other values.
 
     >>> with_points("30,5"), with_points("1.000,5"), with_points("-1,5e-3"), with_points("29,7x21")
@@ -148,7 +148,7 @@ def with_points(value: str) -> str | None:
 
 
 def task_of(arguments: Sequence[str], folders: Sequence[Path]) -> str:
-    """Find the task of a command line or of the experiment it names."""
+    """Find the task named by a command line or by its experiment."""
     words = [word for word in add_task(arguments) if re.fullmatch(r"(task|experiment)=\w+", word)]
     if not any(word.startswith("experiment=") for word in words):
         typed = [word.removeprefix("task=") for word in words]
@@ -180,14 +180,14 @@ def wrong_type(text: str, task: str) -> str | None:
         given = (value[1] or value[2]) if value else "..."
         wrong = f"{path}={given} is not {in_words(annotation)}"
         example = EXAMPLES.get(strip_null(annotation), example) if default is None else example
-        example = meant_by(given, strip_null(annotation), meaning) or example
+        example = guess_value(given, strip_null(annotation), meaning) or example
         if (first := re.match(r"\[([^][{}:,]+),", given)) and "[" not in in_words(annotation):
             wrong, example = f"{wrong}: only one value is allowed", first[1]
     return f"{wrong}; try {path}={example}" + f" ({meaning})" * bool(meaning)
 
 
-def meant_by(value: str, kind: Any, meaning: str) -> str | None:
-    """Guess the value meant by a unit, a size, a word for none, or text in place of a list; None if unknown.
+def guess_value(value: str, kind: Any, meaning: str) -> str | None:
+    """Guess what the user meant by a unit, a size, a word for none, or text in place of a list; None if unknown.
 
     >>> meant_by("512px", int, ""), meant_by("1920x1080", int, ""), meant_by("2min", float, "")
     ('512', '1920', '120')
@@ -201,7 +201,7 @@ def meant_by(value: str, kind: Any, meaning: str) -> str | None:
     if kind not in (int, float):
         return f"[{value}]" if get_args(kind) == (str,) and value[:1] != "[" else None
     value = value.strip("'\"").lower()
-    value = (with_points(value) or value) if kind is float else value
+    value = (with_decimal_points(value) or value) if kind is float else value
     if value in UNSET:
         return next((choice for choice in ("0", "null") if f"{choice} = " in meaning), None)
     if (time := re.fullmatch(r"(\d+):(\d\d)", value)) and meaning.startswith("seconds"):
@@ -215,7 +215,7 @@ def meant_by(value: str, kind: Any, meaning: str) -> str | None:
 
 
 def declaration_of(path: str, task: str) -> tuple[Any, Any, str] | None:
-    """Find the type, default and meaning of a key or of a plugin's option; None if it does not exist."""
+    """Find the type, default and description of a key or of a plugin's option; None if it does not exist."""
     if (key := keys_of(TASKS[task]).get(path)) is not None:
         return key.annotation, key.default, key.meaning
     above, _, option = path.rpartition(".")

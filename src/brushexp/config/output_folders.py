@@ -1,4 +1,4 @@
-"""Choose the folder of a run if ``output`` is not typed."""
+"""Choose the folder of a run if the user does not set ``output``."""
 
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ def beside_painting(*, _root_: DictConfig) -> str:
 
 
 def run_beside(cfg: DictConfig) -> Path | None:
-    """Return the folder of the run whose painting is exported, or None if the export goes elsewhere."""
+    """Return the folder of the run whose painting is exported, or None if the export is written elsewhere."""
     plain: Any = OmegaConf.to_container(cfg, resolve=False)
     catalogue, hydra = plain.get("catalogue"), plain.get("hydra") or {}
     is_job = getattr(hydra.get("mode"), "name", None) == "MULTIRUN"

@@ -43,7 +43,8 @@ PUBLISHER = "brushexp"  # owner of a config in Hydra's store
 def prepare(root: Path, words: Sequence[str] = (), *, warns: bool = True) -> None:
     """Announce all plugins, import ``root/plugins``, and publish tasks and presets to Hydra.
 
-    It ``warns`` of files that are left out, but not in the processes of a sweep, whose parent has warned already.
+    With ``warns``, files that are left out are reported, except in the processes of a sweep, whose parent has already
+    warned.
     """
     load_plugins(root / "plugins", warns=warns)
     folders = folders_of(root, words)
@@ -63,7 +64,7 @@ def offer(folders: Sequence[Path], left_out: Collection[Path] = ()) -> None:
 def offer_tasks(tuned: Collection[str]) -> None:
     """Publish every task as a choice of Hydra's group ``task``; looks set options of ``tuned`` families.
 
-    A run reads only one of them.
+    A run reads only one of these tasks.
     """
     for name in TASKS:
         store_when_read(MEMBERS, name, partial(members_of_task, name), PUBLISHER, package=None)
@@ -91,8 +92,8 @@ def offer_presets(family: str, paths: Mapping[str, Path]) -> None:
     """Publish YAML files as members of a family that allows several: ``loss=name``.
 
     By itself, Hydra would put the values of ``conf/loss/name.yaml`` next to the losses, not below ``loss.name``. Files
-    that list several members or name their package are left to Hydra. A UserError refuses a file that has the name of a
-    plugin or sets an option that its plugin lacks.
+    that list several members or name their package are left to Hydra. A file that has the name of a plugin, or sets an
+    option that its plugin lacks, raises a UserError.
     """
     for name, path in paths.items():
         if any(name == plugin.name for plugin in plugins(family)):
@@ -107,7 +108,7 @@ def offer_presets(family: str, paths: Mapping[str, Path]) -> None:
 
 
 def offer_sweepers() -> None:
-    """Replace Hydra's sweeper with ours under the same name, and offer the sweepers of packages.
+    """Replace Hydra's sweeper with ours under the same name, and publish the sweepers of packages.
 
     A default in config.yaml would override a study that chooses another sweeper.
     """

@@ -1,4 +1,4 @@
-"""Check before a run starts that the files of a config exist and that its keys fit together."""
+"""Check before a run starts that the files in a config exist and that its keys are consistent."""
 
 import logging
 import re
@@ -67,7 +67,7 @@ def canvas_of(path: str, option: str) -> tuple[int, tuple[int, int]]:
 
 
 def working_side(text: str, option: str) -> int:
-    """Read the longer side of a working picture in pixels, or refuse (UserError) the text."""
+    """Read the longer side of a working picture in pixels; raise a UserError if it cannot be parsed."""
     if not re.fullmatch(r"\d{1,9}", text) or not 1 <= int(text) <= LARGEST_RESOLUTION:
         raise UserError(f"{option}={text} is not {AUTO}, null or 1 to {LARGEST_RESOLUTION}; try {option}={AUTO}")
     return int(text)
@@ -82,7 +82,7 @@ FACES = Rule(partial(size_of_picture, resolution=1, also=f"{AUTO}, {OFF}, "), be
 
 
 def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
-    """Check a painting of one picture, and warn of typed keys that its changes override."""
+    """Check the config of a painting of one picture, and warn of user-set keys that its changes override."""
     from brushexp.painting.changes import build_changes  # noqa: PLC0415
     from brushexp.painting.working_size import sizes_of  # noqa: PLC0415
 
@@ -102,7 +102,7 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
 
 def keeps(before: Any, after: Any) -> bool:
-    """Check whether a change kept a value; members or options that it adds to a node override nothing.
+    """Check whether a change kept a value; members or options added to a node do not count as overrides.
 
     >>> keeps({"psnr": 1}, {"psnr": 1, "bits": 2}), keeps({"psnr": 1}, {"psnr": 2})
     (True, False)
@@ -114,12 +114,12 @@ def keeps(before: Any, after: Any) -> bool:
 
 
 def top_of(word: str) -> str:
-    """Return the first part of the key in a word of the command line."""
+    """Return the first part of the key in a command-line argument."""
     return word.lstrip("+~").partition("=")[0].partition(".")[0]
 
 
 def check_objective(cfg: DictConfig) -> None:
-    """Refuse (UserError) an ``objective`` that is not a number in the painting's metrics.json."""
+    """Raise a UserError if ``objective`` is not a number in the painting's metrics.json."""
     metrics = [keep_built(node).label or name for name, node in cfg.metric.items()]
     lit = ["psnr_lit"] if cfg.light.depth else []
     names = [*dict.fromkeys(["psnr", *metrics, *lit, *EFFORT])]
@@ -134,7 +134,7 @@ def check_objective(cfg: DictConfig) -> None:
 def check_painting(
     cfg: DictConfig, overrides: Sequence[str], size: tuple[int, int], *, painted: tuple[int, int] | None = None
 ) -> None:
-    """Refuse losses, strokes, a mask or a catalogue that do not fit a picture of this size (H, W) or the memory.
+    """Reject losses, strokes, a mask or a catalogue that do not fit a picture of this size (H, W) or the memory.
 
     ``painted`` is the size of the painting if strokes are optimised on a smaller picture.
     """
@@ -171,7 +171,7 @@ def check_painting(
 
 
 def warn_of_unused_keys(cfg: DictConfig, overrides: Sequence[str]) -> None:
-    """Warn of typed keys that other typed keys make ineffective; in a sweep they may be meant for other jobs."""
+    """Warn of user-set keys that other keys make ineffective; in a sweep they may apply to other jobs."""
     keys = [override.lstrip("+~").partition("=")[0] for override in overrides]
     unused = sorted({key for key in keys if key.partition(".")[0] in STEP_KEYS or key.startswith("change.variety.")})
     if unused and isinstance(keep_built(cfg.painter), Painter):
@@ -209,7 +209,7 @@ def check_export(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
 
 def check_monitors(cfg: DictConfig, curves: tuple[str, ...]) -> None:
-    """Refuse (UserError) a callback that watches a curve the task lacks, or that needs a curve and names none."""
+    """Raise a UserError for a callback that watches a curve the task lacks, or that needs a curve and names none."""
     for name, node in cfg.callbacks.items():
         if not (node.get("monitor") or curves[0]).startswith(curves):
             option = f"callbacks.{name}.monitor"

@@ -43,7 +43,7 @@ class Lamp:
 
 @dataclass
 class OtherLamp:
-    """Keys below ``light`` of ``task=export``, as in ``task=paint``."""
+    """Keys below ``light`` of ``task=export``, with the meaning they have in ``task=paint``."""
 
     depth: float | None = key(None, "thickness of the paint; 0 = flat; null = as painted", BOUNDS["depth"])
     azimuth: float | None = key(None, "direction of the lamp, in degrees clockwise from the top; null = as painted")
@@ -53,7 +53,7 @@ class OtherLamp:
 
 @dataclass
 class TrainerOptions:
-    """Keys below ``trainer``: options of Lightning's Trainer as in its manual; null leaves an option to Lightning."""
+    """Keys below ``trainer``: options of Lightning's Trainer, named as in its manual; null keeps its default."""
 
     profiler: str | None = key(
         None, "profiler that writes profile.txt, such as simple; null = none", one_of("simple", "advanced")
@@ -89,7 +89,7 @@ class Task:
 
     @staticmethod
     def suits(typed: Mapping[str, Any]) -> bool:
-        """Return whether typed or configured values call for this task instead of the one that it can replace."""
+        """Return whether the command line or config calls for this task instead of the task it can replace."""
         return False
 
     @staticmethod
@@ -99,7 +99,7 @@ class Task:
 
     @staticmethod
     def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
-        """Refuse (UserError) mistakes beyond types and bounds before anything runs."""
+        """Raise a UserError for mistakes beyond types and bounds before anything runs."""
 
     @staticmethod
     def inputs(cfg: DictConfig) -> dict[str, str]:

@@ -43,7 +43,7 @@ def stand_ins_of(name: str) -> list[str]:
 
 
 def task_for(name: str, values: Mapping[str, Any]) -> str:
-    """Find the task that replaces a task for these values; usually it is the task itself.
+    """Find the task that replaces a task for these values; usually it is the same task.
 
     >>> task_for("paint", {"image": "clip.mp4"}), task_for("paint", {"image": "photo.jpg"})
     ('film', 'paint')
@@ -61,7 +61,7 @@ def _count_known(task: type[Task], values: Mapping[str, Any]) -> int:
 
 
 def add_task(words: Sequence[str]) -> list[str]:
-    """Add ``task=`` for the task that suits the words of a command line, unless they name one."""
+    """Add ``task=`` for the task that suits the arguments of a command line, unless they already name one."""
     typed: dict[str, str] = {}
     for name, _, value in (word.partition("=") for word in words):
         typed[name] = f"{typed[name]},{value}" if name in typed else value  # several pictures, as in a sweep

@@ -1,4 +1,4 @@
-"""Look up painters' words and alternative spellings; nothing here is slow to import."""
+"""Look up painters' words and alternative spellings; all imports here are fast."""
 
 import os
 import re
@@ -23,7 +23,7 @@ def spellings(table: str) -> dict[str, str]:
 
 
 def options_of_word(word: str) -> list[str]:
-    """List the options of changes that a word stands for, if any.
+    """List the options of changes that a short word sets, if any.
 
     >>> options_of_word("variety"), options_of_word("steps")
     (['change.variety.amount'], [])
@@ -46,7 +46,7 @@ def with_words_of_changes(message: str) -> str:
 
 
 def members_alone() -> dict[str, str]:
-    """Map each look and quality, shipped or in ``conf/``, to its meaning when typed alone."""
+    """Map each look and quality, shipped or in ``conf/``, to the meaning of its bare name."""
     return {name: f"{group}={name}" for group in ALONE for name in members_of_group(group)}
 
 
@@ -57,7 +57,7 @@ def meaning_of(word: str) -> str | None:
     ('detail=2', 'look=watercolour', None)
     """
     known = table_of_words("alone") | members_alone()
-    return known.get(word) or known.get(respelt(word))
+    return known.get(word) or known.get(switch_spelling(word))
 
 
 def members_of_group(group: str) -> set[str]:
@@ -65,7 +65,7 @@ def members_of_group(group: str) -> set[str]:
     return {path.stem for root in (*conf_folders(), Path("conf")) for path in (root / group).glob("*.yaml")}
 
 
-def respelt(text: str) -> str:
+def switch_spelling(text: str) -> str:
     """Switch colour, grey, optimiser and analyse between British and American spelling.
 
     >>> respelt("watercolor"), respelt("style.colours"), respelt("grey")
@@ -78,13 +78,13 @@ def respelt(text: str) -> str:
     return re.sub("colour|color|grey|gray|i[sz](?=er|ation)|ly[sz](?=e)", lambda found: pairs[found[0]], text)
 
 
-def as_task(word: str) -> str:
-    """Respell a word of a command line if that makes it the name of a task.
+def respell_task(word: str) -> str:
+    """Respell a command-line argument if that makes it the name of a task.
 
     >>> as_task("analyze"), as_task("task=analyze"), as_task("optimiser")
     ('analyse', 'task=analyse', 'optimiser')
     """
-    spelt = respelt(word)
+    spelt = switch_spelling(word)
     return spelt if spelt != word and spelt.removeprefix("task=") in task_names() and not is_path(word) else word
 
 
@@ -99,8 +99,8 @@ def is_path(text: str) -> bool:
     return bool(text) and os.path.exists(os.path.expanduser(text))
 
 
-def as_found(word: str) -> str:
-    """Spell the paths in a word of a command line like the existing files and folders (`find_spelling`).
+def spell_paths(word: str) -> str:
+    """Spell the paths in a command-line argument like the existing files and folders (`find_spelling`).
 
     In a list, ``image=a.png,b.png``, each part may be a path. Only an output folder need not exist.
     """
@@ -117,7 +117,7 @@ def as_found(word: str) -> str:
 
 
 def _found(path: str) -> str:
-    """Spell a path as it exists, with the home folder in full; a path that is spelled correctly stays unchanged."""
+    """Spell a path like the existing file, with the home folder expanded; a correctly spelled path stays unchanged."""
     whole = os.path.expanduser(path)
     found = find_spelling(whole)
     return path if found == whole else found
@@ -130,4 +130,4 @@ def plain_name(name: str) -> str:
     ('brush_size', 'colors')
     """
     name = re.sub("[- ]", "_", name.lower())
-    return name if name in spellings("keys") or name in spellings("instead") else respelt(name)
+    return name if name in spellings("keys") or name in spellings("instead") else switch_spelling(name)

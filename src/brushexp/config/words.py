@@ -1,4 +1,4 @@
-"""Expand the short forms of a command line into Hydra's grammar; an existing path means itself.
+"""Expand the shorthand of a command line into Hydra's grammar; an existing path always stands for itself.
 
 photo.jpg, photos/    image=photo.jpg, image=photos/
 train                 task=train
@@ -35,8 +35,8 @@ from brushexp.config.vocabulary import (
     members_alone,
     members_of_group,
     plain_name,
-    respelt,
     spellings,
+    switch_spelling,
 )
 from brushexp.errors import UserError
 from brushexp.pictures.load import samples
@@ -49,13 +49,13 @@ ALL_PIXELS = "working_resolution=null"  # default in sweeps, to keep them compar
 RESUME_SWEEP = "resume=sweep"
 RESULTS = ("metrics.json", "report.html", "multirun.yaml")  # the folder of a run or sweep has one of these files
 NO_FOLDERS = ("nan", "inf", "infinity", "null", "none", "true", "false")  # written by scripts for a missing name
-OF_HYDRA = re.compile(r"[\['\"{]|null$|\w+\(|\$\{")  # start of values that Hydra does not read as text
+NOT_LITERAL = re.compile(r"[\['\"{]|null$|\w+\(|\$\{")  # start of values that Hydra does not read as text
 
 
 def expand_positional(word: str, task: str = "paint", beside: Mapping[str, str] | None = None) -> str:
-    """Write a word as ``key=value``: a word alone is a task, a painter's word, or the path that a task takes.
+    """Write an argument as ``key=value``: a bare word is a task, a painter's word, or the path that a task takes.
 
-    ``beside`` are the other typed keys, which may assign a path to another task.
+    ``beside`` holds the other keys of the command line, which may assign a path to another task.
     """
     path = Path(word)
     if is_setting(word):
@@ -79,7 +79,7 @@ def expand_positional(word: str, task: str = "paint", beside: Mapping[str, str] 
 
 
 def is_setting(word: str) -> bool:
-    """Check whether a word is ``key=value`` or ``~key``, and not a path with such a name, like steps=3/x.jpg."""
+    """Check whether an argument is ``key=value`` or ``~key`` rather than an existing path such as steps=3/x.jpg."""
     key, equal, value = word.partition("=")
     if not equal and (not word.startswith("~") or os.sep in word):
         return False
@@ -89,7 +89,7 @@ def is_setting(word: str) -> bool:
 
 
 def unknown_word(word: str) -> str:
-    """Explain that a word alone means nothing, and name the most similar words that do."""
+    """Explain that a bare word has no meaning, and name the most similar words that do."""
     group = word.removesuffix("s")
     if group in CHOSEN_GROUPS:
         own = TASKS if group == "task" else members_of_group(group)
@@ -116,7 +116,7 @@ def unknown_word(word: str) -> str:
 
 
 def nearest_folders(word: str) -> list[str]:
-    """List up to two folders with paths similar to a word."""
+    """List up to two folders whose paths resemble a word."""
     parent, name = os.path.split(word.rstrip(os.sep))
     with suppress(OSError):
         beside = [entry.name for entry in os.scandir(os.path.expanduser(parent) or ".") if entry.is_dir()]
@@ -125,7 +125,7 @@ def nearest_folders(word: str) -> list[str]:
 
 
 def setting_in(word: str) -> str | None:
-    """Guess the setting meant by a number or size alone, or by a key with another sign than ``=``; None if unknown.
+    """Guess the setting meant by a bare number or size, or by a key with a sign other than ``=``; None if unknown.
 
     >>> setting_in("1920x1080"), setting_in("30s"), setting_in("look:oil"), setting_in("version"), setting_in("moo")
     ('resolution=1920', 'seconds=30', 'look=oil', 'brushexp --version', None)
@@ -146,8 +146,8 @@ def setting_in(word: str) -> str | None:
     return f"resolution={pixels}" + f" or strokes={pixels}" * (not other and unit in (None, "k"))
 
 
-def at_home(word: str) -> str:
-    """Expand the home folder in ``output=~/x``, which some shells do not; keys of pictures expand it themselves."""
+def expand_home(word: str) -> str:
+    """Expand the home folder in ``output=~/x``, which some shells leave alone; picture keys expand it themselves."""
     key, _, value = word.partition("=")
     is_other = key in ("image", "pictures", "style", "style.image", "focus", "faces") or os.path.lexists(value)
     if is_other or not re.fullmatch(r"~(/.*)?", value):
@@ -158,9 +158,9 @@ def at_home(word: str) -> str:
 
 
 def expand_shorthand(word: str, sweep: bool = False, task: str = "") -> str:
-    """Write one word in Hydra's grammar; in a ``sweep`` commas separate the values of jobs.
+    """Write one argument in Hydra's grammar; in a ``sweep``, commas separate the values of jobs.
 
-    ``task`` is the task of the word, or "" if it is not known yet.
+    ``task`` is the task that the argument belongs to, or "" if it is not known yet.
     """
     if word == RESUME_SWEEP:
         return "hydra.sweeper.resume=true"
@@ -185,14 +185,14 @@ def expand_shorthand(word: str, sweep: bool = False, task: str = "") -> str:
 
 
 def output_folder(value: str) -> str:
-    """Write the value of ``output`` for Hydra; refuse (UserError) a folder that cannot be written."""
+    """Write the value of ``output`` for Hydra; raise a UserError for a folder that cannot be written."""
     if not value:
         raise UserError("output= is empty; type output=FOLDER, or output=. for the current folder")
     if value.strip().lstrip("+-").lower() in NO_FOLDERS and not os.path.lexists(value):
         raise UserError(f"output={value} is not a folder; type output=FOLDER, or output=./{value} if that is its name")
     if "${" in value and is_path(value):
         raise UserError(f"Hydra cannot write into output={value}, because its name contains ${{; choose another folder")
-    if OF_HYDRA.match(value) or "${" in value:
+    if NOT_LITERAL.match(value) or "${" in value:
         return quote_text("output", value)
     return verbatim(value)  # a folder, even in a sweep: a comma is part of its name
 
@@ -204,7 +204,7 @@ def spell_value(key: str, value: str, sweep: bool, task: str) -> str:
         return quote_text(key, value, sweep, optional)
     if kind in (int, float) and not value.startswith(("[", "=", ":")) and not is_readable(value):
         return quote(value)  # so that the message says which kind of number is needed
-    if get_origin(kind) is list and value and (is_path(value) or not OF_HYDRA.match(value)):
+    if get_origin(kind) is list and value and (is_path(value) or not NOT_LITERAL.match(value)):
         parts: Sequence[str] = [value] if is_path(value) else value.split(",")
         parts = [quote_text(key, part) for part in parts] if get_args(kind) == (str,) else parts
         return ",".join(f"[{part}]" for part in parts) if sweep else f"[{','.join(parts)}]"
@@ -214,21 +214,23 @@ def spell_value(key: str, value: str, sweep: bool, task: str) -> str:
 
 
 def refuse_deletion(name: str) -> None:
-    """Refuse (UserError) to delete a key, ``~strokes``; only groups of plugins can be deleted."""
+    """Raise a UserError for the deletion of a key, ``~strokes``; only groups of plugins can be deleted."""
     key = name.removeprefix("~")
     if key != name and key not in CHOSEN_GROUPS and is_key(key):
         raise UserError(f"{name} would delete a key that every run needs; drop it, or type {key}=...")
 
 
 def respell(key: str, value: str) -> tuple[str, str]:
-    """Spell a key and the member of a group our way: look=watercolor, style.colours=content."""
+    """Use our spelling for a key and for the member of a group: look=watercolor, style.colours=content."""
     plain = key.lstrip("+~")
-    if respelt(plain) != plain and not is_key(plain) and is_key(respelt(plain)):
-        key = key.removesuffix(plain) + respelt(plain)
-    if plain in CHOSEN_GROUPS and respelt(value) != value:
+    if switch_spelling(plain) != plain and not is_key(plain) and is_key(switch_spelling(plain)):
+        key = key.removesuffix(plain) + switch_spelling(plain)
+    if plain in CHOSEN_GROUPS and switch_spelling(value) != value:
         known = {plugin.name for plugin in plugins(plain)} | members_of_group(plain)
         parts = re.split(r"([\[\],])", value)
-        value = "".join(respelt(part) if part not in known and respelt(part) in known else part for part in parts)
+        value = "".join(
+            switch_spelling(part) if part not in known and switch_spelling(part) in known else part for part in parts
+        )
     return key, value
 
 
@@ -238,7 +240,7 @@ def parse_value(value: str) -> Any:
 
 
 def is_readable(value: str) -> bool:
-    """Check whether Hydra's grammar allows a text as a value."""
+    """Check whether Hydra's grammar accepts a text as a value."""
     try:
         parse_value(value)
     except HydraException:
@@ -247,7 +249,7 @@ def is_readable(value: str) -> bool:
 
 
 def verbatim(text: str) -> str:
-    """Write a text so that Hydra reads it literally, quoted if necessary."""
+    """Write a text so that Hydra reads it literally, quoting it if necessary."""
     try:
         return text if parse_value(text) == text and "${" not in text else quote(text)
     except HydraException:
@@ -257,7 +259,7 @@ def verbatim(text: str) -> str:
 def quote_text(key: str, value: str, sweep: bool = False, optional: bool = False) -> str:
     """Quote the text of a key if Hydra would read it as a number or null, or if a file has this name.
 
-    A value that may mean either a file or null is refused (UserError).
+    A value that could mean either a file or null raises a UserError.
     """
     if is_path(value):
         if value == "null" and optional:
@@ -275,7 +277,7 @@ def quote_text(key: str, value: str, sweep: bool = False, optional: bool = False
 
 
 def check_choice(group: str, value: str) -> None:
-    """Refuse (UserError) a value that cannot be a plugin, a preset or a list of them; the message lists the plugins."""
+    """Raise a UserError for a value that cannot be a plugin, a preset or a list of them; it lists the plugins."""
     try:
         choice = parse_value(value)
     except HydraException:
@@ -289,7 +291,7 @@ def check_choice(group: str, value: str) -> None:
 
 
 def as_typed(value: Any, *, is_part: bool = False) -> str:
-    """Write a value as a user would type it, with quotes around strings in lists or mappings that need them."""
+    """Write a value as a user would type it, quoting strings in lists or mappings where necessary."""
     plain: Any = OmegaConf.to_container(value) if OmegaConf.is_config(value) else value
     plain = plain.item() if hasattr(plain, "item") else plain  # scalars of NumPy and PyTorch become Python's
     if plain is None or isinstance(plain, bool):

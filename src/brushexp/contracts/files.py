@@ -1,4 +1,4 @@
-"""Read files with helpful errors, write them whole or not at all, and show progress and text on terminals."""
+"""Read files with helpful errors, write files atomically, and show progress and text on terminals."""
 
 from brushexp.system.checkpoint import CheckpointFormat, weights_hash
 from brushexp.system.earlier import todays_settings

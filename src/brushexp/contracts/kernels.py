@@ -1,4 +1,4 @@
-"""Compiled code, and the interface that a rasteriser for other hardware has to match."""
+"""Compiled code, and the interface for rasterisers on other hardware."""
 
 from brushexp.compat.compiled import Compiled, function, inline
 from brushexp.compositing import frame, nearest, profile, textured_profile, textures, tile_lists

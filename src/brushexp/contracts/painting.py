@@ -1,4 +1,4 @@
-"""The parts of a painting, its optimisation, and its result."""
+"""The parts of a painting, its optimisation and its result."""
 
 from brushexp.painting.build import build_painter, clip_of, compute_focus, faces_of
 from brushexp.painting.canvas_memory import boxes_of

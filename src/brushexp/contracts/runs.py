@@ -1,4 +1,4 @@
-"""A run: its folder, the Trainer, resuming, sweeps; and the functions of ``brushexp`` in Python."""
+"""A run: its folder, the Trainer, resuming and sweeps; also the Python functions of ``brushexp``."""
 
 from brushexp.api.painting import Painting
 from brushexp.api.parts import create, render

@@ -1,4 +1,4 @@
-"""Declare the keys of a task (type, default, bounds and meaning in one line) and rules between keys."""
+"""Declare the keys of a task (type, default, bounds and description in one line) and rules between keys."""
 
 from brushexp.config.changes import as_typed_word
 from brushexp.config.keys import key, keys_of

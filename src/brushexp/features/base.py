@@ -33,7 +33,7 @@ class Backbone(nn.Module, ABC):
 
     @abstractmethod
     def walk(self, pictures: Tensor) -> Iterator[tuple[str, Tensor]]:
-        """Yield the name and value of each activation in the order of ``taps``, computing each when it is requested."""
+        """Yield the name and value of each activation in the order of ``taps``, computing each on demand."""
 
     def forward(self, pictures: Tensor, taps: Collection[str]) -> dict[str, Tensor]:
         """Compute activations (B, C, h, w) of pictures (B, 3, H, W), sRGB in [0, 1], down to the last tap."""
@@ -47,7 +47,7 @@ class Backbone(nn.Module, ABC):
         return activations
 
     def check(self, taps: Collection[str]) -> None:
-        """Refuse taps that this network does not have, and an empty list (UserError)."""
+        """Raise a UserError for taps that this network does not have, and for an empty list."""
         wrong = [tap for tap in taps if tap not in self.taps]
         if wrong or not taps:
             asked = repr(wrong[0]) if wrong else "an empty list"
@@ -83,8 +83,8 @@ def mean_squares(ours: Tensor, theirs: Tensor, weights: Tensor | None = None) ->
     """Average the squared difference of activations (B, C, h, w) over pictures and positions: (C,).
 
     With ``weights`` (h, w), each position is multiplied by its weight before the mean. Unlike with ``mean``, the
-    gradient has the memory layout of the activations: in a network with channels innermost, backward passes from a
-    gradient stored channel by channel took two to five times as long on a CPU.
+    gradient has the memory layout of the activations: in a channels-last network, backward passes from a gradient
+    stored channel by channel took two to five times as long on a CPU.
     """
     difference = ours - theirs
     squares = difference.square() if weights is None else difference * weights * difference
@@ -100,7 +100,7 @@ def packaged_file(package: str, file: str) -> Path:
 
 
 def read_tensors(path: Path, option: str = "weights") -> dict[str, Tensor]:
-    """Read the tensors of a .pth or .safetensors file by name; errors name the ``option``."""
+    """Read the tensors of a .pth or .safetensors file by name; error messages name the ``option``."""
     cure = "name a .pth or .safetensors file that exists"
     try:
         if path.suffix == ".safetensors":

@@ -56,7 +56,7 @@ def bundled_distance(weights: str | None = None, option: str = OPTION) -> Distan
 
 @torch.no_grad()
 def perceptual_distance(image: Tensor, target: Tensor) -> float:
-    """Measure the distance of two pictures (3, H, W), sRGB in [0, 1], with the bundled network."""
+    """Measure the distance between two pictures (3, H, W), sRGB in [0, 1], with the bundled network."""
     return float(_bundled().to(image.device)(image, target))
 
 

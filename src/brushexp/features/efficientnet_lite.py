@@ -23,8 +23,8 @@ class EfficientNetLite0(Backbone):
     """EfficientNet-Lite0 without its classifier, batch norms folded into the convolutions (Tan and Le, 2019).
 
     Taps: ``stem`` (32 channels, 1/2 of the side), ``b<i>`` (the linear output of block i, 0 to 15) and ``b<i>.expand``
-    (its expanded, rectified interior, i from 1). A ``state`` must have exactly the tensors of the published file, or it
-    is refused (UserError).
+    (its expanded, rectified interior, i from 1). A ``state`` must have exactly the tensors of the published file, or a
+    UserError is raised.
     """
 
     taps = ("stem", "b0", *(f"b{i}{part}" for i in range(1, len(STRIDES)) for part in (".expand", "")))
@@ -74,7 +74,7 @@ class _Block(nn.Module):
 class SameConvolution(nn.Module):
     """Convolution with constant weights, zero-padded so that ceil(side / stride) outputs remain.
 
-    With odd padding, the far side gets the larger half, as in TensorFlow's "same".
+    Odd padding puts the extra pixel at the right and bottom, as TensorFlow's "same" does.
     """
 
     weight: Tensor  # (O, I / groups, K, K), K odd
@@ -140,7 +140,7 @@ class _Halve(torch.autograd.Function):
 
 
 class Relu6(torch.autograd.Function):
-    """``functional.relu6(x, inplace=True)`` without its clone of x, because the slope follows from the result."""
+    """``functional.relu6(x, inplace=True)`` without cloning x, because the slope follows from the result."""
 
     @staticmethod
     def forward(ctx: Any, x: Tensor) -> Tensor:

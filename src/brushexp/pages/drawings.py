@@ -55,7 +55,7 @@ def line_chart(
 
 
 def histogram_chart(title: str, values: np.ndarray, x_label: str) -> dict | None:
-    """Chart a histogram of values (N,) >= 0 of the strokes with their median; None without values."""
+    """Chart a histogram of nonnegative values (N,) of the strokes with their median; None without values."""
     values = values[np.isfinite(values)]
     if not len(values):
         return None
@@ -70,7 +70,7 @@ def histogram_chart(title: str, values: np.ndarray, x_label: str) -> dict | None
 
 
 def rose_chart(title: str, angles: np.ndarray, lengths: np.ndarray) -> dict | None:
-    """Chart the share of stroke length (N,) by direction (N,) in radians, NaN for none; None without directions."""
+    """Chart the share of stroke length (N,) by direction (N,) in radians; None if all directions are NaN."""
     directed = np.isfinite(angles) & (lengths > 0)
     if not directed.any():
         return None
@@ -107,7 +107,7 @@ def error_map(painting: np.ndarray, target: np.ndarray) -> dict[str, Any]:
     """Map the mean absolute difference over the channels of two pictures (H, W, 3) uint8, in levels of 255.
 
     ``pixels`` (H, W, 3) uint8 use the colours of ``scale``, which ends at ``top`` levels; ``above`` is the share of
-    pixels beyond it, and ``below`` pairs shares of the pixels, in words, with their highest level.
+    pixels beyond that level, and ``below`` pairs shares of the pixels, in words, with their highest level.
     """
     difference = np.abs(painting.astype(np.int16) - target).sum(2)  # thirds of a level, 0 to 765
     shares = (0.5, 0.9, 0.99, 1.0, SHARE_ON_SCALE)
@@ -129,8 +129,8 @@ def error_map(painting: np.ndarray, target: np.ndarray) -> dict[str, Any]:
 def height_map(job: ExportJob) -> dict[str, Any]:
     """Encode heights for ``light.js``: ``top`` * (256 red + green) / 65535, in pixels of the map.
 
-    ``light`` is the lamp of the painting, or that of a relief if it has none; ``drawn_as`` names the renderer that
-    replaces a slow one.
+    ``light`` is the painting's lamp, or the lamp of a relief if the painting has none; ``drawn_as`` names the renderer
+    that replaces a slow one.
     """
     drawn_as = job.renderer.warm_up
     renderer = job.renderer if drawn_as is None else build_named("renderer", drawn_as, {})

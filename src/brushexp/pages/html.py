@@ -1,4 +1,4 @@
-"""Render templates to self-contained pages, whose content security policy forbids any other source."""
+"""Render templates to self-contained pages whose content security policy forbids all other sources."""
 
 import base64
 import hashlib
@@ -21,7 +21,7 @@ TEMPLATES = Path(__file__).parent / "templates"
 def page(template: str, folder: Path = TEMPLATES, **context: Any) -> str:
     """Render a template to a complete page, deterministically; templates in another folder may use those here.
 
-    Templates escape their values, and a missing name is an error. ``{{ assets["page.css"] }}`` writes a file of either
+    Templates escape their values, and a missing name is an error. ``{{ assets["page.css"] }}`` inserts a file of either
     folder into the page. The policy allows only these files and embedded pictures, and no ``style`` or ``onclick``
     attributes.
     """

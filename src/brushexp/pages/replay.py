@@ -1,4 +1,4 @@
-"""Pack strokes into a few bytes each, so that the canvas of a page can redraw them."""
+"""Pack strokes into a few bytes each, so that a page's canvas can redraw them."""
 
 import base64
 from collections.abc import Mapping
@@ -46,7 +46,7 @@ def replay_of(job: ExportJob, measures: StrokeTable) -> dict[str, Any] | None:
 
 
 def pack_strokes(job: ExportJob, about: Columns | None = None, looks: np.ndarray | None = None) -> dict[str, Any]:
-    """Pack a painting for ``strokes.js``, without textures, with extra columns ``about`` the strokes.
+    """Pack a painting for ``strokes.js``, without textures; ``about`` adds columns of stroke data.
 
     ``data`` holds consecutive arrays over the strokes, bottom to top, little-endian, in base64: the stroke's index in
     the catalogue (uint32), then each of ``columns`` (name, values per stroke, lowest and highest value) as fractions of

@@ -1,4 +1,4 @@
-"""Write the page of a painting, one file with everything about it."""
+"""Write the page of a painting: one file with everything about it."""
 
 import json
 import math
@@ -58,7 +58,7 @@ FIRST_NUMBERS = (  # shown before the metrics: key in metrics.json, name, unit, 
 
 
 def write_run_page(folder: Path, finished: Finished, film: Future[Any] | None = None) -> Path:
-    """Write ``report.html`` into the folder of a run and return its path, waiting for a ``film`` at the end."""
+    """Write ``report.html`` into the folder of a run and return its path, waiting for ``film`` to be finished."""
     write_text(folder / PAGE_NAME, page_in(folder, finished, film))
     return folder / PAGE_NAME
 
@@ -99,7 +99,7 @@ def run_page(
     files: Iterable[Mapping[str, str]] = (),
     beside: bool = False,
 ) -> str:
-    """Build the page of a painting as self-contained HTML, leaving out parts without data.
+    """Build the page of a painting as self-contained HTML, omitting sections without data.
 
     ``look`` is a name. ``curves`` are columns by name: ``step``, ``psnr``, ``loss/...``; ``files`` come from
     `files_in`, and ``beside`` says whether painting.png is in the page's folder.
@@ -174,8 +174,9 @@ def _error(painting: np.ndarray | None, target: np.ndarray | None) -> dict[str, 
 def _curves(curves: Mapping[str, Sequence[float]], metrics: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Plot PSNR against steps, seconds and strokes, and each loss against steps.
 
-    The curve by strokes exists if a density policy chose their number. It shows the PSNR without the least important
-    strokes, before other strokes make up for them, and with a hundred more strokes, before steps improve them.
+    The curve over strokes exists if a density policy chose their number. It shows the PSNR after the least important
+    strokes are removed, before other strokes make up for them, and after a hundred strokes are added, before further
+    steps improve them.
     """
     steps = curves.get("step", ())
     times, psnr = curve_from(metrics.get("anytime")) or ((), ())
@@ -193,7 +194,7 @@ def _curves(curves: Mapping[str, Sequence[float]], metrics: Mapping[str, Any]) -
 
 
 def _strokes(saved: Saved, measures: StrokeTable) -> dict[str, Any]:
-    """Chart the measures and the colours of the strokes."""
+    """Chart the measurements and the colours of the strokes."""
     histograms = [
         ("Length", measures.length, "pixels"),
         ("Width", measures.width, "pixels"),
@@ -228,7 +229,7 @@ def _overlay(pictures: Mapping[str, np.ndarray]) -> str | None:
 
 
 def list_settings(config: Mapping[str, Any], overrides: Sequence[str]) -> list[tuple[str, str, bool]]:
-    """List dotted keys, their values as users type them (plugins by name), and whether they were typed."""
+    """List dotted keys, their values as users type them (plugins by name), and whether the user typed them."""
     typed = {word.lstrip("+~").partition("=")[0] for word in overrides}
     rows = ((key.removesuffix("._target_"), _as_name(key, value)) for key, value in _flat(config))
     return [(key, value, key in typed) for key, value in rows]

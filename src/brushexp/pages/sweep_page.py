@@ -32,7 +32,7 @@ MOST_THUMBNAILS = 4096  # pictures in memory, more than a page holds at the smal
 
 
 def write_sweep_page(folder: Path, frame: DataFrame) -> Path:
-    """Write ``report.html`` for a frame of runs (`brushexp.results.runs`)."""
+    """Write ``report.html`` for a data frame of runs (`brushexp.results.runs`)."""
     write_text(folder / "report.html", sweep_page(folder, frame))
     return folder / "report.html"
 
@@ -56,7 +56,7 @@ def sweep_page(folder: Path, frame: DataFrame) -> str:
 
 
 def _summary(frame: DataFrame) -> str:
-    """Summarise in words how many paintings (of a folder of pictures) or runs there are, and how many failed."""
+    """Summarise in words how many paintings (from a folder of pictures) or runs there are, and how many failed."""
     if not tables.is_album(frame):
         return tables.run_count(frame)
     failed = int((frame["run", "status"] == Status.FAILED).sum())
@@ -65,7 +65,7 @@ def _summary(frame: DataFrame) -> str:
 
 
 def _page_data(frame: DataFrame) -> dict[str, Any]:
-    """Collect the data of the page; ``axes`` are the varying settings: key -> value as typed -> value as shown."""
+    """Collect the data of the page; ``axes`` holds the varying settings: key -> value as typed -> value as shown."""
     typed = tables.varying_settings(frame)
     axes = {key: {v: name or "not set" for v, name in shorten(values).items()} for key, values in typed.items()}
     settings = frame["setting"].fillna("").iloc[0]
@@ -122,8 +122,8 @@ def _rows(frame: DataFrame, targets: list[str], groups: dict[tuple[str, str], in
 def _groups(frame: DataFrame) -> tuple[list[dict[str, Any]], list[str]]:
     """List the compared settings and the names of the painted pictures.
 
-    ``picture`` is the index of the painted picture. ``ahead_from`` is the time, in seconds, when a setting last took
-    the lead, None if it never led.
+    ``picture`` is the index of the painted picture. ``ahead_from`` is the time, in seconds, at which a setting last
+    took the lead; None if it never led.
     """
     keys = list(tables.over_seeds(frame).index)
     pictures = list(dict.fromkeys(image for image, _ in keys))
@@ -137,7 +137,7 @@ def _groups(frame: DataFrame) -> tuple[list[dict[str, Any]], list[str]]:
 
 
 def _means(frame: DataFrame) -> DataFrame | None:
-    """Tabulate means over seeds; many settings share one column."""
+    """Tabulate means over seeds; if many settings vary, they share one column."""
     means = tables.means_table(frame)
     if means is None:
         return None
@@ -151,7 +151,7 @@ def _means(frame: DataFrame) -> DataFrame | None:
 
 
 def _best(data: dict[str, Any]) -> dict[str, str]:
-    """Collect the best value of each metric; nothing if several pictures were painted."""
+    """Find the best value of each metric; none if several pictures were painted."""
     best = {}
     for metric in data["metrics"] if len(data["pictures"]) <= 1 else ():
         key = metric["key"]
@@ -186,7 +186,7 @@ def _plotted(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def _script_data(data: dict[str, Any]) -> dict[str, Any]:
-    """Select the data for the scripts of the page, and replace values by their indices."""
+    """Select the data for the page's scripts, and replace values by their indices."""
     filters = data["filters"]
     keys = ("name", "label", "error", "cells", "numbers", "command", "report", "target", "group", "curve")
     return {
@@ -201,7 +201,7 @@ def _script_data(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def side_for(count: int) -> int:
-    """Choose the longer side in pixels for ``count`` pictures: the largest at which all of them fit into ``AREA``."""
+    """Choose the longer side in pixels for ``count`` pictures: the largest at which they all fit into ``AREA``."""
     return next((side for side in SIDES if count * side**2 <= AREA), SIDES[-1])
 
 

@@ -14,7 +14,7 @@ from brushexp.painting.other_painter import OtherPainter
 from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.stroke_optimizer import GradientClip, StrokeOptimizer
 from brushexp.painting.working_size import Sizes, resolution_of, sizes_of
-from brushexp.pictures.abstraction import simplified
+from brushexp.pictures.abstraction import simplify
 from brushexp.pictures.color import recolor
 from brushexp.pictures.face import Face
 from brushexp.pictures.faces.contrast import restore_forms
@@ -65,16 +65,16 @@ def _in_palette(cfg: DictConfig, picture: Tensor, features: Sequence[Feature] = 
 
 
 def faces_of(cfg: DictConfig, picture: Tensor) -> list[Face]:
-    """Find the faces of a picture (3, H, W) if the painting uses them for its focus or for strokes.
+    """Find the faces of a picture (3, H, W) if its focus or its strokes depend on them.
 
-    A mask adds the faces that it marks. With ``faces=off``, or if all strokes are given and there is no automatic
-    focus, it loads no network and returns no faces.
+    A mask adds the faces it marks. With ``faces=off``, or if all strokes are given and there is no automatic focus, no
+    network is loaded and no faces are returned.
     """
     return faces_and_eyes_of(cfg, picture)[0]
 
 
 def faces_and_eyes_of(cfg: DictConfig, picture: Tensor) -> tuple[list[Face], list[Spot]]:
-    """Find the faces of a picture as `faces_of`, and without faces, the eyes in the heads of animals."""
+    """Find the faces of a picture like `faces_of`; if there are none, find the eyes in the heads of animals."""
     if cfg.faces == OFF or not (cfg.focus == AUTO or cfg.catalogue is None):
         return [], []
     from brushexp.pictures.faces.detection import find_faces_and_heads  # noqa: PLC0415  (not every painting asks)
@@ -88,7 +88,7 @@ def faces_and_eyes_of(cfg: DictConfig, picture: Tensor) -> tuple[list[Face], lis
 
 
 def _seeks_spots(cfg: DictConfig) -> bool:
-    """Check whether spots get strokes. A typed number is kept for the picture: spots are less certain than faces."""
+    """Check whether spots get strokes; not if the user set their number, since spots are less certain than faces."""
     return bool(cfg.faces != OFF and cfg.focus == AUTO and cfg.strokes is None and cfg.catalogue is None)
 
 
@@ -129,7 +129,7 @@ def _stroke_optimizer(
     focus, attended = compute_focus(cfg, target, faces)
     if attended is not None:
         pictures["focus"] = attended.expand(3, -1, -1)
-    target = simplified(target, cfg.abstraction, attended)
+    target = simplify(target, cfg.abstraction, attended)
     parts = build_components(cfg)
     if cfg.style.image is not None:
         target, pictures["style"] = match_colors(target, parts)
@@ -165,13 +165,13 @@ def _stroke_optimizer(
 
 
 def clip_of(cfg: DictConfig) -> GradientClip | None:
-    """Read from the options of the Trainer how to clip gradients; None for no clipping."""
+    """Read the gradient clipping from the Trainer's options; None for no clipping."""
     most, algorithm = cfg.trainer.gradient_clip_val, cfg.trainer.gradient_clip_algorithm
     return None if most is None else GradientClip(most, algorithm or "norm")
 
 
 def compute_focus(cfg: DictConfig, target: Tensor, faces: Sequence[Face] = ()) -> tuple[Tensor | None, Tensor | None]:
-    """Compute the weights (H, W) of the pixels, of mean 1, and the map behind them if ``focus`` is set."""
+    """Compute the pixel weights (H, W), of mean 1, and the map behind them if ``focus`` is set."""
     if cfg.focus is None:
         return None, None
     attended = focus_map(cfg.focus, target, faces)

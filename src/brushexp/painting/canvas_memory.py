@@ -23,7 +23,7 @@ MAX_CACHE_BYTES = 2**29  # memory for cached pictures: 16,384 of 64 x 64 pixels
 class CanvasMemory:
     """Paints the region that a step compares, and keeps the whole picture up to date.
 
-    Pixels of the region under strokes that a view neither moves nor draws come from the whole picture as last painted.
+    Where a region's strokes are neither moved nor drawn by the view, its pixels come from the last whole picture.
     Differs from the thesis, which leaves those strokes out and hides the gap behind the ring.
     """
 
@@ -71,7 +71,7 @@ class CanvasMemory:
         return Canvas(image, measures), PaintedView(image, part, strokes.with_rows(active, moving), around, focus)
 
     def _turn_to(self, region: Region, numbers: Tensor, strokes: Strokes) -> None:
-        """Switch to another region or other strokes; the same region keeps the same objects."""
+        """Switch to another region or other strokes; the same region reuses its objects."""
         is_new = region != self._region
         if is_new:
             whole = region == Region.whole(self.target)
@@ -90,9 +90,9 @@ class CanvasMemory:
 
 
 class PatchCache:
-    """The render image catalogue (thesis 2020, 6.3): caches a network's pictures of surrounding strokes.
+    """The render image catalogue (thesis 2020, 6.3): caches a network's pictures of the surrounding strokes.
 
-    It holds up to ``most_bytes`` of pictures in 16-bit floats (errors of 1/4096 at most) and drops the oldest first.
+    It holds up to ``most_bytes`` of pictures in 16-bit floats (errors of 1/4096 at most) and discards the oldest first.
     Renderers of profiles need no cache. The thesis keeps all pictures and updates them at every step.
     """
 
@@ -101,7 +101,7 @@ class PatchCache:
         self._pictures: dict[int, Tensor] = {}  # index of a stroke -> picture (4, side, side), oldest first
 
     def forget(self, number: Tensor) -> None:
-        """Drop the pictures of changed strokes ``number`` (K,)."""
+        """Discard the pictures of changed strokes ``number`` (K,)."""
         for key in number.tolist() if self._pictures else ():
             self._pictures.pop(key, None)
 
@@ -132,7 +132,7 @@ def sum_of_squares(first: Tensor, second: Tensor) -> Tensor:
 
 @torch.no_grad()
 def boxes_of(strokes: Strokes, edge: float) -> tuple[Tensor, Tensor]:
-    """Compute corners (N, 2) of a box around all pixels that each stroke may cover; ``edge`` is the renderer's."""
+    """Compute boxes (corners, (N, 2) each) around the pixels that strokes may cover; ``edge`` is the renderer's."""
     curve, reach = curve_of(strokes), reach_of(strokes, edge)[:, None]
     return curve.amin(1) - reach, curve.amax(1) + reach
 

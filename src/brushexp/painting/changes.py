@@ -15,7 +15,7 @@ def build_changes(cfg: DictConfig, make: Callable[[DictConfig], Any] = take_buil
 
 
 def changed_settings(cfg: DictConfig) -> DictConfig:
-    """Return the settings of a config as its changes adapt them."""
+    """Return the settings of a config after its changes have adapted them."""
     for change in build_changes(cfg, keep_built).values():
         cfg = change.settings(cfg)
     return cfg

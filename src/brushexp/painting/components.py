@@ -50,7 +50,7 @@ AUTO = "auto"  # value of warm_up that lets the renderer choose
 
 @dataclass(frozen=True)
 class Stage:
-    """A number of gradient steps with one renderer, which has a name for messages."""
+    """A number of gradient steps with one renderer, and the renderer's name for messages."""
 
     name: str
     renderer: Renderer
@@ -74,7 +74,7 @@ def standard_components(
     renderer: Renderer | None = None, *, steps: int = 500, blend: Blend | None = None, color: ColorSpace | None = None,
     **chosen: Any,
 ) -> Components:  # fmt: skip
-    """Build the default components of ``task=paint`` in Python, replacing some of them by ``chosen`` ones."""
+    """Build the default components of ``task=paint`` in Python, replaced where ``chosen`` names others."""
     renderer = renderer or Analytic()
     stages = [Stage(type(renderer).__name__.lower(), renderer, steps)]
     compositor = Compositor(blend or Tiled(), color or Rgb())
@@ -94,7 +94,7 @@ def build_components(cfg: DictConfig) -> Components:
 
 
 def build_losses(cfg: DictConfig) -> dict[str, Loss]:
-    """Build the chosen losses and those that ``style.image`` and ``style.brushwork`` add."""
+    """Build the chosen losses and those added by ``style.image`` and ``style.brushwork``."""
     content = 1.0 if cfg.style.image is None else cfg.style.content
     losses: dict[str, Loss] = {str(name): take_built(node) for name, node in cfg.loss.items()}
     for loss in losses.values():
@@ -107,7 +107,7 @@ def build_losses(cfg: DictConfig) -> dict[str, Loss]:
 
 
 def check_losses(cfg: DictConfig) -> None:
-    """Refuse (UserError) two losses with the same name, and a loss without its reference."""
+    """Raise a UserError for two losses with the same name, and for a loss without its reference."""
     for key, name in (("image", STYLE), ("brushwork", BRUSHWORK)):
         if cfg.style[key] is not None and name in cfg.loss:
             raise UserError(f"style.{key}={cfg.style[key]} adds the loss {name} itself; drop {name} from loss=...")
@@ -116,7 +116,7 @@ def check_losses(cfg: DictConfig) -> None:
 
 
 def build_stages(cfg: DictConfig, make: Callable[[DictConfig], Renderer] = take_built) -> list[Stage]:
-    """Build the stages: a warm-up if ``warm_up`` asks for one, then the chosen renderer."""
+    """Build the stages: a warm-up if ``warm_up`` requests one, then the chosen renderer."""
     name, renderer = plugin_of(cfg.renderer).name, make(cfg.renderer)
     first = renderer.warm_up if cfg.warm_up == AUTO else cfg.warm_up
     if first is None or not (cfg.steps or cfg.seconds):
@@ -142,7 +142,7 @@ def plan_steps(
 
 
 def check_size(cfg: DictConfig, strokes: int, size: tuple[int, int]) -> None:
-    """Refuse (UserError) a canvas of ``size`` (H, W) or windows of strokes too large for memory."""
+    """Raise a UserError if a canvas of ``size`` (H, W) or the windows of strokes are too large for memory."""
     pixels = math.prod(size)
     window = max(getattr(stage.renderer, "window", 0) for stage in build_stages(cfg, keep_built))
     windows = strokes * window**2 * BYTES_PER_WINDOW_PIXEL if isinstance(keep_built(cfg.sampler), Whole) else 0
@@ -152,8 +152,8 @@ def check_size(cfg: DictConfig, strokes: int, size: tuple[int, int]) -> None:
     check_memory(pixels * BYTES_PER_PIXEL + windows, what, f"choose a smaller {smaller}")
 
 
-def tell_of_slow_steps(stages: Sequence[Stage], strokes: int) -> None:
-    """Warn if the steps of a network that draws each stroke will take minutes on this machine."""
+def warn_of_slow_steps(stages: Sequence[Stage], strokes: int) -> None:
+    """Warn if a network that draws each stroke will take minutes for its steps on this machine."""
     for stage in stages:
         if isinstance(stage.renderer, PatchRenderer) and strokes * stage.steps >= MANY_DRAWINGS:
             minutes = strokes * stage.steps * stage.renderer.seconds_per_stroke() / 60
@@ -173,11 +173,11 @@ def first_strokes(
     *,
     painted: tuple[int, int] | None = None,
 ) -> tuple[Strokes, int]:
-    """Load the strokes of ``catalogue``, or make them with ``init`` and ``style.brushwork``; also return the budget.
+    """Load the strokes of ``catalogue``, or create them with ``init`` and ``style.brushwork``; also return the budget.
 
     Small strokes for ``features`` come last. They, and the strokes that abstraction leaves to ``faces``, are added to
-    the look's own number of strokes, but count towards a typed ``strokes``. ``painted`` is the size (H, W) of the
-    painting if the target is a smaller version of it.
+    the look's own number of strokes, but count towards ``strokes`` if the user sets it. ``painted`` is the size (H, W)
+    of the painting if the target is a smaller version of it.
     """
     _, height, width = target.shape
     painted = painted or (height, width)
@@ -205,7 +205,7 @@ def first_strokes(
             strokes = initializer(target, first - len(small), generator, focus)
     if cfg.style.brushwork is not None:
         likeness: BrushworkLoss = build(cfg.style.strokes)
-        strokes = likeness.arranged(strokes, (height, width), generator)
+        strokes = likeness.arrange(strokes, (height, width), generator)
     return Strokes.join(strokes, small), n
 
 
@@ -215,7 +215,7 @@ def planned_steps(cfg: DictConfig) -> int:
 
 
 def stroke_budget(cfg: DictConfig, size: tuple[int, int], density: Density, count: int | None = None) -> int:
-    """Return the final number of strokes for a picture of ``size`` (H, W); ``count`` strokes come from ``catalogue``.
+    """Return the final number of strokes for a picture of ``size`` (H, W), given the ``count`` from ``catalogue``.
 
     Raises a UserError if the picture has too few pixels for them, or if nothing adds the missing strokes.
     """

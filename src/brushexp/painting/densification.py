@@ -14,7 +14,7 @@ PROBE_COUNT = 8  # random pictures for estimating a sum of squares, with a relat
 
 @torch.no_grad()
 def importance(strokes: Strokes, front_to_back: Tensor, picture: Picture, generator: torch.Generator) -> Tensor:
-    """Measure by how much the squared error of the painting, weighted by the focus, grows without each of N strokes.
+    """Measure how much the painting's squared error, weighted by the focus, grows when each of N strokes is removed.
 
     The picture is linear in the opacity of each stroke (with color=rgb; nearly so in other spaces). Removing a stroke
     changes it by d = -opacity * dP/dopacity, and the squared error by sum(d^2) + 2 sum(error * d). Some blends compute

@@ -1,4 +1,4 @@
-"""Find the plugin that produced the first NaN or Inf after a step without a finite result."""
+"""Find the plugin that produced the first NaN or Inf in a step without a finite result."""
 
 from typing import Any
 
@@ -12,8 +12,8 @@ from brushexp.strokes.catalogue import Strokes
 
 
 @torch.enable_grad()
-def first_broken(painter: Any, strokes: Strokes, wrong: str | None) -> str:
-    """Repeat the last step with its N ``strokes``; name the first non-finite result and the plugin that produced it.
+def find_non_finite(painter: Any, strokes: Strokes, wrong: str | None) -> str:
+    """Repeat the last step with its N ``strokes``; return its first non-finite result and the plugin that produced it.
 
     ``wrong`` names the loss that was not finite in that step, if any.
     """
@@ -21,7 +21,7 @@ def first_broken(painter: Any, strokes: Strokes, wrong: str | None) -> str:
     renderer, blend = name_member("renderer", picture.renderer), name_member("blend", picture.blend.blend)
     moving = strokes.map(lambda value: value.detach().clone().requires_grad_())
     layers = picture.renderer(moving)
-    if (number := broken_layer(layers, len(strokes))) is not None:
+    if (number := find_non_finite_stroke(layers, len(strokes))) is not None:
         return f"{renderer} draws stroke {number} with numbers that are not finite"
     above = torch.arange(len(strokes), device=strokes.width.device).flip(0)
     image = picture.blend(layers, above, picture.size, picture.background).image
@@ -39,7 +39,7 @@ def first_broken(painter: Any, strokes: Strokes, wrong: str | None) -> str:
     return "the gradient is not finite"
 
 
-def broken_layer(layers: Layers, count: int) -> int | None:
+def find_non_finite_stroke(layers: Layers, count: int) -> int | None:
     """Find the first of N strokes with a non-finite tensor or a non-finite sample along its curve."""
     index = torch.arange(count, device=layers.curve.device)
     samples = layers.sample(index[:, None], layers.curve) if layers.curve.isfinite().all() else ()

@@ -1,4 +1,4 @@
-"""Make strokes for faces: small ones for eyes and mouths, and some that abstraction would remove."""
+"""Make strokes for faces: small ones for eyes and mouths, and some of those that abstraction would remove."""
 
 import math
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ IN_LAYERS = InLayers(layers=2, ratio=0.5, cover=0.5, length=2.2, width=0.9, edge
 
 @dataclass(frozen=True)
 class Feature:
-    """A round place to draw with at least ``floor`` small strokes: an eye, a mouth, or a whole face; in pixels.
+    """A round area that needs at least ``floor`` small strokes: an eye, a mouth or a whole face; in pixels.
 
     A small stroke is narrower than ``radius`` divided by ``fineness``. A feature is certain if it belongs to a face.
     """
@@ -46,7 +46,7 @@ class Feature:
 
     @property
     def floor(self) -> int:
-        """Minimum number of small strokes: ``most``, or fewer for a place a few pixels wide."""
+        """Minimum number of small strokes: ``most``, or fewer for an area only a few pixels wide."""
         return min(self.most, round(math.pi * (self.radius / THINNEST_STROKE) ** 2))
 
     def holds(self, position: Tensor) -> Tensor:
@@ -55,7 +55,7 @@ class Feature:
 
 
 def features_of(faces: Sequence[Face], spots: Sequence[Spot] = ()) -> list[Feature]:
-    """List the eyes and mouth of each face (all of a face without landmarks), and the spots."""
+    """List the eyes and mouth of each face (the whole face if it has no landmarks), and the spots."""
     features = []
     for face in faces:
         if not len(face.landmarks):
@@ -69,7 +69,7 @@ def features_of(faces: Sequence[Face], spots: Sequence[Spot] = ()) -> list[Featu
 
 
 def places_of(features: Sequence[Feature], size: tuple[int, int]) -> Tensor | None:
-    """Mark the places of features on a canvas of ``size`` (H, W), bool; None if there are none."""
+    """Mark the areas of features on a canvas of ``size`` (H, W), bool; None if there are none."""
     if not features:
         return None
     down, across = (torch.arange(side) + 0.5 for side in size)
@@ -85,7 +85,7 @@ def draw_features(
     generator: torch.Generator,
     limit: float = math.inf,
 ) -> Strokes:
-    """Draw small strokes on the features of a target (3, H, W) where ``strokes`` has fewer than the feature's floor.
+    """Add small strokes to the features of a target (3, H, W) that have fewer than their floor.
 
     The new strokes lie on top of all others. There are at most ``limit``, shared in proportion to the floors. An
     initialiser with details of its own draws certain features only: elsewhere they would be blots.
@@ -99,7 +99,7 @@ def draw_features(
 
 
 def count_small(feature: Feature, position: Tensor, width: Tensor) -> int:
-    """Count the small strokes in a feature that no broad stroke hides: those that follow the last broad one.
+    """Count the small strokes in a feature that no broad stroke hides: those above the topmost broad one.
 
     ``position`` (N, 2) and ``width`` (N,) of N strokes are in pixels, bottom stroke first. A broad stroke is wider than
     `BROAD` times the largest width of a small one.
@@ -129,7 +129,7 @@ def draw_feature(
 def face_strokes(
     initializer: Initializer, target: Tensor, face: Face, n: int, abstraction: float, generator: torch.Generator
 ) -> Strokes:
-    """Draw up to `MOST_ON_A_FACE` of the strokes that ``abstraction`` removed from a face; the picture keeps ``n``."""
+    """Draw up to `MOST_ON_A_FACE` of the strokes that ``abstraction`` took from a face; the picture keeps ``n``."""
     reach = FACE_REACH * face.side
     top, left = max(0, round(face.y - reach)), max(0, round(face.x - reach))
     near = target[:, top : round(face.y + reach), left : round(face.x + reach)].contiguous()

@@ -50,7 +50,7 @@ class Finished:
     """A finished painting, from memory or from a folder.
 
     Pictures are (H, W, 3) uint8: ``painting``, ``target`` and, if they exist, ``flat`` (the painting without the lamp),
-    ``style`` and ``focus``. They have the size at which strokes were optimised; the job has the size of the painting,
+    ``style`` and ``focus``. Their size is that at which the strokes were optimised; the job has the painting's size,
     which may be larger.
     """
 
@@ -63,7 +63,7 @@ class Finished:
 
     @cached_property
     def metrics(self) -> dict[str, Any]:
-        """The entries of metrics.json, computed at first use, because that takes as long as some steps."""
+        """The entries of metrics.json, computed on first use, because that takes as long as several steps."""
         return dict(self.compute_metrics())
 
     @cached_property
@@ -99,7 +99,7 @@ class Finished:
         write_json(folder / METRICS_FILE, metrics | status)
 
     def conclude(self, folder: Path) -> None:
-        """Add the final status of the painting to ``metrics.json``, after all other files are written."""
+        """Add the final status of the painting to ``metrics.json``, after all other files have been written."""
         write_json(folder / METRICS_FILE, self.metrics)
 
 
@@ -107,10 +107,10 @@ def finish(
     painter: "PaintingModule", cfg: DictConfig, timelapse: "Timelapse", metrics: Mapping[str, Metric], *,
     provenance: Mapping[str, Any], start: float | None = None,
 ) -> Finished:  # fmt: skip
-    """Finish a painting; the lamp affects its pictures, but not its catalogue and metrics.
+    """Finish a painting; the lamp affects its pictures, but not its catalogue or metrics.
 
-    ``provenance`` goes into the metrics. ``start`` is `time.monotonic` at the start of the program; None for a resumed
-    run.
+    ``provenance`` goes into the metrics. ``start`` is the `time.monotonic` at which the program started; None for a
+    resumed run.
     """
     painter.schedule.pause()
     painter.hand_over()
@@ -158,7 +158,7 @@ def bare_job(cfg: DictConfig, renderer: Renderer, compositor: Compositor, size: 
 
 
 def alpha_from(cfg: DictConfig) -> Tensor | None:
-    """Load the alpha (H, W) uint8 of the picture if the background and some of its pixels are transparent."""
+    """Load the picture's alpha (H, W) uint8 if the background and some of the picture's pixels are transparent."""
     if cfg.background != TRANSPARENT:
         return None
     alpha = (255 * load_cutout(cfg.image, resolution_of(cfg))[1]).round().to(torch.uint8)
@@ -190,7 +190,7 @@ def style_distances(painter: "PaintingModule", cfg: DictConfig, colors: Tensor) 
 
 
 def summary_line(folder: Path, metrics: Mapping[str, Any]) -> str:
-    """Summarise in one line the path of a painting, its number of strokes, time and quality."""
+    """Summarise a painting in one line: its path, number of strokes, time and quality."""
     psnr, ssim, total = metrics["psnr"], metrics.get("ssim"), metrics["seconds_total"]
     quality = f"{psnr:.2f} dB" if isinstance(psnr, float) and math.isfinite(psnr) else "identical to the target"
     if "psnr_lit" in metrics:

@@ -142,6 +142,6 @@ class SecondsLimit(L.Callback):
 def goals_of(
     *, early_stop: float | None, psnr: float | None, seconds: float | None, has_plan: bool = True
 ) -> list[L.Callback]:
-    """Make the goals of a run; None means no goal. Without a plan, steps are not adapted to the seconds."""
+    """Make the goals of a run; a value of None sets no goal. Without a plan, steps are not adapted to ``seconds``."""
     goals = ((NoMoreGain, early_stop), (Quality, psnr), (TimeBudget if has_plan else SecondsLimit, seconds))
     return [goal(value) for goal, value in goals if value is not None]

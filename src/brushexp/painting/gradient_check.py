@@ -1,4 +1,4 @@
-"""Before the first step, report losses whose gradient reaches no stroke."""
+"""Report, before the first step, losses whose gradient reaches no stroke."""
 
 import logging
 from collections.abc import Iterable, Mapping
@@ -15,7 +15,7 @@ log = logging.getLogger(__name__)
 
 
 def check_dependence(losses: Mapping[str, Loss], terms: Mapping[str, Tensor], *, shapes_move: bool) -> None:
-    """Refuse (UserError) losses if none depends on a moving stroke, and warn of each loss that does not.
+    """Raise a UserError if no loss depends on a moving stroke, and warn of each loss that does not.
 
     ``terms`` are their values for a painting in which some strokes move. Unless ``shapes_move``, a loss of the strokes
     alone may depend on fields that the optimiser does not move.

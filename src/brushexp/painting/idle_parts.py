@@ -1,4 +1,4 @@
-"""Report chosen parts that have no effect on a painting, and numbers of steps that the user did not choose."""
+"""Report chosen components that have no effect on a painting, and numbers of steps that the user did not choose."""
 
 import logging
 
@@ -10,8 +10,8 @@ from brushexp.strokes.catalogue import Strokes
 log = logging.getLogger(__name__)
 
 
-def tell_of_idle_parts(parts: Components, strokes: Strokes, size: tuple[int, int]) -> None:
-    """Log parts that have no effect for ``strokes`` on a canvas of ``size`` (H, W), and steps that were not typed."""
+def log_idle_parts(parts: Components, strokes: Strokes, size: tuple[int, int]) -> None:
+    """Log components without effect for ``strokes`` on a canvas of ``size`` (H, W), and step counts set by default."""
     steps = sum(stage.steps for stage in parts.stages)
     if steps and (reason := parts.density.idle_reason(steps)):
         log.warning("%s %s", name_member("density", parts.density), reason)

@@ -30,7 +30,7 @@ def standard_metrics() -> dict[str, Metric]:
 
 
 def kept_files(metrics: Mapping[str, Metric]) -> dict[str, bytes]:
-    """List the files that metrics made and keep, by name."""
+    """List by name the files that metrics created and keep."""
     return {name: data for metric in metrics.values() for name, data in metric.files.items()}
 
 

@@ -24,7 +24,7 @@ from brushexp.strokes.catalogue import Strokes, check_strokes
 class OtherPainter(PaintingModule):
     """Draws the states of a painter, one per step, with the renderer of the last stage.
 
-    The clock stops while a state is drawn.
+    The clock is stopped while a state is drawn.
     """
 
     def __init__(

@@ -73,7 +73,7 @@ class PaintingModule(L.LightningModule):
 
     @property
     def is_unready(self) -> bool:
-        """Return whether the picture lacks its final quality, because it is smaller or has surplus strokes."""
+        """Return whether the picture is not of final quality yet, because it is smaller or has surplus strokes."""
         return False
 
     @property
@@ -107,14 +107,14 @@ class PaintingModule(L.LightningModule):
         return self.picture.draw(self.strokes(), self.front_to_back)
 
     def latest(self, zoom: float = 1.0) -> Tensor:
-        """Return the whole picture as last painted by the steps, or draw it before the first step.
+        """Return the whole picture as last painted by the steps, or draw it if no step has run.
 
-        With a ``zoom`` below 1 the steps must have painted it at that size.
+        With ``zoom`` below 1, the steps must have painted it at that size.
         """
         return self.draw_whole() if (last := self.picture.at(zoom).last) is None else last
 
     def hand_over(self) -> None:
-        """Convert the strokes to those that the run saves."""
+        """Convert the strokes to the form that the run saves."""
 
     def now(self, **about: bool) -> PaintingState:
         """Describe the painting for changes; ``about`` are fields that describe what the step compares."""
@@ -140,7 +140,7 @@ class PaintingModule(L.LightningModule):
     def finished_strokes(self) -> tuple[Strokes, Tensor]:
         """Return the final strokes after all changes, and their order, front to back.
 
-        The first N strokes are those of `strokes`, within all limits; others may follow.
+        The first N strokes are those of `strokes`, brought within all limits; others may follow.
         """
         strokes, order = self.strokes(), self.front_to_back
         for change in self.changes.values():
@@ -150,7 +150,7 @@ class PaintingModule(L.LightningModule):
         return strokes, order
 
     def enlarge(self, strokes: Strokes) -> Strokes:
-        """Return the final strokes, which were scaled from the target to the painting, as changes adapt them."""
+        """Let changes adapt the final strokes after these were scaled from the target to the painting."""
         if len(strokes) == len(self.front_to_back):
             for change in self.changes.values():
                 strokes = change.enlarge(strokes)
@@ -162,7 +162,7 @@ class PaintingModule(L.LightningModule):
 
     @abstractmethod
     def prepare(self) -> None:
-        """Compile the code that steps need."""
+        """Compile the code needed for the steps."""
 
     def train_dataloader(self) -> range:
         return range(STEPS_PER_EPOCH)

@@ -20,11 +20,11 @@ STEP_COUNT = "step"  # name under which optimisers store their step count
 def partial_update(
     catalogue: Catalogue, optimizer: optim.Optimizer, rows: Tensor | None, visits: Tensor
 ) -> Iterator[Catalogue]:
-    """Let an optimiser see only the strokes ``rows`` (A,), as a separate catalogue; None for all strokes.
+    """Show an optimiser only the strokes ``rows`` (A,), as a separate catalogue; None for all strokes.
 
     Otherwise its running averages would move strokes whose gradient is 0. The optimiser keeps its state for a stroke if
-    the state has one number per parameter; any other state (the history of L-BFGS) starts afresh. ``visits`` (N,)
-    counts the steps of each stroke; the optimiser sees their median as its own step count.
+    the state has one number per parameter; any other state (the history of L-BFGS) is reset. ``visits`` (N,) counts the
+    steps of each stroke; the optimiser sees their median as its own step count.
     """
     if rows is None:
         yield catalogue

@@ -1,4 +1,4 @@
-"""Order strokes and paint their picture: whole, smaller, or the part that a view shows."""
+"""Order strokes and paint their picture: in full, reduced, or only the part that a view shows."""
 
 import math
 from typing import Any
@@ -11,7 +11,7 @@ from brushexp.compositing.bands import bands
 from brushexp.compositing.layers import Canvas
 from brushexp.painting.canvas_memory import CanvasMemory
 from brushexp.painting.schedule import Schedule
-from brushexp.pictures.focus import resized
+from brushexp.pictures.focus import resample_weights
 from brushexp.plugins.blend.base import Compositor
 from brushexp.plugins.loss.base import PaintedView
 from brushexp.plugins.order.base import Order, front_to_back
@@ -71,7 +71,7 @@ class Picture(nn.Module):
 
     @property
     def error(self) -> float:
-        """Mean squared error of the whole picture as last painted; pixels of a smaller one count as squares."""
+        """Mean squared error of the last whole picture; if it was smaller, its pixels count as uniform squares."""
         if self.memory is not None:
             return self.memory.error
         if self._error is None:
@@ -84,7 +84,7 @@ class Picture(nn.Module):
 
     @property
     def last(self) -> Tensor | None:
-        """The whole picture (3, H, W) as last painted; None before the first step."""
+        """The last whole picture (3, H, W) that was painted; None before the first step."""
         if self.memory is not None:
             return self.memory.picture.to(self.target.device)
         return None if self._last is None else self._enlarge(self._last)
@@ -96,16 +96,16 @@ class Picture(nn.Module):
         return interpolate(picture[None], self.size, mode="bilinear", align_corners=False)[0]
 
     def _goal(self, zoom: float) -> tuple[Tensor, Tensor | None, float]:
-        """Return target and focus, averaged to ``zoom`` times their size, and the variance within the averages.
+        """Return target and focus, averaged to ``zoom`` times their size, and the variance within the averaged squares.
 
-        This variance and the error of averages add up to the error of squares of one colour.
+        This variance and the error of the averages add up to the error of uniformly coloured squares.
         """
         if zoom == 1:
             return self.target, self.focus, 0.0
         if zoom not in self._small:
             height, width = (max(1, round(side * zoom)) for side in self.size)
             target = interpolate(self.target[None], (height, width), mode="area")[0].contiguous()
-            focus = None if self.focus is None else resized(self.focus, (height, width)).contiguous()
+            focus = None if self.focus is None else resample_weights(self.focus, (height, width)).contiguous()
             detail = float(self.target.square().mean() - target.square().mean())
             self._small[zoom] = target, focus, max(0.0, detail)
         return self._small[zoom]
@@ -113,7 +113,7 @@ class Picture(nn.Module):
     def at(self, zoom: float) -> "Picture":
         """Return a picture with the same target and focus, averaged to ``zoom`` times their size.
 
-        Its last picture is the last one of this picture if that was as small.
+        It takes over the last picture painted if that had the same size.
         """
         if zoom == 1:
             return self
@@ -169,7 +169,7 @@ class Picture(nn.Module):
         return CanvasMemory(picture, self.target, self.focus, self.background, self.renderer, self.blend)
 
     def forget(self) -> None:
-        """Drop the canvas memory, because the strokes or their renderer have changed."""
+        """Discard the canvas memory, because the strokes or their renderer have changed."""
         if self.memory is not None:
             self._error, self.memory = self.memory.error, None
 
@@ -197,7 +197,7 @@ class Depth:
             self.accuracy = torch.cat([self.accuracy[keep], self.accuracy.new_ones(new)])
 
     def needs_accuracy(self, schedule: Schedule, *, partial: bool) -> bool:
-        """Return whether this step has to measure accuracy: before a new order, and always for partial updates."""
+        """Return whether this step must measure accuracy: before reordering, and always for partial updates."""
         done, steps = schedule.stage_progress
         return self.order.needs_accuracy and (partial or self.order.due(done + 1, steps))
 

@@ -44,7 +44,7 @@ def renderer_of(saved: Saved) -> Renderer:
 
 
 def with_renderer(saved: Saved, chosen: DictConfig | None, path: str) -> tuple[Saved, Renderer]:
-    """Build the ``chosen`` renderer, or the one of the catalogue at ``path``, and record it in the catalogue."""
+    """Build the ``chosen`` renderer, or that of the catalogue at ``path``, and record it in the catalogue."""
     if chosen is None:
         try:
             name, renderer = saved.renderer, renderer_of(saved)

@@ -13,7 +13,7 @@ Pair = tuple[float, float]  # seconds of optimisation, PSNR in dB
 
 
 class Schedule:
-    """Counts the steps of consecutive stages; goals may move the ends of stages.
+    """Counts the steps of consecutive stages; goals may shift the ends of stages.
 
     >>> schedule = Schedule([4, 3])
     >>> schedule.step = 5
@@ -60,7 +60,7 @@ class Schedule:
         return self._cpu_seconds + (0.0 if self._since is None else self.cpu_clock() - self._since[1])
 
     def start(self) -> None:
-        """Start the clocks, which run until `pause`."""
+        """Start the clocks; they run until `pause`."""
         self._since = self.clock(), self.cpu_clock()
 
     def pause(self) -> None:
@@ -75,7 +75,7 @@ class Schedule:
         return True
 
     def replan(self, steps: int) -> None:
-        """Move the end of the current stage, to now at the earliest, so that all stages have ``steps`` steps.
+        """Move the end of the current stage, no earlier than now, so that all stages together have ``steps`` steps.
 
         >>> schedule = Schedule([100, 10])
         >>> schedule.step = 30

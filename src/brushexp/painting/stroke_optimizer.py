@@ -14,7 +14,7 @@ from torch.optim.lr_scheduler import LambdaLR
 
 from brushexp.painting.components import Components
 from brushexp.painting.densification import importance
-from brushexp.painting.divergence import first_broken
+from brushexp.painting.divergence import find_non_finite
 from brushexp.painting.gradient_check import check_dependence, check_slope
 from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.partial import STEP_COUNT, partial_update, unwrap_optimizer
@@ -47,10 +47,10 @@ class GradientClip:
 class StrokeOptimizer(PaintingModule):
     """Optimises strokes step by step (`take_step`) until the picture matches the target; renderers stay frozen.
 
-    When a stage begins, its renderer converts the strokes, and the optimiser and its learning rate start afresh. The
-    first steps, a fraction ``coarse`` of the first stage, compare the whole picture at half its size, and no strokes
-    are added or removed during them. A density policy may also choose a smaller picture (`Density.zoom`), on which it
-    may add and remove strokes.
+    When a stage begins, its renderer converts the strokes, and the optimiser and its learning rate are reset. The first
+    steps, a fraction ``coarse`` of the first stage, compare the whole picture at half its size, and no strokes are
+    added or removed during them. A density policy may also choose a smaller picture (`Density.zoom`), on which it may
+    add and remove strokes.
 
     >>> import lightning as L
     >>> from brushexp.plugins.init.random import Random
@@ -125,7 +125,7 @@ class StrokeOptimizer(PaintingModule):
 
     @property
     def zoom_of_step(self) -> float:
-        """Size of the picture of the next step relative to the canvas."""
+        """Size of the next step's picture relative to the canvas."""
         if self.is_coarse:
             return COARSE_ZOOM
         if self.stage:
@@ -144,7 +144,7 @@ class StrokeOptimizer(PaintingModule):
 
     @torch.no_grad()
     def within_limits(self, strokes: Strokes, before: Strokes | None = None, rows: Tensor | None = None) -> Strokes:
-        """Bring strokes, all or only ``rows``, within the limits of all changes; ``before`` precedes the step."""
+        """Bring strokes, all or only ``rows``, within the limits of all changes; ``before`` holds their old values."""
         state = self.now(is_over=self.is_handed_over or self.stop is not None)
         for change in self.changes.values():
             strokes = change.limit(strokes, before, rows, state)
@@ -172,7 +172,7 @@ class StrokeOptimizer(PaintingModule):
 
         ``optimizer``, from `configure_optimizers`, may evaluate the losses several times, as L-BFGS does. A step that
         makes strokes or a loss non-finite is undone and recorded in `stop` and `trouble`; a step that raises an error
-        is undone as well.
+        is also undone.
         """
         plain_optimizer = unwrap_optimizer(optimizer)
         if self.schedule.stage != self.stage:
@@ -195,7 +195,7 @@ class StrokeOptimizer(PaintingModule):
                 backward(loss)
                 return loss.detach()
 
-            with undone_if_it_fails(moving) as before:
+            with rollback_on_error(moving) as before:
                 optimizer.step(closure)  # type: ignore[arg-type]  # they take tensors, too
                 trouble = self._find_trouble(moving, before)
             if trouble:
@@ -240,7 +240,7 @@ class StrokeOptimizer(PaintingModule):
         return loss if loss.requires_grad else loss.requires_grad_()  # without strokes, it needs no gradient by itself
 
     def _evaluate(self, view: View, active: Strokes | None = None) -> tuple[Tensor, dict[str, Tensor]]:
-        """Compute the objective and each loss unweighted."""
+        """Compute the objective and each unweighted loss."""
         self.evaluations += 1
         accuracy = self.depth.needs_accuracy(self.schedule, partial=view.active is not None)
         if active is None:
@@ -251,20 +251,20 @@ class StrokeOptimizer(PaintingModule):
         return weighted_sum(self.components.losses, painting)
 
     def _find_trouble(self, moving: Catalogue, before: Strokes) -> str:
-        """Explain what is not finite after a step that moved the strokes ``before``; "" if everything is finite."""
+        """Explain which value became non-finite in a step that moved the strokes ``before``; "" if none did."""
         finite = torch.stack([term.isfinite() for term in self.terms.values()]).tolist() if self.terms else []
         broken = next((name for name, fine in zip(self.terms, finite, strict=True) if not fine), None)
-        return "" if broken is None and moving.is_finite() else first_broken(self, before, broken)
+        return "" if broken is None and moving.is_finite() else find_non_finite(self, before, broken)
 
     def _densify(self, optimizer: optim.Optimizer, zoom: float) -> None:
-        """Let the density policy add and remove strokes, looking at the picture of a step."""
+        """Let the density policy add and remove strokes based on the picture of a step."""
         if (update := self.components.density.revise(self._seen(self.latest(zoom), zoom))) is not None:
             self._revise(update.keep, update.new if zoom == 1 else update.new.moved(zoom=1 / zoom), optimizer)
             if update.steps is not None:
                 self.schedule.replan(update.steps)
 
     def _seen(self, image: Tensor, zoom: float = 1.0) -> DensificationState:
-        """Describe the painting at ``zoom`` times its size, with its picture ``image``, to the density policy."""
+        """Describe the painting at ``zoom`` times its size, with its picture ``image``, for the density policy."""
         picture, schedule = self.picture.at(zoom), self.schedule
         return DensificationState(
             image=image,
@@ -297,9 +297,9 @@ class StrokeOptimizer(PaintingModule):
         self.visits = torch.cat([self.visits[keep], visits])
 
     def prepare(self) -> None:
-        """Evaluate the losses once with gradient, then restore the state, so that the clock does not count compilation.
+        """Evaluate the losses once with gradient, then restore the state, so that compilation is not timed.
 
-        Losses whose gradient reaches no stroke are reported or refused (UserError).
+        Losses whose gradient reaches no stroke are reported, or raise a UserError.
         """
         check_strokes(self.strokes())  # a checkpoint may have restored them
         state, losses = deepcopy(self.state()), self.components.losses
@@ -332,7 +332,7 @@ class StrokeOptimizer(PaintingModule):
             self.components.density.conclude(self._seen(self.draw_whole()))
 
     def state(self) -> dict[str, Any]:
-        """Return everything on which steps depend, except strokes and optimiser, as plain data."""
+        """Return as plain data everything that steps depend on, except strokes and optimiser."""
         return {
             "stage": self.stage,
             "schedule": self.schedule.state_dict(),
@@ -420,8 +420,8 @@ class StrokeOptimizer(PaintingModule):
 
 
 @contextmanager
-def undone_if_it_fails(catalogue: Catalogue) -> Iterator[Strokes]:
-    """Yield the strokes of a catalogue, and restore them if an error ends the ``with`` block."""
+def rollback_on_error(catalogue: Catalogue) -> Iterator[Strokes]:
+    """Yield the strokes of a catalogue, and restore them if the ``with`` block raises an error."""
     with torch.no_grad():
         before = catalogue()
     try:

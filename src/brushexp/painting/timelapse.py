@@ -25,7 +25,7 @@ HOLD_SECONDS = 1.5  # seconds for which the finished painting is shown
 
 
 class Timelapse(L.Callback):
-    """Collects compressed frames during the steps, keeps them in checkpoints, and turns them into a film.
+    """Collects compressed frames during the steps, stores them in checkpoints, and makes a film of them.
 
     About ``n_frames`` frames of at most ``side`` pixels take ``seconds`` in total (None for ``FPS`` frames per second);
     then the last frame stays for ``HOLD_SECONDS``.
@@ -96,7 +96,7 @@ def moments(n_frames: int, n_steps: int) -> frozenset[int]:
 
 
 def timing(n_frames: int, seconds: float | None) -> tuple[Fraction, int]:
-    """Compute the ticks per second of a film and the ticks of each frame, so that all frames take ``seconds``."""
+    """Compute the ticks per second of a film and the duration of each frame in ticks, ``seconds`` in total."""
     if seconds is None:
         return Fraction(FPS), 1
     ticks = math.ceil(MIN_FPS * seconds / n_frames)

@@ -1,4 +1,4 @@
-"""Choose the size at which strokes are optimised: as large as their number needs, if the photograph has more pixels."""
+"""Choose the size at which strokes are optimised: no larger than their number requires, if the photograph is larger."""
 
 import logging
 import math
@@ -39,7 +39,7 @@ class Sizes:
 
 
 def sizes_of(cfg: DictConfig) -> Sizes:
-    """Choose both sizes for the settings of a painting, or refuse (UserError) sizes too small for the strokes.
+    """Choose both sizes for the settings of a painting; raise a UserError for sizes too small for the strokes.
 
     Both have the ``resolution`` if it is set. Both have the picture's own size if ``working_resolution`` is null or if
     the painter is not gradient descent, because the brushes of other painters are measured in pixels.
@@ -63,8 +63,8 @@ def sizes_of(cfg: DictConfig) -> Sizes:
     return Sizes(painting, working)
 
 
-def tell_of_sizes(cfg: DictConfig) -> None:
-    """Log if strokes are optimised on a smaller picture, or if a painting has fewer pixels than its picture."""
+def log_sizes(cfg: DictConfig) -> None:
+    """Log if strokes are optimised on a smaller picture, or if a painting has fewer pixels than its source picture."""
     sizes, own = sizes_of(cfg), size_at(cfg.resolution, *sides_of_picture(cfg.image, "image"))
     (height, width), (rows, columns) = sizes.painting, sizes.working
     if sizes.painting != sizes.working:

@@ -1,1 +1,1 @@
-"""Turn picture files of all kinds into tensors: decoding, colour, size. Nothing here depends on strokes."""
+"""Turn picture files of all formats into tensors: decoding, colour and size. Nothing here depends on strokes."""

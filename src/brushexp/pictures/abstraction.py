@@ -1,4 +1,4 @@
-"""Flatten the forms of a picture, like a painter who leaves out detail."""
+"""Simplify the forms of a picture, as a painter does who leaves out detail."""
 
 import torch
 from torch import Tensor
@@ -8,7 +8,7 @@ FLATNESS = 0.2  # weight of total variation at abstraction 1
 
 
 def flattened(picture: Tensor, weight: float) -> Tensor:
-    """Flatten the forms of a picture (3, H, W), but keep edges, by total variation (Rudin, Osher and Fatemi, 1992)."""
+    """Flatten the forms of a picture (3, H, W) but preserve edges, by total variation (Rudin, Osher, Fatemi, 1992)."""
     from skimage.restoration import denoise_tv_chambolle  # noqa: PLC0415  (slow to import)
 
     if not weight:
@@ -17,7 +17,7 @@ def flattened(picture: Tensor, weight: float) -> Tensor:
     return torch.from_numpy(flat).to(picture).clamp(0, 1)
 
 
-def simplified(picture: Tensor, abstraction: float, attended: Tensor | None) -> Tensor:
+def simplify(picture: Tensor, abstraction: float, attended: Tensor | None) -> Tensor:
     """Flatten a picture (3, H, W) by ``abstraction``, 0 to 1, except where ``attended`` (H, W), 0 to 1, is high."""
     if not abstraction:
         return picture

@@ -43,7 +43,7 @@ def _places(file: IO[bytes], size: int) -> Iterator[tuple[bytes, int, int | None
 
 
 def properties_of_picture(file: IO[bytes], size: int) -> list[Property]:
-    """List the properties that a HEIF or AVIF file declares for its visible picture, in the order of their application.
+    """List the properties that a HEIF or AVIF file declares for its visible picture, in the order in which they apply.
 
     The picture is the primary item or, in an animated file (brand ``avis``), the picture track.
     """
@@ -58,7 +58,7 @@ def properties_of_film(file: IO[bytes], size: int) -> list[Property]:
 
 
 def clean_aperture_in(properties: list[Property], width: int, height: int) -> Crop | None:
-    """Find the visible rows and columns of a picture of this size in its box ``clap`` (ISO/IEC 14496-12, 12.1.4).
+    """Find the visible rows and columns of a picture of this size from its ``clap`` box (ISO/IEC 14496-12, 12.1.4).
 
     A rectangle outside the picture is ignored.
     """
@@ -75,7 +75,7 @@ def clean_aperture_in(properties: list[Property], width: int, height: int) -> Cr
 
 
 def _span(side: int, length: Fraction, offset: Fraction) -> slice | None:
-    """Find the visible pixels along a side for a clean aperture whose middle is ``offset`` from the picture's."""
+    """Find the visible pixels along a side for a clean aperture whose centre is ``offset`` from the picture's."""
     first, count = math.floor((side - length) / 2 + offset), round(length)
     return slice(first, first + count) if count > 0 and 0 <= first <= side - count else None
 
@@ -112,7 +112,7 @@ def _part(data: bytes, *names: bytes) -> bytes:
 
 
 def _of_track(movie: bytes, wanted: bytes) -> list[Property]:
-    """List the properties in the sample description of the first track of a kind."""
+    """List the properties in the sample description of the first track of a given kind."""
     for name, track in _parts(movie):
         kind = _part(track, b"mdia", b"hdlr")[FULL_BOX + 4 :][:4]
         if name == b"trak" and kind == wanted:

@@ -1,4 +1,4 @@
-"""Find what a picture file declares about its colours: an ICC profile, numbers of a standard, or a camera setting."""
+"""Find what a picture file declares about its colours: an ICC profile, standard code points, or a camera setting."""
 
 import os
 import struct
@@ -29,14 +29,14 @@ HEAD = 2**20  # number of first bytes that may declare the colours of a file
 WHITE_POINT, PRIMARY_CHROMATICITIES, SHOT, INTEROPERABILITY = 318, 319, 0x8769, 0xA005  # EXIF tags and sections
 INTEROPERABILITY_INDEX, COLOR_SPACE, EXIF_GAMMA = 1, 0xA001, 0xA500
 UNCALIBRATED, ADOBE = 65535, 2  # values of COLOR_SPACE
-UNSAID = (0, 2)  # numbers of H.273 for unspecified colours
+UNSPECIFIED = (0, 2)  # numbers of H.273 for unspecified colours
 SRGB_GAMMA = 0.45455  # gamma of PNG files that mean sRGB
 PROFILE_IN_FILE, PROFILE_OFFSET, QOI_SPACE = b"DEBM", 126, 13  # BMP: "MBED" backwards; byte offsets
 ICC_METHODS = (b"\2", b"\3")  # values in a JPEG 2000 "colr" box that a profile follows
 
 
 def colors_of(picture: Image.Image) -> Colors:
-    """Find the colour encoding of a picture before it is decoded, in the most authoritative declaration of its file."""
+    """Find a picture's colour encoding before decoding, from the most authoritative declaration in its file."""
     head, profile = head_of(picture), picture.info.get("icc_profile")
     said: Colors = _of_png(head, picture) if picture.format == "PNG" else profile or _of_others(head, picture)
     if said is None:
@@ -47,9 +47,10 @@ def colors_of(picture: Image.Image) -> Colors:
 
 
 def exif_of(picture: Image.Image) -> Image.Exif:
-    """Read the EXIF data of a picture, empty if they are damaged; raises errors of the picture's decoder.
+    """Read a picture's EXIF data, empty if they are damaged; errors of the picture's decoder are raised.
 
-    Pillow decodes a PNG to find EXIF data after its pixels. If the picture is loaded again after an error, it is black.
+    To find EXIF data after the pixels of a PNG, Pillow decodes it. If the picture is loaded again after an error, it is
+    black.
     """
     if picture.format == "PNG" and "exif" not in picture.info:
         picture.load()
@@ -60,7 +61,7 @@ def exif_of(picture: Image.Image) -> Image.Exif:
 
 @contextmanager
 def place_kept(file: IO[bytes]) -> Iterator[None]:
-    """Restore the position of a file after reading elsewhere in it."""
+    """Restore the position in a file after reading elsewhere in it."""
     place = file.tell()
     try:
         yield
@@ -117,7 +118,7 @@ def _of_others(head: bytes, picture: Image.Image) -> Colors:
     if picture.format in IN_BOXES:
         said = next((data for name, data in declared_in_boxes(picture) if name == b"colr" and data[:4] == b"nclx"), b"")
         primaries, transfer = struct.unpack(">HH", said[4:8].ljust(4, b"\0"))
-        return encoding_of(primaries, transfer) if transfer not in UNSAID else None
+        return encoding_of(primaries, transfer) if transfer not in UNSPECIFIED else None
     if picture.format == "JPEG2000":
         return _profile_in_jp2(head)
     if picture.format == "BMP" and head[70:74] == PROFILE_IN_FILE:
@@ -135,7 +136,7 @@ def _profile_in_jp2(head: bytes) -> bytes | None:
 
 
 def _of_exif(exif: Image.Exif) -> Encoding | None:
-    """Read the colour setting of a camera (Exif 2.32 and DCF 2.0), or primaries and white point of the file."""
+    """Read a camera's colour setting (Exif 2.32 and DCF 2.0), or the primaries and white point in the file."""
     shot = exif.get_ifd(SHOT)
     space, index = shot.get(COLOR_SPACE), str(exif.get_ifd(INTEROPERABILITY).get(INTEROPERABILITY_INDEX, ""))
     if space == ADOBE or (space in (UNCALIBRATED, None) and index.startswith("R03")):

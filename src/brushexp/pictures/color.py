@@ -18,8 +18,8 @@ def recolor(picture: Tensor, like: Tensor) -> Tensor:
 
     Source: Gatys et al. (2016), "Preserving color in neural artistic style transfer", arXiv:1606.05897, "image
     analogies" variant: x -> A (x - mean) + mean_like with A = S_like^(1/2) S^(-1/2), S the covariances, so that A S A =
-    S_like. Differs from the source: in the roots, a variance is at least one grey level, and no direction is stretched
-    more than 8 times, so that uniform pictures stay finite and their noise small.
+    S_like. Differs from the source: in the matrix roots, variances are at least one grey level, and no direction is
+    stretched more than 8 times, so that the result for a uniform picture stays finite and its noise small.
     """
     mean, covariance = _moments(picture)
     like_mean, like_covariance = _moments(like)
@@ -42,7 +42,7 @@ def _moments(picture: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def palette(lab: Array, weight: Array, count: int) -> Array:
-    """Find the best inks (K <= count, 3) for drawing a picture, with k-means in CIELAB (Lloyd, 1982).
+    """Find the best inks (K <= count, 3) for reproducing a picture, with k-means in CIELAB (Lloyd, 1982).
 
     ``weight`` (N,) >= 0 is the share of the picture that has each of the colours ``lab`` (N, 3). Inks are added one by
     one where the error is largest, so the result is deterministic and no ink increases the error.
@@ -65,7 +65,7 @@ def nearest_ink(lab: Array, inks: Array) -> Array:
 
 
 def _settled(lab: Array, weight: Array, inks: Array) -> Array:
-    """Repeatedly move inks to the mean of the colours drawn with them."""
+    """Repeatedly move inks to the mean of the colours assigned to them."""
     chosen = nearest_ink(lab, inks)
     for _ in range(ROUNDS):
         share = np.bincount(chosen, weight, len(inks))[:, None]
@@ -106,6 +106,6 @@ def as_lab(picture: Tensor) -> Array:
 
 
 def as_picture(lab: Array) -> Tensor:
-    """Convert CIELAB (H, W, 3) to a picture (3, H, W), float32; what no display shows is clipped."""
+    """Convert CIELAB (H, W, 3) to a picture (3, H, W), float32, clipping colours outside the sRGB gamut."""
     rgb = to_rgb(lab.reshape(-1, 3)).reshape(lab.shape)
     return torch.from_numpy(rgb).movedim(-1, 0).float().contiguous()

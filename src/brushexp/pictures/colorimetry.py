@@ -1,4 +1,4 @@
-"""Convert the numbers of a file to sRGB with the primaries and transfer curve that it names (ITU-T H.273)."""
+"""Convert the samples of a file to sRGB using the primaries and transfer curve that it declares (ITU-T H.273)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -66,7 +66,7 @@ def decode_srgb(value: Array) -> Array:
 
 
 def gamma(exponent: float) -> Curve:
-    """Make the curve of a power law."""
+    """Make the transfer curve of a power law."""
     return lambda value: value**exponent
 
 
@@ -98,13 +98,13 @@ ADOBE_RGB = Encoding(((0.64, 0.33), (0.21, 0.71), (0.15, 0.06), D65), gamma(563 
 
 
 def encoding_of(primaries: int, transfer: int) -> Encoding:
-    """Choose the encoding for these numbers of H.273; the default is sRGB, or BT.2020 with HLG and PQ."""
+    """Choose the encoding for these code points of H.273; the default is sRGB, or BT.2020 with HLG and PQ."""
     unsaid = BT2020 if transfer in HIGH_RANGE else BT709
     return Encoding(PRIMARIES.get(primaries, unsaid), CURVES.get(transfer, decode_srgb))
 
 
 def unless_srgb(encoding: Encoding) -> Encoding | None:
-    """Return an encoding, or None for sRGB, so that no bit of an sRGB picture changes.
+    """Return an encoding, or None for sRGB, so that sRGB pictures pass through unchanged to the bit.
 
     Chromaticities of standard video before BT.709 count as sRGB, because players show them as sRGB.
     """

@@ -1,4 +1,4 @@
-"""Copy the title, author, rights and date of a picture file to its painting, but never the place where it was taken."""
+"""Copy the title, author, rights and date of a picture file to its painting, but never the location."""
 
 import io
 import os
@@ -35,7 +35,8 @@ SRGB = (b"sRGB", b"\0")  # PNG chunk
 def credits_of(image: str) -> dict[str, str]:
     """Read the credits of a picture file, by PNG keyword; empty if the file has no readable credits.
 
-    Text chunks of a PNG take precedence over XMP, EXIF and IPTC. A catalogue has the credits of its ``painting.png``.
+    Text chunks of a PNG take precedence over XMP, EXIF and IPTC. A catalogue carries the credits of its
+    ``painting.png``.
     """
     found: dict[str, str] = {}
     path = Path(os.path.expanduser(image))

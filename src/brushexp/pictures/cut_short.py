@@ -1,4 +1,4 @@
-"""Decode truncated picture files as far as possible, or refuse them if much is missing."""
+"""Decode truncated picture files as far as possible, or reject them if much is missing."""
 
 import io
 from collections.abc import Iterator
@@ -63,7 +63,7 @@ def _boxes_fit(file: IO[bytes], size: int) -> bool | None:
     return None if end is None or end < size else end == size
 
 
-def rescued(path: Path, kind: str) -> ImageFile.ImageFile | None:
+def open_truncated(path: Path, kind: str) -> ImageFile.ImageFile | None:
     """Reopen a truncated picture so that its beginning can be decoded; None if it is complete or cannot be decoded."""
     if kind not in ROW_BY_ROW or has_end(path):
         return None
@@ -71,8 +71,8 @@ def rescued(path: Path, kind: str) -> ImageFile.ImageFile | None:
 
 
 @contextmanager
-def lenient() -> Iterator[None]:
-    """Let Pillow decode truncated files as far as possible."""
+def allow_truncated() -> Iterator[None]:
+    """Make Pillow decode truncated files as far as possible."""
     ImageFile.LOAD_TRUNCATED_IMAGES = True
     try:
         yield
@@ -81,7 +81,7 @@ def lenient() -> Iterator[None]:
 
 
 def check_missing(picture: Image.Image) -> str:
-    """Report how much of a rescued picture is missing; raise a UserError if much is missing, an OSError if all is."""
+    """Report how much of a truncated picture is missing; raise a UserError if much is, an OSError if everything is."""
     pixels = np.atleast_3d(np.asarray(picture))
     fill = JPEG_FILL if picture.format in JPEGS else 0
     empty = (pixels == fill).all(2)
@@ -95,6 +95,6 @@ def check_missing(picture: Image.Image) -> str:
 
 
 def _run(empty: np.ndarray) -> int:
-    """Count the empty pixels at the ends of the last rows of a map (H, W), up to the last row without empty pixels."""
+    """Count the empty pixels at the row ends of a map (H, W), going up from the last row to the first with none."""
     runs = np.where(empty.all(1), empty.shape[1], (~empty[:, ::-1]).argmax(1))[::-1]
     return int(runs[: np.argmax(np.append(runs, 0) == 0)].sum())

@@ -1,4 +1,4 @@
-"""Report damage to picture files that checksums or the pictures themselves reveal."""
+"""Report damage to picture files that checksums or the decoded pictures reveal."""
 
 import zlib
 from collections.abc import Iterable
@@ -21,7 +21,7 @@ ONE_COLOR = "has one colour throughout; if it should have more, the file is dama
 
 
 def check_sums(path: Path) -> None:
-    """Refuse (UserError) a PNG or deflate-compressed TIFF that does not match its checksums.
+    """Raise a UserError for a PNG or deflate-compressed TIFF that does not match its checksums.
 
     Decoders do not verify all of them. Missing data at the end of a file is not checked here.
     """
@@ -36,7 +36,7 @@ def check_sums(path: Path) -> None:
 
 
 def _check_deflated(path: Path, pieces: Iterable[tuple[int, int]]) -> None:
-    """Refuse pieces, each an offset and a length, with a wrong zlib checksum (RFC 1950)."""
+    """Reject blocks, each given by offset and length, with a wrong zlib checksum (RFC 1950)."""
     with path.open("rb") as file:
         for place, length in pieces:
             file.seek(place)
@@ -50,7 +50,7 @@ def _check_deflated(path: Path, pieces: Iterable[tuple[int, int]]) -> None:
 
 
 def _check_png(path: Path) -> None:
-    """Refuse a PNG with a critical chunk that does not match its checksum or has an unknown kind."""
+    """Reject a PNG with a critical chunk that does not match its checksum or is of unknown type."""
     with path.open("rb") as file:
         file.seek(len(PNG))
         while len(head := file.read(8)) == 8:

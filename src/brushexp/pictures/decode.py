@@ -18,7 +18,7 @@ from PIL.TiffImagePlugin import TiffImageFile
 from brushexp.errors import UserError
 from brushexp.pictures.boxes import Crop
 from brushexp.pictures.carriers import Colors, colors_of
-from brushexp.pictures.cut_short import SOME_MISSING, check_missing, has_end, lenient, rescued
+from brushexp.pictures.cut_short import SOME_MISSING, allow_truncated, check_missing, has_end, open_truncated
 from brushexp.pictures.damage import check_sums, remark_on
 from brushexp.pictures.jp2 import bits_of, check_decoder, read_jp2
 from brushexp.pictures.kinds import (
@@ -41,15 +41,15 @@ from brushexp.pictures.second_opinion import remark_of_others
 from brushexp.pictures.shape import clean_aperture, pixel_aspect, resample, squared
 from brushexp.pictures.srgb import SWAPPED, bytes_to_srgb, floats_to_srgb, orientation_of, unit_range, upright
 from brushexp.pictures.tiff import (
-    as_stored,
-    by_libtiff,
     is_misread,
     is_rarely_packed,
+    libtiff_only,
     main_page,
     mend_palette,
     needs_tifffile,
     pages_in,
     read_tiff,
+    restore_byte_order,
 )
 from brushexp.pictures.tiff_directories import BITS, LENGTH, MAGIC, WIDTH
 from brushexp.system.reading import check_file, explaining
@@ -69,8 +69,8 @@ def read_picture(path: Path, *, key: str = "image", backdrop: float = 1.0, side:
     CMYK, and TIFF that only Pillow can unpack keep 8. All colour information is applied: an ICC profile (in 8 bits,
     unless it is broken), numbers of ITU-T H.273, gamma and primaries, or a camera's Adobe RGB. Pixels become square.
     Pictures above 100 megapixels are read at a smaller size, with at least ``side`` pixels on the longer side.
-    Truncated files, animations and further pages are logged once. A UserError, naming the ``key`` typed before the
-    path, refuses pictures that cannot be read, are too large, or have floats outside [0, 1].
+    Truncated files, animations and further pages are logged once. Pictures that cannot be read, are too large, or have
+    floats outside [0, 1] raise a UserError that names the ``key`` of the path.
     """
     with _explained(path, key):
         pixels, remark = _read(path, backdrop, side)
@@ -85,7 +85,7 @@ def _tell(line: str) -> None:
 
 
 def picture_size(path: Path, *, key: str = "image") -> tuple[int, int]:
-    """Read height and width of a readable picture from its first and last bytes."""
+    """Read the height and width of a readable picture from its first and last bytes."""
     with _explained(path, key), _opened(path, 1) as (_, picture):
         if picture is None:
             return _read(path, 1.0, None)[0].shape[:2]
@@ -96,7 +96,7 @@ def picture_size(path: Path, *, key: str = "image") -> tuple[int, int]:
         is_whole = has_end(path)
         if not is_whole or isinstance(picture, TiffImageFile):  # much of a TIFF is not read here
             _read(path, 1.0, 1)
-        with nullcontext() if is_whole else lenient():
+        with nullcontext() if is_whole else allow_truncated():
             declared = declared_by(picture)
             is_swapped = orientation_of(picture) >= SWAPPED
     if declared.crop is not None:
@@ -115,13 +115,13 @@ class Declared(NamedTuple):
 
 
 def declared_by(picture: Image.Image) -> Declared:
-    """Read the declared properties of a picture before decoding, after which some decoders close the file."""
+    """Read a picture's declared properties before decoding, because some decoders close the file."""
     return Declared(colors_of(picture), pixel_aspect(picture), clean_aperture(picture))
 
 
 @contextmanager
 def _explained(path: Path, key: str) -> Iterator[None]:
-    """Turn any error with a picture into a UserError that names the key and the file."""
+    """Turn any error about a picture into a UserError that names the key and the file."""
     with _silence():
         try:
             yield
@@ -152,7 +152,7 @@ def _undecoded(path: Path) -> str:
 
 
 def _unknown(path: Path) -> str:
-    """Explain what a file unknown to all decoders is, and what to do."""
+    """Explain what a file unknown to all decoders is, and how to proceed."""
     if is_raw(str(path)):
         return RAW
     with path.open("rb") as file:
@@ -162,7 +162,7 @@ def _unknown(path: Path) -> str:
 
 @contextmanager
 def open_picture(path: Path) -> Iterator[Image.Image]:
-    """Open a picture of a run without decoding it; any error becomes a UserError."""
+    """Open a run's picture without decoding it; any error becomes a UserError."""
     check_file(path, "paint it again")
     with explaining(path, "paint it again"), open_of_any_size(path, WRITTEN) as picture:
         check_pixels(*picture.size, "", None)
@@ -171,7 +171,7 @@ def open_picture(path: Path) -> Iterator[Image.Image]:
 
 @contextmanager
 def _silence() -> Iterator[None]:
-    """Keep messages of decoders off the terminal; those that matter become errors.
+    """Keep decoders' messages off the terminal; those that matter become errors.
 
     `check_pixels` replaces Pillow's own limit on pixels.
     """
@@ -200,7 +200,7 @@ def _opened(path: Path, side: int | None) -> Iterator[tuple[Path | IO[bytes], Im
     check_sums(path)
     is_tiff = head[:4] in MAGIC
     try:
-        with by_libtiff() if is_tiff and is_misread(path) else nullcontext():
+        with libtiff_only() if is_tiff and is_misread(path) else nullcontext():
             picture = Image.open(path)
     except UnidentifiedImageError:
         if not is_tiff or is_raw(str(path)):
@@ -228,7 +228,7 @@ def _load_codec(head: bytes) -> None:
 
 
 def _read(path: Path, backdrop: float, side: int | None) -> tuple[np.ndarray, str]:
-    """Decode a picture and collect remarks about it."""
+    """Decode a picture and collect warnings about it."""
     with _opened(path, side) as (file, picture):
         if picture is None:
             return read_tiff(path, backdrop, None, side), ""
@@ -244,9 +244,9 @@ def _read(path: Path, backdrop: float, side: int | None) -> tuple[np.ndarray, st
         except (OSError, ValueError, SyntaxError):
             if is_rarely_packed(picture):
                 return _squared(read_tiff(file, backdrop, declared.colors, side), declared.aspect), remark
-            if (again := rescued(path, picture.format or "")) is None:
+            if (again := open_truncated(path, picture.format or "")) is None:
                 raise
-    with again, lenient():
+    with again, allow_truncated():
         declared = declared_by(again)
         draft(again, side)
         again.load()
@@ -255,7 +255,7 @@ def _read(path: Path, backdrop: float, side: int | None) -> tuple[np.ndarray, st
 
 
 def _of_several(path: Path, picture: ImageFile) -> str:
-    """Remark that a file has more frames or pages; "" if it has a single picture."""
+    """Note that a file has more frames or pages; "" if it has a single picture."""
     if isinstance(picture, TiffImageFile):
         count = pages_in(path)
         return PAGES.format(count) if count > 1 else ""
@@ -307,7 +307,7 @@ def decode_image(picture: Image.Image, backdrop: float = 1.0, declared: Declared
 def _to_srgb(picture: Image.Image, declared: Declared, backdrop: float) -> np.ndarray:
     mend_palette(picture)
     if picture.mode == "F" or picture.mode.startswith("I"):
-        samples, key = as_stored(np.asarray(picture), picture)[..., None], picture.info.get("transparency")
+        samples, key = restore_byte_order(np.asarray(picture), picture)[..., None], picture.info.get("transparency")
         alpha = None if key is None else (samples != key).astype(np.float32)
         bits = max(picture.tag_v2.get(BITS, (16,))) if isinstance(picture, TiffImageFile) else 16
         rgb = floats_to_srgb(unit_range(samples, bits), alpha, declared.colors, backdrop)

@@ -1,4 +1,4 @@
-"""Describe a face in a picture: its place, size and tilt, and the places of its eyes and mouth."""
+"""Describe a face in a picture: its position, size and tilt, and the positions of its eyes and mouth."""
 
 import math
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ class Face:
     """A face whose middle is at (``x``, ``y``), in pixels from the upper left corner of the picture.
 
     ``side`` is the square root of the area of its box in pixels, ``score`` the confidence of the detector, 0 to 1, and
-    ``landmarks`` (5, 2) has x and y of each `Landmark`; it is empty, (0, 2), if only the place is known.
+    ``landmarks`` (5, 2) has x and y of each `Landmark`; it is empty, (0, 2), if only the position is known.
     """
 
     x: float

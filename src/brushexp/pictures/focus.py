@@ -1,4 +1,4 @@
-"""Weight pixels by how much accuracy matters there, with a mask or an estimate of where people look first."""
+"""Weight pixels by importance, using a mask or an estimate of where people look first."""
 
 from collections.abc import Sequence
 
@@ -13,7 +13,7 @@ from brushexp.pictures.load import downsample, load_mask
 
 AUTO = "auto"  # value of focus and faces: detect them in the picture
 OFF = "off"  # value of faces: detect none
-GLANCE_SIDE = 64  # pixels on the longer side at which the composition of a picture is judged
+SALIENCY_SIDE = 64  # pixels on the longer side at which the composition of a picture is judged
 BLUR = 0.045  # blur of the maps, in longer sides, as in Hou et al.
 CENTRE = 0.3  # standard deviation in sides: people look near the middle, and place their subjects there
 ROUNDING = 1e-3  # Lab units below which differences are due to rounding
@@ -22,12 +22,12 @@ SHARP_SIDE = 512  # pixels on the longer side at which sharp edges are detected
 SHARP_SLOPE = 1.5, 8.0  # L* per pixel: slope of a blurred edge, and of a fully sharp one
 SHARP_BLUR = 0.025  # blur of the map of sharp edges, in longer sides
 SHARP_SHARE = 0.35  # share of sharp edges in a fully sharp area
-OF_SHARP = 0.5  # attention to an area that is sharp but not salient
-BESIDE_FACES = 0.5  # factor on the attention outside the faces of a picture
+SHARP_ATTENTION = 0.5  # attention to an area that is sharp but not salient
+ATTENTION_OUTSIDE_FACES = 0.5  # factor on the attention outside the faces of a picture
 
 
 def focus_map(focus: str, target: Tensor, faces: Sequence[Face] = ()) -> Tensor:
-    """Map the importance (H, W), 0 to 1, of the pixels of a picture (3, H, W), by ``auto`` or from a mask file."""
+    """Map the importance (H, W), 0 to 1, of the pixels of a picture (3, H, W), with ``auto`` or from a mask file."""
     if focus == AUTO:
         return attention(target, faces)
     return load_mask(focus, (target.shape[1], target.shape[2]), "focus", f"{AUTO}, ")
@@ -39,7 +39,7 @@ def focus_weights(attended: Tensor, strength: float) -> Tensor:
     return (weights / weights.mean()).to(torch.float32)
 
 
-def resized(weights: Tensor, size: tuple[int, int]) -> Tensor:
+def resample_weights(weights: Tensor, size: tuple[int, int]) -> Tensor:
     """Resample weights (H, W) to another resolution by averaging areas, keeping their mean."""
     if weights.shape == size:
         return weights
@@ -53,14 +53,14 @@ def attention(picture: Tensor, faces: Sequence[Face]) -> Tensor:
     Saliency is the image signature (Hou, Harel and Koch, 2012, "Image signature: highlighting sparse salient regions"):
     the cosine transform of each Lab channel is reduced to its signs, and its squared inverse is bright where something
     stands out. Detail is the gradient of the Lab channels. Both are smoothed, and the root of their product is weighted
-    by a Gaussian around the centre (Judd et al., 2009). Areas with sharp edges, on which the photographer focused, get
-    a share of the attention wherever they lie. ``faces`` are added as in Cerf et al. (2007). The combination differs
-    from the sources and was chosen by eye on ten photographs.
+    by a Gaussian around the centre (Judd et al., 2009). Areas in focus, with sharp edges, get a share of the attention
+    regardless of position. ``faces`` are added as in Cerf et al. (2007). The combination differs from the sources and
+    was chosen by eye on ten photographs.
     """
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (rarely needed)
 
     size = (picture.shape[1], picture.shape[2])
-    small = _shrunk(picture, GLANCE_SIDE)
+    small = _shrunk(picture, SALIENCY_SIDE)
     lab: np.ndarray = to_lab(small.reshape(-1, 3).astype(np.float64)).reshape(small.shape)
     sigma = BLUR * max(lab.shape[:2])
     saliency, detail = (gaussian_filter(values, sigma) for values in (_signature(lab), _slope(lab)))
@@ -70,8 +70,8 @@ def attention(picture: Tensor, faces: Sequence[Face]) -> Tensor:
     salient = np.sqrt((saliency - saliency.min()) * (detail - detail.min())) * middle
     highest = salient.max()
     salient = salient / highest if highest > ROUNDING else np.zeros_like(salient)
-    attended = torch.maximum(_enlarged(salient, size), OF_SHARP * sharpness(picture))
-    attended = attended * (BESIDE_FACES if faces else 1)
+    attended = torch.maximum(_enlarged(salient, size), SHARP_ATTENTION * sharpness(picture))
+    attended = attended * (ATTENTION_OUTSIDE_FACES if faces else 1)
     for face in faces:  # a round plateau, 1 in the middle, 1/e at ``FACE_REACH`` sides, and soon 0 beyond
         down, across = torch.arange(size[0]) + 0.5 - face.y, torch.arange(size[1]) + 0.5 - face.x
         distance = (down[:, None].square() + across.square()) / (FACE_REACH * face.side) ** 2
@@ -80,7 +80,7 @@ def attention(picture: Tensor, faces: Sequence[Face]) -> Tensor:
 
 
 def sharpness(picture: Tensor) -> Tensor:
-    """Measure the local sharpness of the edges in a picture (3, H, W): (H, W) float64, 0 (blurred or even) to 1."""
+    """Measure the local sharpness of the edges in a picture (3, H, W): (H, W) float64, 0 (blurred or uniform) to 1."""
     from scipy.ndimage import gaussian_filter, gaussian_gradient_magnitude  # noqa: PLC0415  (rarely needed)
 
     small = downsample(picture, SHARP_SIDE).double()

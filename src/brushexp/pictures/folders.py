@@ -1,4 +1,4 @@
-"""Find the pictures in a folder or matching a pattern such as ``photos/*.jpg``, and list the files left out."""
+"""Find the pictures in a folder or matching a pattern such as ``photos/*.jpg``, and list the skipped files."""
 
 import glob
 import os
@@ -13,7 +13,7 @@ from brushexp.system.spellings import both_forms
 
 CODEC_SUFFIXES = {".heic": "heic", ".heics": "heic", ".heif": "heic", ".heifs": "heic", ".hif": "heic", ".jxl": "jxl"}
 VECTORS = (".svg", ".svgz", ".pdf", ".eps", ".ps", ".ai")
-OF_PROGRAMS = (".xcf", ".kra", ".clip", ".ora", ".procreate", ".afphoto", ".exr", ".hdr")
+PROJECT_SUFFIXES = (".xcf", ".kra", ".clip", ".ora", ".procreate", ".afphoto", ".exr", ".hdr")
 NAMED = 3  # largest number of files of a kind that a line names
 
 
@@ -28,7 +28,7 @@ def picture_suffixes() -> frozenset[str]:
 
 
 def is_several(image: str) -> bool:
-    """Check whether a value names a folder, or is a pattern and not a file."""
+    """Check whether a value names a folder, or is a pattern rather than a file."""
     path = os.path.expanduser(image)
     return os.path.isdir(path) or (not os.path.exists(path) and glob.has_magic(image) and "(" not in image)
 
@@ -37,7 +37,7 @@ def pictures_in(image: str) -> list[str]:
     """List the picture files in a folder or matching a pattern; raise a UserError if there are none."""
     paths = [name for name in _named(image) if _suffix(name) in picture_suffixes() and os.path.isfile(name)]
     if not paths:
-        others = "; ".join(left_out(image)) or "give a folder or pattern of .png, .jpg, .tif, .webp, ..."
+        others = "; ".join(skipped_files(image)) or "give a folder or pattern of .png, .jpg, .tif, .webp, ..."
         raise UserError(f"image={image}: there are no pictures; {others}")
     return paths
 
@@ -47,8 +47,8 @@ def pictures_of(names: Iterable[str]) -> list[str]:
     return [picture for name in names for picture in (pictures_in(name) if is_several(name) else [name])]
 
 
-def left_out(image: str) -> list[str]:
-    """List, one line per kind, the files that `pictures_in` leaves out, except hidden ones."""
+def skipped_files(image: str) -> list[str]:
+    """List, one line per type, the files that `pictures_in` skips, except hidden ones."""
     names = [name for name in _named(image) if _suffix(name) not in picture_suffixes() or not os.path.isfile(name)]
     kinds: dict[str, list[str]] = {}
     for name in names:
@@ -67,7 +67,7 @@ def _suffix(name: str) -> str:
 
 
 def _cure_of(name: str, image: str) -> str:
-    """Explain what to do about a file or folder that is left out."""
+    """Explain what to do about a skipped file or folder."""
     suffix = _suffix(name)
     if os.path.isdir(name):
         inner = ("*", "*.jpg") if os.path.isdir(os.path.expanduser(image)) else ("*.jpg",)
@@ -80,11 +80,13 @@ def _cure_of(name: str, image: str) -> str:
         return f"they need a decoder, pip install 'brushexp[{CODEC_SUFFIXES[suffix]}]'"
     if suffix in RAW_SUFFIXES:
         return "develop raw photographs first"
-    return "save them as PNG first" if suffix in (*VECTORS, *OF_PROGRAMS) else "they lack the extension of a picture"
+    return (
+        "save them as PNG first" if suffix in (*VECTORS, *PROJECT_SUFFIXES) else "they lack the extension of a picture"
+    )
 
 
 def _in_words(names: list[str]) -> str:
-    """Name a few files of a kind, or count them by extension."""
+    """Name a few files of a type, or count them by extension."""
     if len(names) <= NAMED:
         return ", ".join(map(os.path.basename, names))
     counts = Counter("folders" if os.path.isdir(name) else _suffix(name) or "without an extension" for name in names)

@@ -1,4 +1,4 @@
-"""Give pictures in memory names that work in place of a path."""
+"""Give in-memory pictures names that can be used in place of paths."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ _pictures: WeakValueDictionary[str, HeldPicture] = WeakValueDictionary()
 
 
 def hold(picture: Any, key: str = "image") -> HeldPicture:
-    """Name a picture, with equal names for equal pixels; refuse (UserError, with its ``key``) other values."""
+    """Name a picture, with equal names for equal pixels; other values raise a UserError that names their ``key``."""
     white = _pixels(picture, key, 1.0)
     black = _pixels(picture, key, 0.0) if may_be_transparent(picture) else white
     return _named({1.0: white, 0.0: white if np.array_equal(white, black) else black})
@@ -92,7 +92,7 @@ def _with_alpha(white: np.ndarray, black: np.ndarray) -> np.ndarray:
 
 
 def is_picture(value: Any) -> bool:
-    """Check whether a value has a type that can be a picture."""
+    """Check whether a value has a type that can represent a picture."""
     kinds = Image.Image | torch.Tensor | bytes | bytearray | memoryview
     is_array = hasattr(value, "__array__") and not isinstance(value, np.generic)  # also those of JAX, h5py, xarray, ...
     return isinstance(value, kinds) or hasattr(value, "read") or is_array

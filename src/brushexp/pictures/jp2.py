@@ -1,4 +1,4 @@
-"""Decode JPEG 2000 above 8 bits or 100 megapixels with FFmpeg, because Pillow wraps white and reads all pixels."""
+"""Decode JPEG 2000 above 8 bits or 100 megapixels with FFmpeg, because Pillow wraps whites and reads every pixel."""
 
 import importlib
 from pathlib import Path
@@ -19,7 +19,7 @@ CODING, LEVELS_AT, LEVELS = b"\xff\x52", 9, 5  # a marker, the offset of the num
 
 
 def levels_of(picture: ImageFile) -> int:
-    """Read how many times the size of a JPEG 2000 can be halved while decoding."""
+    """Read how many times a JPEG 2000 can be halved in size while decoding."""
     _, _, stream = head_of(picture).partition(CODESTREAM)
     at = stream.find(CODING) + LEVELS_AT
     return stream[at] if LEVELS_AT <= at < len(stream) else LEVELS
@@ -47,7 +47,7 @@ def read_jp2(path: Path, picture: ImageFile, bits: int, side: int | None) -> tup
 
 
 def check_decoder(picture: ImageFile) -> None:
-    """Refuse (UserError) a JPEG 2000 that needs FFmpeg if it is missing."""
+    """Raise a UserError for a JPEG 2000 that needs FFmpeg if FFmpeg is missing."""
     if bits := bits_of(picture):
         _ffmpeg(picture, bits)
 

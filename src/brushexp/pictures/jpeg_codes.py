@@ -29,7 +29,7 @@ NUMBERS = 64  # numbers per block
 
 @function
 def fits(data, units, kinds, codes, steps):  # type: ignore[no-untyped-def]
-    """Check whether bytes, with `PADDING`, hold the codes of exactly ``units`` units, in the range of 8-bit pixels.
+    """Check whether bytes, with `PADDING`, hold the codes of exactly ``units`` units, within the range of 8-bit pixels.
 
     ``kinds`` (B,) are the components of the blocks of a unit. ``codes`` (C, 2, 65536) maps the next 16 bits, for the
     first and for the other numbers of a block, to 256 times the length of the code plus its symbol. ``steps`` (C, 64)
@@ -81,7 +81,7 @@ def bits_at(data, at):  # type: ignore[no-untyped-def]
 
 @dataclass
 class Header:
-    """The data that precede the codes of a JPEG."""
+    """The header data before the codes of a JPEG."""
 
     steps: dict[int, np.ndarray] = field(default_factory=dict)  # (64,) quantisation steps by table number
     codes: dict[int, np.ndarray] = field(default_factory=dict)  # (65536,) codes by class plus table number
@@ -156,7 +156,7 @@ def _steps(part: bytes) -> Iterator[tuple[int, np.ndarray]]:
 
 
 def _codes(part: bytes) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield tables of codes by class (`BLOCK` or 0) plus number; 0 marks bits that are not a code."""
+    """Yield code tables by class (`BLOCK` or 0) plus number; 0 marks bits that are not a code."""
     while part:
         counts, codes, at, first = part[1:17], np.zeros(2**LONGEST_CODE, np.int16), 17, 0
         for length, count in enumerate(counts, 1):

@@ -1,4 +1,4 @@
-"""Identify files that are not readable pictures: raw photographs, films, vector drawings, pages."""
+"""Identify files that are not readable pictures: raw photographs, films, vector drawings, documents."""
 
 import importlib
 import struct
@@ -79,14 +79,14 @@ DNG_VERSION = 50706  # TIFF tag
 
 
 def what_it_is(head: bytes) -> str:
-    """Explain from its first bytes what a file unknown to all decoders is, and what to do."""
+    """Explain from its first bytes what a file unknown to all decoders is, and how to proceed."""
     tellers = (_by_start, _kind_of_psd, _kind_of_jpeg, _kind_of_container, _kind_of_text)
     words = (tell(head) for tell in tellers)
     return next(filter(None, words), UNKNOWN)
 
 
 def is_special(words: str) -> bool:
-    """Check whether `what_it_is` found an unsupported kind of file instead of damage."""
+    """Check whether `what_it_is` found an unsupported type of file rather than damage."""
     return words not in (DAMAGED, FILM, UNKNOWN)
 
 
@@ -164,7 +164,7 @@ def has_codec(extra: str) -> bool:
 
 
 def check_not_raw(picture: Any, head: bytes = b"") -> None:
-    """Refuse (UserError) a Pillow image that is the thumbnail of a raw photograph."""
+    """Raise a UserError for a Pillow image that is the thumbnail of a raw photograph."""
     if picture.format != "TIFF":
         return
     tags = picture.tag_v2

@@ -1,4 +1,4 @@
-"""Refuse pictures too large for memory, or read them smaller where their format allows it."""
+"""Reject pictures too large for memory, or read them at a smaller size if their format allows it."""
 
 import math
 from pathlib import Path
@@ -29,7 +29,7 @@ def open_of_any_size(path: str | Path, formats: tuple[str, ...] | None = None) -
 
 
 def check_pixels(width: int, height: int, kind: str, side: int | None) -> None:
-    """Refuse (UserError) a picture too large for its format to be read with ``side`` pixels, or in full for None."""
+    """Raise a UserError if a picture is too large for its format to be read at ``side`` pixels, or in full for None."""
     if width * height <= MAX_PIXELS:
         return
     largest = MOST_PIXELS if kind in IN_PARTS else MOST_WHOLE if kind in AT_ONCE else MAX_PIXELS
@@ -41,13 +41,13 @@ def check_pixels(width: int, height: int, kind: str, side: int | None) -> None:
 
 
 def too_large(width: int, height: int) -> str:
-    """Explain that a picture is too large to be read whole."""
+    """Explain that a picture is too large to be read in full."""
     most = f"at most {MAX_PIXELS // 10**6} megapixels are read in full"
     return f"has {width} x {height} pixels; {most}: add resolution={EXAMPLE} to read it smaller"
 
 
 def check_whole(width: int, height: int, is_deep: bool = False) -> None:
-    """Refuse (UserError) a picture too large to be decoded in one piece; ``is_deep`` means more than 8 bits."""
+    """Raise a UserError for a picture too large to be decoded in one piece; ``is_deep`` means more than 8 bits."""
     most = MAX_PIXELS if is_deep else MOST_WHOLE
     if width * height > most:
         size = f"has {width} x {height} pixels, which its compression unpacks all at once"
@@ -55,7 +55,7 @@ def check_whole(width: int, height: int, is_deep: bool = False) -> None:
 
 
 def halvings(width: int, height: int, side: int, most: int) -> int:
-    """Count how often, up to ``most`` times, to halve a picture above 100 megapixels to fit ``side`` and memory."""
+    """Count how often, up to ``most`` times, to halve a picture above 100 megapixels to fit ``side`` and the memory."""
     if width * height <= MAX_PIXELS:
         return 0
     wanted = int(math.log2(max(1, max(width, height) / side)))

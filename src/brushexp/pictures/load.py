@@ -35,8 +35,8 @@ def load_picture(image: str, resolution: int | None, key: str = "image") -> Tens
     """Read a picture, upright and over white, and resample it to (3, H, W) float32, contiguous, sRGB in [0, 1].
 
     ``image`` is a file, one of ``samples()``, or the name of a picture in memory; ``resolution`` is the longer side in
-    pixels, None for the file's own; ``key`` is the key of the path, for messages. A UserError refuses a picture that
-    does not exist, cannot be read, or has more than 100 megapixels before or after resampling.
+    pixels, None for the file's own; ``key`` is the key of the path, for messages. A picture that does not exist, cannot
+    be read, or has more than 100 megapixels before or after resampling raises a UserError.
     """
     return planes_of(_pixels_of(image, key, side=resolution), resolution)
 
@@ -57,7 +57,7 @@ def load_cutout(image: str, resolution: int | None, key: str = "image") -> tuple
 
 
 def planes_of(picture: np.ndarray, resolution: int | None) -> Tensor:
-    """Convert a picture (H, W, 3), uint8 or in [0, 1], like `load_picture`."""
+    """Convert a picture (H, W, 3), uint8 or in [0, 1], to the form that `load_picture` returns."""
     if resolution is not None:
         picture = resample(picture, size_at(resolution, *picture.shape[:2]))
     planes = np.ascontiguousarray(np.moveaxis(picture, 2, 0), dtype=np.float32)
@@ -74,7 +74,7 @@ def downsample(picture: Tensor, side: int) -> Tensor:
 
 
 def size_of_picture(image: str, key: str, resolution: int | None = None, also: str = "") -> tuple[int, int]:
-    """Compute the height and width of a `load_picture` result, and raise its errors, without decoding the picture."""
+    """Compute the size of what `load_picture` would return, and raise its errors, without decoding the picture."""
     height, width = sides_of_picture(image, key, also)
     if resolution is None and width * height > MAX_PIXELS and pixels_of(image) is None:
         raise UserError(f"{key}={image} {too_large(width, height)}")
@@ -107,7 +107,7 @@ def load_mask(image: str, size: tuple[int, int], key: str, also: str = "") -> Te
     """Read a picture as grey values (H, W), float32 in [0, 1], resampled to the ``size`` of another picture.
 
     Grey is brightness (Rec. 601); transparent pixels are black. ``image`` and ``key`` are as in `load_picture`, and
-    ``also`` lists other values of the key for messages, such as "auto, ". A UserError refuses another aspect ratio.
+    ``also`` lists other values of the key for messages, such as "auto, ". A different aspect ratio raises a UserError.
     """
     picture = _pixels_of(image, key, also, backdrop=0.0, side=max(size))
     check_ratio(image, picture.shape, size, key)
@@ -117,7 +117,7 @@ def load_mask(image: str, size: tuple[int, int], key: str, also: str = "") -> Te
 
 
 def check_ratio(image: str, sides: Sequence[int], size: tuple[int, int], key: str) -> None:
-    """Refuse (UserError) a picture of ``sides`` (H, W) whose aspect ratio differs from that of ``size``."""
+    """Raise a UserError for a picture of ``sides`` (H, W) whose aspect ratio differs from that of ``size``."""
     height, width = sides[:2]
     zoom = max(size) / max(height, width)
     if any(abs(zoom * side - expected) > max(1, zoom) for side, expected in zip((height, width), size, strict=True)):
@@ -162,7 +162,7 @@ def samples() -> dict[str, Path]:
 
 
 def _path_of(image: str, key: str, also: str = "") -> Path:
-    """Find the file that ``image`` names, and expand ~, which shells do not expand in ``image=~/photo.jpg``."""
+    """Find the file that ``image`` names, expanding ~, which shells leave alone in ``image=~/photo.jpg``."""
     path = find_spelling(os.path.expanduser(image))  # unlike pathlib's functions, those of os never raise
     if os.path.isfile(path):
         return Path(path)
@@ -179,7 +179,7 @@ def _path_of(image: str, key: str, also: str = "") -> Path:
 
 
 def nearest_files(image: str, others: Iterable[str] = ()) -> list[str]:
-    """List up to three pictures, from a path's folder and ``others``, with names similar to the path's."""
+    """List up to three pictures, from a path's folder and ``others``, whose names resemble the path's."""
     folder, name = os.path.split(image)
     with suppress(OSError):
         beside = [
@@ -204,7 +204,7 @@ def shrunk_to(most: int, size: tuple[int, int]) -> tuple[int, int]:
 
 
 def size_at(resolution: int | None, height: int, width: int) -> tuple[int, int]:
-    """Scale height and width in proportion so that the longer side is ``resolution``; None changes nothing."""
+    """Scale height and width in proportion so that the longer side is ``resolution``; None keeps them."""
     if resolution is None:
         return height, width
     longer = max(height, width)

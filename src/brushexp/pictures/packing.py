@@ -41,7 +41,7 @@ GIF, GIF_HEAD, IMAGE, EXTENSION = b"GIF8", 13, 0x2C, 0x21
 
 @function
 def lzw_length(data: np.ndarray, bits: int, last_bit_first: bool, early: int) -> int:
-    """Count the samples in LZW codes (bytes) with ``bits`` per sample; return `INVALID` if a code has no meaning."""
+    """Count the samples in LZW codes (bytes) with ``bits`` per sample; return `INVALID` for a meaningless code."""
     lengths = np.ones(MOST_CODES, dtype=np.int64)
     clear = 1 << bits
     width, following, before, total = bits + 1, clear + 2, -1, 0
@@ -73,7 +73,7 @@ def lzw_length(data: np.ndarray, bits: int, last_bit_first: bool, early: int) ->
 
 
 def remark_on_packing(path: Path) -> str:
-    """Report that a file contains more or fewer pixels than its size states; "" if they cannot be counted."""
+    """Report that a file contains more or fewer pixels than its size implies; "" if they cannot be counted."""
     with path.open("rb") as file:
         head = file.read(18)
     if head[:4] in MAGIC:
@@ -168,7 +168,7 @@ def _gif_is_whole(data: bytes) -> bool:
 
 
 def _colors(flags: int) -> int:
-    """Count the bytes of a table of colours."""
+    """Count the bytes of a colour table."""
     return 3 << (flags & 7) + 1 if flags & 128 else 0
 
 

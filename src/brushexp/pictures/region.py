@@ -19,7 +19,7 @@ class Region:
 
     @staticmethod
     def whole(picture: Tensor) -> Region:
-        """Make the region that covers all of a picture (..., H, W)."""
+        """Return the region that covers all of a picture (..., H, W)."""
         return Region(0, 0, picture.shape[-2], picture.shape[-1])
 
     def of(self, picture: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-"""Check a picture with other installed decoders, which may report damage that its own decoder does not."""
+"""Check a picture with other installed decoders, which may detect damage that its own decoder misses."""
 
 import importlib
 from contextlib import suppress

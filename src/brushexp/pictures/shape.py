@@ -23,7 +23,7 @@ MOST_ASPECT = 4  # larger ratios are considered mistakes
 
 
 def pixel_aspect(picture: Image.Image) -> float:
-    """Read the pixel aspect (width over height) of the upright picture before decoding; 1 if it is not declared."""
+    """Read the pixel aspect ratio (width over height) of the upright picture before decoding; 1 if not declared."""
     aspect = 1.0
     with suppress(Exception):  # damaged numbers may raise nearly any error, but the picture is intact
         across, down = _densities(picture)
@@ -40,7 +40,7 @@ def _is_turned_already(picture: Any) -> bool:
 
 
 def clean_aperture(picture: Any) -> Crop | None:
-    """Find the visible rows and columns of an AVIF before rotation; HEIF's decoder crops by itself."""
+    """Find the visible rows and columns of an AVIF before rotation; HEIF's decoder crops without help."""
     return clean_aperture_in(declared_in_boxes(picture), *picture.size) if picture.format == "AVIF" else None
 
 
@@ -80,7 +80,7 @@ def _of_psd(picture: Any) -> tuple[Any, Any]:
 
 
 def _of_tga(picture: Any) -> tuple[Any, Any]:
-    """Read the aspect from the extension area of a TGA, to which its last bytes point (Truevision, 1991)."""
+    """Read the aspect ratio from the extension area of a TGA, which its last bytes point to (Truevision, 1991)."""
     with place_kept(picture.fp):
         picture.fp.seek(-TGA_FOOTER.size, os.SEEK_END)
         extension, _, name = TGA_FOOTER.unpack(picture.fp.read())
@@ -103,7 +103,7 @@ DENSITIES: dict[str, Callable[[Any], tuple[Any, Any]]] = {  # readers by format
 
 
 def squared(height: int, width: int, aspect: float) -> tuple[int, int]:
-    """Compute height and width with square pixels, shrinking neither side."""
+    """Compute the height and width with square pixels, shrinking neither side."""
     return (height, round(width * aspect)) if aspect > 1 else (round(height / aspect), width)
 
 

@@ -1,4 +1,4 @@
-"""Convert samples of any depth and encoding to sRGB over a backdrop, upright."""
+"""Convert samples of any depth and encoding to upright sRGB over a backdrop."""
 
 import io
 from contextlib import suppress
@@ -57,7 +57,7 @@ def floats_to_srgb(color: np.ndarray, alpha: np.ndarray | None, colors: Colors, 
 
 
 def unit_range(samples: np.ndarray, bits: int) -> np.ndarray:
-    """Convert samples to float32 in [0, 1]; floats keep their values, and are refused outside that range."""
+    """Convert samples to float32 in [0, 1]; floats keep their values, and those outside this range are rejected."""
     unit = samples.astype(np.float32)
     if samples.dtype.kind != "f":
         unit /= 2**bits - 1

@@ -21,7 +21,7 @@ def structure_tensor(picture: Array, sigma: float) -> Array:
 class FarStructure:
     """Structure tensors of one picture (C, H, W), smoothed over any distance at the same cost.
 
-    Like `structure_tensor`, the cosine transform extends a picture with mirror images.
+    The cosine transform extends a picture by mirroring, as `structure_tensor` does.
 
     >>> picture = np.random.default_rng(0).random((3, 20, 30))
     >>> near, far = (structure_tensor(picture, sigma) for sigma in (2.0, 5.0))
@@ -57,14 +57,14 @@ def along_edges(tensor: Array) -> Array:
 
 
 def sampled_at(picture: Array, x: Array, y: Array) -> Array:
-    """Look up values (..., n) of a picture (..., H, W) at points (n,), clamped to the nearest pixels inside."""
+    """Look up values (..., n) of a picture (..., H, W) at points (n,), clamped to the nearest pixel inside."""
     height, width = picture.shape[-2:]
     values: Array = picture[..., y.astype(int).clip(0, height - 1), x.astype(int).clip(0, width - 1)]
     return values
 
 
 def worst_of_cells(difference: Array, side: int) -> tuple[Array, Array, Array]:
-    """Divide a map (H, W) into n cells (n, side^2), padded with NaN, and find the worst pixel of each, x and y (n,)."""
+    """Divide a map (H, W) into n cells (n, side^2), padded with NaN, and find each cell's worst pixel, x and y (n,)."""
     height, width = difference.shape
     rows, columns = -(-height // side), -(-width // side)
     padded = np.pad(difference, ((0, rows * side - height), (0, columns * side - width)), constant_values=np.nan)

@@ -93,7 +93,7 @@ def has_codecs() -> bool:
 
 
 def is_rarely_packed(picture: ImageFile) -> bool:
-    """Check whether Pillow may be unable to unpack a TIFF; refuse (UserError) it if no other package can."""
+    """Check whether Pillow may be unable to unpack a TIFF; raise a UserError if no other package can."""
     compression = picture.tag_v2.get(COMPRESSION, 1) if isinstance(picture, TiffImageFile) else 1
     if compression in RARE and not has_codecs():
         needs = f"packed as {PACKINGS[compression]}, which needs a decoder; pip install 'brushexp[tiff]'"
@@ -101,14 +101,14 @@ def is_rarely_packed(picture: ImageFile) -> bool:
     return compression in RARE
 
 
-def as_stored(samples: np.ndarray, picture: Image.Image) -> np.ndarray:
-    """Restore the byte order of a TIFF's floats, which Pillow swaps again after libtiff has swapped it."""
+def restore_byte_order(samples: np.ndarray, picture: Image.Image) -> np.ndarray:
+    """Restore the byte order of a TIFF's floats, which Pillow swaps a second time after libtiff."""
     is_exchanged = isinstance(picture, TiffImageFile) and picture.use_load_libtiff and picture.tag_v2.prefix == b"MM"
     return samples.byteswap() if is_exchanged and samples.dtype.kind == "f" else samples
 
 
 @contextmanager
-def by_libtiff() -> Iterator[None]:
+def libtiff_only() -> Iterator[None]:
     """Make Pillow read TIFF files with libtiff only."""
     TiffImagePlugin.READ_LIBTIFF = True
     try:
@@ -124,7 +124,7 @@ def is_misread(path: Path) -> bool:
 
 
 def mend_palette(picture: Image.Image) -> None:
-    """Fix the colours of a TIFF with an 8-bit colour map, which Pillow reads as 16 bits and so as black."""
+    """Fix the colours of a TIFF with an 8-bit colour map, which Pillow reads as 16 bits, that is, as black."""
     if not isinstance(picture, TiffImageFile) or picture.mode not in ("P", "PA"):
         return
     numbers = picture.tag_v2.get(COLOR_MAP, ())
@@ -136,7 +136,7 @@ def mend_palette(picture: Image.Image) -> None:
 def main_page(path: Path, picture: ImageFile) -> IO[bytes] | None:
     """Open a TIFF at its main picture if a smaller copy comes first; otherwise return None.
 
-    A UserError refuses raw sensor data.
+    Raw sensor data raise a UserError.
     """
     first = first_directory(path) if isinstance(picture, TiffImageFile) else None
     if first is None or not (first.is_reduced or SUB_IFDS in first.numbers):
@@ -203,14 +203,14 @@ def read_tiff(file: Path | IO[bytes], backdrop: float, colors: Colors, side: int
 
 
 def _palette_of(page: Any) -> np.ndarray:
-    """Read the palette (N, 3), in [0, 1], that the samples of a page index."""
+    """Read the palette (N, 3), in [0, 1], into which the samples of a page are indices."""
     numbers = np.asarray(page.colormap)
     levels = numbers if numbers.max() < EIGHT_BIT else numbers >> 8
     return levels.T.astype(np.float32) / 255
 
 
 def _colors_in(page: Any) -> int:
-    """Count the colour channels of a page; refuse (UserError) other kinds of colours."""
+    """Count the colour channels of a page; raise a UserError for unsupported colour types."""
     if page.photometric == CMYK and page.bitspersample != 8:
         raise UserError(f"is a CMYK TIFF with {page.bitspersample} bits per colour; save it with 8 bits, or as RGB")
     count = CHANNELS.get(page.photometric, 0)
@@ -222,7 +222,7 @@ def _colors_in(page: Any) -> int:
 
 
 def _samples(page: Any, side: int | None) -> np.ndarray:
-    """Read the samples (H, W, C) of a page, averaged over squares if the page is too large."""
+    """Read the samples (H, W, C) of a page, averaged over squares of pixels if the page is too large."""
     if page.imagewidth * page.imagelength > MAX_PIXELS:
         return _means(page, side or 1)
     samples = np.atleast_3d(page.asarray())

@@ -1,4 +1,4 @@
-"""Walk the directories of a TIFF file (TIFF 6.0; BigTIFF); each is visited once, because links may form circles."""
+"""Walk the directories of a TIFF file (TIFF 6.0; BigTIFF), visiting each once, because links may form cycles."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def _directory(file: IO[bytes], place: int, order: str, is_big: bool) -> tuple[D
 
 
 def _numbers(file: IO[bytes], order: str, form: str | None, length: int, value: bytes) -> tuple[int, ...]:
-    """Read the integers of a tag from its entry or from the place to which it points; empty for other types."""
+    """Read the integers of a tag from its entry or from the offset that it holds; empty for other types."""
     if form is None or not 0 < length <= MOST_VALUES:
         return ()
     whole = struct.Struct(f"{order}{length}{form}")

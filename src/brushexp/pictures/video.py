@@ -64,7 +64,7 @@ def largest_side(kind: str) -> int:
 
 
 def _encoder(kind: str) -> ModuleType | None:
-    """Import PyAV if this kind of film is a video and PyAV has an encoder for H.264; otherwise return None."""
+    """Import PyAV if this type of film is a video and PyAV has an H.264 encoder; otherwise return None."""
     if kind == "gif":
         return None
     try:
@@ -109,7 +109,7 @@ def _mp4(
 
 @contextmanager
 def _gif(path: Path, rate: Fraction) -> Iterator[Show]:
-    """Write frames that contain only changed pixels, which keeps files small and free of flicker."""
+    """Write frames that contain only changed pixels, which keeps files small and avoids flicker."""
     frames: list[Image.Image] = []
     begins: list[int] = []  # starts of the frames, in ticks
     now = 0

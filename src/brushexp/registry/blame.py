@@ -40,7 +40,7 @@ def naming_plugins() -> Iterator[None]:
 def mistake_of(error: BaseException) -> str | None:
     """Describe the innermost line of a user's plugin in a traceback; None if no line belongs to such a plugin.
 
-    Without such a line, a method of ours that runs on an object of a user's class counts as the class's own.
+    Without such a line, an inherited method of ours counts as the user's if it runs on an object of the user's class.
     """
     users = [(place_of(one.cls), one) for one in loaded_plugins() if not one.is_ours]
     frames = [*traceback.walk_tb(error.__traceback__)]

@@ -21,7 +21,7 @@ def plugin_of(node: DictConfig, family: str = "") -> Plugin:
     """Find the plugin named by the ``_target_`` of a config node, or raise a UserError if it is not registered.
 
     A target is ``family/name``. Files of brushexp 0.1 have the path of the class instead, which determines the family
-    if ``family`` and the node's place do not; the class may have moved to another module since.
+    if neither ``family`` nor the node's position does; the class may have moved to another module since.
     """
     target = str(node._target_)
     if "/" in target:
@@ -79,7 +79,7 @@ def build(node: DictConfig, *runtime: object, family: str = "") -> Any:
 
 
 def keep_built(node: DictConfig) -> Any:
-    """Build the plugin of a config node to check a run, and keep it for the run (`take_built`)."""
+    """Build the plugin of a config node while checking a run, and keep it for the run (`take_built`)."""
     text = OmegaConf.to_yaml(node, resolve=True)
     if text not in _kept:
         _kept[text] = build(node)
@@ -93,12 +93,12 @@ def take_built(node: DictConfig) -> Any:
 
 
 def drop_built() -> None:
-    """Drop plugins that checks built but no run has used."""
+    """Discard plugins that checks built but no run used."""
     _kept.clear()
 
 
 def options_in(node: DictConfig, path: str, family: str = "") -> dict[str, Any]:
-    """Read the options of a plugin from its config node; refuse (UserError) values that it does not accept."""
+    """Read the options of a plugin from its config node; raise a UserError for values that it does not accept."""
     plugin = plugin_of(node, family)
     typed: DictConfig = OmegaConf.structured(plugin.config)
     try:
@@ -120,7 +120,7 @@ def options_in(node: DictConfig, path: str, family: str = "") -> dict[str, Any]:
 
 
 def literal(data: Any) -> Any:
-    """Escape the strings in nested data so that OmegaConf finds no interpolations when it resolves them."""
+    """Escape the strings in nested data so that OmegaConf finds no interpolations in them."""
     if isinstance(data, str):
         return re.sub(r"(\\*)\$\{", r"\1\1\\${", data)
     if isinstance(data, dict):
@@ -129,7 +129,7 @@ def literal(data: Any) -> Any:
 
 
 def _hidden_key(data: Any) -> str:
-    """Find the first key that begins with ``_``, like the keys with which Hydra locates code; "" if none does."""
+    """Find the first key that begins with ``_``, like the keys with which Hydra locates code; "" if there is none."""
     if isinstance(data, dict):
         own = (key for key in data if str(key).startswith("_"))
         return str(next(own, "")) or _hidden_key(list(data.values()))
@@ -137,7 +137,7 @@ def _hidden_key(data: Any) -> str:
 
 
 def build_named(family: str, name: str, options: dict[str, Any], *runtime: object) -> Any:
-    """Build ``family=name`` with options from a file; refuse (UserError) unregistered classes and unknown keys."""
+    """Build ``family=name`` with options from a file; raise a UserError for unregistered classes and unknown keys."""
     plugin = member(family, name)
     if plugin is None:
         choices = ", ".join(one.name for one in plugins(family))
@@ -148,7 +148,7 @@ def build_named(family: str, name: str, options: dict[str, Any], *runtime: objec
 
 
 def plain_config(values: dict[str, Any]) -> DictConfig:
-    """Turn values from a file into a config; refuse (UserError) interpolations, which could read other data."""
+    """Turn values from a file into a config; raise a UserError for interpolations, which could read other data."""
     if "${" in json.dumps(check_plain(values)):
         raise UserError("a config from a file holds an interpolation, ${...}; write the value instead")
     config: DictConfig = OmegaConf.create(values)

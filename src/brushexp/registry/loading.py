@@ -1,4 +1,4 @@
-"""Announce shipped plugins, plugins in folders, and those of packages."""
+"""Register shipped plugins, plugins in folders, and plugins of packages by name."""
 
 import importlib
 import logging
@@ -22,8 +22,8 @@ _broken: dict[str, str] = {}  # file of a user's plugins -> why it cannot be loa
 def load_plugins(directory: Path, *, warns: bool = True) -> list[str]:
     """Announce built-in members, and import ``directory/*.py`` and the folders in ``BRUSHEXP_PLUGINS``.
 
-    Members of the program and of packages are imported when they are chosen. A user's file that cannot be imported is
-    left out, with a warning if ``warns``; `missing_because` repeats the warning when a name is missing.
+    Members of the core and of packages are imported when they are chosen. A user's file that cannot be imported is
+    skipped, with a warning if ``warns``; `missing_because` repeats the warning when a name is missing.
     """
     for family in FAMILIES:
         _announce_core(family)
@@ -68,12 +68,12 @@ def broken_files() -> dict[str, str]:
 
 
 def missing_because() -> str:
-    """Explain which user files could not be loaded, for messages about missing names; "" if all were."""
+    """Explain which user files could not be loaded, for messages about missing names; "" if all could."""
     return "".join(f". {reason}" for reason in _broken.values())
 
 
 def _plugin_files(directory: Path) -> Iterator[Path]:
-    """Yield the plugin files in a fixed order; refuse two files with the same name."""
+    """Yield the plugin files in a fixed order; reject two files with the same name."""
     extra = [Path(part) for part in os.environ.get(SEARCH_PATH, "").split(os.pathsep) if part]
     for folder in extra:
         if not folder.is_dir():

@@ -1,7 +1,7 @@
 """Make a class a choice on the command line: ``@register("loss", "mse")`` gives ``loss=mse``.
 
-A plugin is *announced* by family and name, which is enough to list it; the module of its class is imported when its
-options, its help or an object are first needed.
+A plugin is *announced* by family and name, which is enough to list it; its module is imported when its options, its
+help or an instance are first needed.
 """
 
 import inspect
@@ -54,7 +54,7 @@ class Plugin:
 
     @property
     def target(self) -> str:
-        """Value of ``_target_`` in configs, which survives moving the class to another module."""
+        """Value of ``_target_`` in configs, which stays valid if the class moves to another module."""
         return f"{self.family}/{self.name}"
 
     @property
@@ -92,7 +92,7 @@ class Plugin:
         return dict(getattr(self.cls, "facts", dict)())
 
     def check(self, path: str, options: Mapping[str, Any]) -> None:
-        """Refuse (UserError) options outside their bounds; ``path`` is the key above them."""
+        """Raise a UserError for options outside their bounds; ``path`` is the key above them."""
         for option, bounds in self.bounds.items():
             value = options[option]
             plain = OmegaConf.to_object(value) if OmegaConf.is_config(value) else value
@@ -109,7 +109,7 @@ _classes: dict[tuple[str, str], type] = {}  # plugins whose modules are imported
 
 
 def announce(plugin: Plugin) -> None:
-    """Make a plugin a choice of Hydra's group ``family``; refuse (UserError) a name that is taken.
+    """Make a plugin a choice of Hydra's group ``family``; raise a UserError if the name is taken.
 
     Its config is built when Hydra reads it.
     """
@@ -146,7 +146,7 @@ def _our_packages() -> set[str]:
 
 
 def check_family(family: str) -> None:
-    """Refuse (UserError) an unknown family."""
+    """Raise a UserError for an unknown family."""
     if family not in FAMILIES:
         raise UserError(f"unknown plugin family {family!r}; choose one of {', '.join(FAMILIES)}")
 
@@ -157,7 +157,7 @@ def _config_of(family: str, name: str) -> DictConfig:
 
 
 def register(family: str, name: str) -> Callable[[C], C]:
-    """Publish the decorated class as the Hydra choice ``family=name``; refuse (UserError) a name that is taken.
+    """Publish the decorated class as the Hydra choice ``family=name``; raise a UserError if the name is taken.
 
     >>> from brushexp.registry import build_named, plugins
     >>> "area" in [plugin.name for plugin in plugins("order")]  # published by the decorator
@@ -196,7 +196,7 @@ def plugins(family: str | None = None) -> list[Plugin]:
 
 
 def loaded_plugins() -> list[Plugin]:
-    """List the plugins whose modules are imported."""
+    """List the plugins whose modules have been imported."""
     return [plugin for plugin in plugins() if plugin.is_loaded]
 
 

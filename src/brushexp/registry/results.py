@@ -18,7 +18,7 @@ from brushexp.strokes.catalogue import check_strokes
 
 
 def _describe(value: Any) -> str:
-    """Describe a result in a few words: its value if that is short, otherwise its type, with the shape of a tensor."""
+    """Describe a result briefly: its value if that is short, otherwise its type, with the shape of a tensor."""
     if isinstance(value, Tensor):
         return f"{type(value).__name__} {tuple(value.shape)} of {value.dtype}"
     return repr(value) if isinstance(value, str | Real | None) else type(value).__name__
@@ -109,7 +109,7 @@ def _problem_of_end(result: Any, strokes: Any, *_: object, **__: object) -> str:
 
 
 def _wanted(shape: Callable[..., tuple[int, ...]], what: str) -> Callable[..., str]:
-    """Make a check for a tensor of floats whose shape depends on the arguments; ``what`` describes the tensor."""
+    """Make a check for a float tensor whose shape depends on the arguments; ``what`` describes the tensor."""
 
     def problem(result: Any, *args: Any, **_: Any) -> str:
         wanted = shape(result, *args)
@@ -168,7 +168,7 @@ PROBLEMS: dict[tuple[str, str], Callable[..., str]] = {  # functions that return
 
 
 def check_results(family: str, name: str, cls: type, contract: str) -> None:
-    """Make a user's class check each result against its contract (a module); refuse (UserError) missing methods."""
+    """Make a user's class check its results against the contract (a module); raise a UserError for missing methods."""
     bases = [base for base in cls.__mro__ if base.__module__ == contract]
     source = place_of(cls)
     notes = {name: kind for base in bases for name, kind in vars(base).get("__annotations__", {}).items()}
@@ -187,7 +187,7 @@ def check_results(family: str, name: str, cls: type, contract: str) -> None:
 
 
 def _check_arguments(function: Callable[..., Any], contract: Callable[..., Any], who: str) -> None:
-    """Refuse (UserError) a method that cannot be called with the arguments in its contract."""
+    """Raise a UserError for a method that cannot be called with the arguments in its contract."""
     ours, theirs = (inspect.signature(one).parameters for one in (contract, function))
     positional = [name for name, one in ours.items() if one.kind is one.POSITIONAL_OR_KEYWORD]
     named = {name: None for name, one in ours.items() if one.kind is one.KEYWORD_ONLY}
@@ -199,7 +199,7 @@ def _check_arguments(function: Callable[..., Any], contract: Callable[..., Any],
 
 
 def _checked(function: Callable[..., Any], kind: Any, problem_of: Callable[..., str] | None, who: str) -> Any:
-    """Wrap a method so that it refuses results of another ``kind`` or with a problem."""
+    """Wrap a method so that it rejects results of a type other than ``kind`` or with a problem."""
 
     @wraps(function)
     def checked(self: Any, *args: Any, **options: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Record the SHA-256 of the files of users' plugins when they are imported."""
+"""Record the SHA-256 of the files of users' plugins on import."""
 
 import sys
 from collections.abc import Iterable

@@ -1,1 +1,1 @@
-"""General tables in several formats."""
+"""Tables in several formats, for any data."""

@@ -49,7 +49,7 @@ def latex_table(rows: Rows, digits: Mapping[str, int] | None = None) -> str:
 
 
 def as_text(frame: DataFrame, digits: Mapping[str, int]) -> DataFrame:
-    """Format every cell, numbers with the decimals of their column."""
+    """Format every cell, with the decimals of its column for numbers."""
     return frame.apply(lambda column: column.map(lambda value: _format(value, digits.get(column.name))))
 
 

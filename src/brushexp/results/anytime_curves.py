@@ -1,4 +1,4 @@
-"""Read PSNR over time from runs, average it, and find which setting was ahead."""
+"""Read PSNR over time from runs, average it, and find which setting led at each time."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ def curve_from(points: Any) -> Curve | None:
 
 
 def mean_curve(curves: Sequence[Curve]) -> Curve:
-    """Average the PSNR of several runs, beginning when the last run starts; a finished run keeps its value."""
+    """Average the PSNR of several runs, starting when the last run starts; a finished run keeps its final value."""
     times = np.unique(np.concatenate([seconds for seconds, _ in curves]))
     times = times[times >= max(seconds[0] for seconds, _ in curves)]
     return times, np.mean([np.interp(times, *curve) for curve in curves], axis=0)
 
 
 def leaders(curves: Mapping[str, Curve]) -> list[tuple[float, str]]:
-    """List the leading settings and the time, in seconds, when each took the lead; a finished run keeps its value."""
+    """List the leading settings and when, in seconds, each took the lead; a finished run keeps its final value."""
     times = np.unique(np.concatenate([seconds for seconds, _ in curves.values()]))
     best = [np.interp(times, seconds, np.maximum.accumulate(psnr), left=-math.inf) for seconds, psnr in curves.values()]
     names, leader, changes = list(curves), None, []

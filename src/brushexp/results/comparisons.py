@@ -1,4 +1,4 @@
-"""Comparisons of runs that packages provide: files next to the page of a sweep, and tables on the page."""
+"""Comparisons of runs provided by packages: files next to the page of a sweep, and tables on the page."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ COMPARISONS = "brushexp.comparisons"  # entry-point group of instances of `RunCo
 
 @dataclass(frozen=True)
 class PageTable:
-    """A section of the page of a sweep: ``id``, heading, explanation, and at least one row, as text."""
+    """A section of a sweep's page: ``id``, heading, explanation, and at least one row, as text."""
 
     id: str
     title: str
@@ -36,6 +36,6 @@ class RunComparison:
 
 
 def comparisons() -> list[RunComparison]:
-    """Load the comparisons of installed packages; raise a UserError that names a comparison that cannot be imported."""
+    """Load the comparisons of installed packages; raise a UserError for one that cannot be imported."""
     points = published(COMPARISONS).values()
     return [import_or_explain(point.load, f"entry point {point.name} ({point.value})") for point in points]

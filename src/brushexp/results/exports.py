@@ -39,7 +39,7 @@ def exported(run: Path) -> dict[Path, str]:
 
 
 def check_exports(run: Path, kinds: Iterable[str]) -> None:
-    """Refuse (UserError) an export in formats that already have files next to the painting."""
+    """Raise a UserError for an export in formats that already have files next to the painting."""
     for path, kind in exported(run).items():
         if kind in kinds:
             raise UserError(

@@ -26,7 +26,7 @@ SHOWN = {  # part of a provenance -> its name, and the number of displayed chara
 
 
 def remark_on_provenance(frame: DataFrame) -> str:
-    """Describe how the provenance of the runs in a frame differs; "" if it does not, or if no run has any.
+    """Describe how the provenance of the runs in a frame differs; "" if it is the same or was not recorded.
 
     A plugin file counts as different if two runs use different versions of it.
     """
@@ -48,7 +48,7 @@ def differing_parts(records: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _difference(values: Sequence[object], name: str, letters: int | None) -> str:
-    """Name a part and its values if they differ."""
+    """Name a component and its values if they differ."""
     texts = list(dict.fromkeys("none" if value is None else in_short(value)[:letters] for value in values))
     if len(set(map(str, values))) < 2:
         return ""

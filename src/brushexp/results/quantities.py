@@ -10,7 +10,7 @@ from brushexp.registry import Plugin, plugins
 
 @dataclass(frozen=True)
 class Quantity:
-    """A number of a run, as shown in tables, plots and pages."""
+    """A numeric result of a run, as shown in tables, plots and pages."""
 
     title: str
     digits: int  # digits after the decimal point
@@ -27,7 +27,7 @@ class Quantity:
 
     @property
     def label(self) -> str:
-        """Label for an axis: the name and the better direction."""
+        """Axis label: the name and the better direction."""
         return f"{self.name} ({self.better} is better)"
 
 

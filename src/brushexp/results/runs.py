@@ -3,11 +3,12 @@
 The frame has a row per run, indexed by its name, and columns in three parts:
 
 - ``frame["run"]``: ``status``, ``error``, ``folder``; ``picture``, the file of its picture, if any; ``target``, a
-  fingerprint of the painted picture; ``overrides`` as typed; ``anytime``, pairs of seconds and PSNR; ``provenance``,
+  fingerprint of the painted picture; ``overrides`` as entered; ``anytime``, pairs of seconds and PSNR; ``provenance``,
   None for old runs; ``command``, which repeats the run; and, for compared runs, ``image``, the name of the painted
   picture ("" for other tasks), and ``label``, the overrides (except seeds) that distinguish it from other runs of this
   image.
-- ``frame["setting"]``: a column per typed key, missing where it was not set; ``loss`` as names of losses.
+- ``frame["setting"]``: a column per key set on a command line, missing where it was not set; ``loss`` as names of
+  losses.
 - ``frame["metric"]``: every number (or name) that a run returned.
 """
 
@@ -69,7 +70,7 @@ def has_ended(folder: Path) -> bool:
 
 
 def objective_in(result: Mapping[str, Any], name: str) -> float:
-    """Return a number of a run by its name; raise a UserError that lists all numbers of the run if it is missing."""
+    """Return a number of a run by its name; if it is missing, raise a UserError that lists all the run's numbers."""
     values = {key: float(value) for key, value in result.items() if type(value) in (int, float)}
     if name not in values:
         raise UserError(f"objective={name} is not a metric of this run; choose one of {', '.join(values)}")
@@ -77,7 +78,7 @@ def objective_in(result: Mapping[str, Any], name: str) -> float:
 
 
 def frame_of(folder: Path, results: Mapping[str, Result]) -> DataFrame:
-    """Make the data frame (see the top of this module) from results by name; each run is in ``folder / name``."""
+    """Make the data frame (see the module's docstring) from results by name; each run is in ``folder / name``."""
     import pandas as pd  # noqa: PLC0415
 
     runs = [_run_columns(folder / name, result) for name, result in results.items()]
@@ -119,7 +120,7 @@ def differences(chosen: Sequence[Mapping[str, str]]) -> list[tuple[str, ...]]:
 
 
 def shorten(values: Sequence[str], longest: int = LONGEST_VALUE) -> dict[str, str]:
-    """Shorten the values of a setting as long as they remain distinct: paths to their ends, and long values."""
+    """Shorten the values of a setting while keeping them distinct: paths to their ends, and long values."""
     depths = range(1, 1 + max(value.count("/") for value in values))
     tails = ([_tail(value, depth) for value in values] for depth in depths)
     names = next((names for names in tails if len(set(names)) == len(names)), list(values))
@@ -195,7 +196,7 @@ def look_of(folder: Path) -> str:
 
 
 def image_name(run: Any) -> str:
-    """Describe the painted picture by name and size, as far as the folder contains them."""
+    """Describe the painted picture by name and size, where the folder records them."""
     name = Path(str(setting_of(run, "image") or "picture")).name
     with suppress(UserError), open_picture(run["folder"] / "target.png") as picture:
         return f"{name}, {picture.width} x {picture.height} pixels"

@@ -42,7 +42,7 @@ MEASURES = ruler.MEASURES | {
 
 @torch.no_grad()
 def measure_strokes(strokes: Strokes, depth: Tensor, size: tuple[int, int], radius: float | None = None) -> StrokeTable:
-    """Measure N strokes, which all count as neighbours; use `strokes.measures.is_visible` to select strokes beforehand.
+    """Measure N strokes, all of which count as neighbours; select strokes first with `strokes.measures.is_visible`.
 
     ``depth`` (N,) are ranks, 0 for the bottom stroke; ``size`` is height and width of the canvas in pixels; neighbours
     are counted within ``radius`` pixels, None for ``RADIUS_PITCHES`` pitches.
@@ -113,7 +113,7 @@ def visible_share(strokes: Strokes, depth: Tensor, size: tuple[int, int]) -> Ten
 
 
 def _paint_of(strokes: Strokes, above: Tensor, size: tuple[int, int]) -> Tensor:
-    """Sum over the canvas the contribution (N,) of each stroke to the picture per unit of its colour."""
+    """Sum over the canvas each stroke's contribution (N,) to the picture per unit of its colour."""
     color = torch.zeros_like(strokes.color).requires_grad_()
     with torch.enable_grad():
         layers = Analytic()(replace(strokes, color=color, drift=torch.zeros_like(color)))
@@ -125,8 +125,8 @@ def _paint_of(strokes: Strokes, above: Tensor, size: tuple[int, int]) -> Tensor:
 def sizes_set_by(saved: Saved) -> str:
     """Return the setting that determined the ``SIZE_MEASURES`` of strokes, such as ``init=slic``, or "".
 
-    Gradient descent hardly changes initial sizes, so they reveal nothing about a painter's brushes. Strokes recovered
-    from a picture, and strokes without a run, have sizes of their own.
+    Gradient descent hardly changes initial sizes, so they reveal nothing about a painter's brushes. The result is ""
+    for strokes recovered from a picture and for strokes without a run, whose sizes no setting determined.
     """
     config = config_of(saved)
     chosen = {

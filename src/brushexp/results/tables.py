@@ -62,7 +62,7 @@ def _settings(frame: DataFrame, keys: list[str], others: Collection[str]) -> Dat
 
 
 def varying_settings(frame: DataFrame) -> dict[str, list[str]]:
-    """Map the settings in which runs differ to their values in order of appearance; "" means not set."""
+    """Map the settings that differ between runs to their values in order of appearance; "" means not set."""
     settings = frame["setting"].fillna("")
     return {key: list(settings[key].unique()) for key in settings if settings[key].nunique() > 1}
 
@@ -103,6 +103,6 @@ def shown_metrics(frame: DataFrame) -> DataFrame:
 
 
 def run_count(frame: DataFrame) -> str:
-    """Summarise the numbers of runs and of failed runs in words."""
+    """Summarise in words how many runs there are and how many failed."""
     failed = (frame["run", "status"] == Status.FAILED).sum()
     return f"{len(frame)} run{'s' * (len(frame) != 1)}, {failed} failed"

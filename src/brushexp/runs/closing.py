@@ -1,4 +1,4 @@
-"""Report at the end of a run where it is, how to view or continue it, and one thing to try next."""
+"""Report at the end of a run where its files are, how to view or resume it, and one thing to try next."""
 
 import logging
 import shlex
@@ -23,8 +23,8 @@ EXPORTS = "to"  # key for exports of a finished painting
 NAMED = 4  # maximum number of files in a message
 
 
-def say_where(folder: Path, strokes: int, start: float | None) -> None:
-    """Report a painting of ``strokes`` and its page; ``start`` is `time.monotonic` at the start of the program.
+def log_result(folder: Path, strokes: int, start: float | None) -> None:
+    """Report a painting of ``strokes`` and its page; ``start`` is the `time.monotonic` at which the program started.
 
     A job of a sweep reports only the painting; from Python, nothing is reported.
     """
@@ -33,7 +33,7 @@ def say_where(folder: Path, strokes: int, start: float | None) -> None:
     took = "" if start is None else f" in {time.monotonic() - start:.0f} s"
     log.info("%s  %s strokes%s", as_shown(folder / "painting.png"), f"{strokes:,}", took)
     if not is_job():
-        say_page(folder, "see how it was painted")
+        log_page(folder, "see how it was painted")
         log.info("next: %s", suggestion(list(HydraConfig.get().overrides.task), folder))
 
 
@@ -43,7 +43,7 @@ def is_job() -> bool:
 
 
 def how_to_go_on(folder: Path, task: str) -> str:
-    """Describe what an interrupted run has finished, and what to type to continue or restart it."""
+    """Describe what an interrupted run has finished, and which command resumes or restarts it."""
     place = as_shown(folder)
     if (folder / CHECKPOINT).is_file():
         return f"continue with: {shlex.join(['brushexp', *[f'task={task}'] * (task != 'paint'), f'resume={place}'])}"
@@ -55,7 +55,7 @@ def how_to_go_on(folder: Path, task: str) -> str:
     return f"{kept}; to start over, repeat the command with: {shlex.join(words)}"
 
 
-def say_page(folder: Path, what: str) -> None:
+def log_page(folder: Path, what: str) -> None:
     """Report the page of a run or sweep, if it exists, and how to view it."""
     if (folder / "report.html").is_file():
         newest = folder.resolve().parent == Path("outputs").resolve()
@@ -65,9 +65,9 @@ def say_page(folder: Path, what: str) -> None:
 
 
 def suggestion(words: Sequence[str], folder: Path) -> str:
-    """Choose one thing to try after a painting made with these words of a command line.
+    """Choose one thing to try after a painting made with these command-line arguments.
 
-    The files of words list proposals in tables ``[next.WORD]``: ``gives`` describes the result, ``after`` limits the
+    The vocabulary files list proposals in tables ``[next.WORD]``: ``gives`` describes the result, ``after`` limits the
     proposal to paintings with one of these words, and ``unless`` lists keys with which it has no effect.
 
     >>> suggestion(["image=photo.jpg"], Path("outputs/x"))
@@ -91,7 +91,7 @@ def suggestion(words: Sequence[str], folder: Path) -> str:
 
 
 def _fits(word: str, proposal: Mapping[str, Any], words: Sequence[str]) -> bool:
-    """Check whether a proposal is new after these words."""
+    """Check whether a proposal would change anything after these arguments."""
     typed = {_family(one) for one in words}
     if "after" in proposal:
         matches = any(one in words if "=" in one else one in typed for one in proposal["after"])
@@ -101,7 +101,7 @@ def _fits(word: str, proposal: Mapping[str, Any], words: Sequence[str]) -> bool:
 
 
 def _command(word: str, words: Sequence[str], folder: Path) -> list[str]:
-    """Write the command of a proposal: an export of the painting, or the same painting with one more word."""
+    """Write the command of a proposal: an export of the painting, or the same painting with one more argument."""
     if _family(word) == EXPORTS:
         return _export(folder, word)
     dropped = {"output", "overwrite", _family(word)}
@@ -114,7 +114,7 @@ def _export(folder: Path, word: str) -> list[str]:
 
 
 def _family(word: str) -> str:
-    """Return the key of a word, or the family of the member whose option it sets.
+    """Return the key of an argument, or the family of the member whose option it sets.
 
     >>> _family("palette.values=5"), _family("+metric=lpips"), _family("abstract")
     ('palette', 'metric', 'abstraction')
@@ -123,6 +123,6 @@ def _family(word: str) -> str:
 
 
 def _unquoted(word: str) -> str:
-    """Write a word as typed, without the quotes of Hydra's grammar."""
+    """Write an argument as typed, without the quotes of Hydra's grammar."""
     key, _, value = word.partition("=")
     return f"{key}={parse_value(value)}" if value.startswith('"') else word

@@ -38,7 +38,7 @@ _locks: list[Any] = []  # locks held until this process ends
 
 
 class RunFolder(Callback):
-    """Takes the folder of a run before Hydra writes into it; `begin_sweep` does so for sweeps."""
+    """Claims the folder of a run before Hydra writes into it; `begin_sweep` does so for sweeps."""
 
     def on_run_start(self, config: DictConfig, **_: Any) -> None:
         words: Any = OmegaConf.to_container(config.hydra.overrides.task, resolve=False)  # such as output=x/${seed}
@@ -56,13 +56,13 @@ class RunFolder(Callback):
 
 
 def check_place(cfg: DictConfig) -> None:
-    """Refuse (UserError) a change of the working folder, on which paths in the settings depend."""
+    """Raise a UserError if the working folder has changed, because paths in the settings depend on it."""
     if cfg.hydra.job.chdir:
         raise UserError("hydra.job.chdir=true would break relative paths in the settings; drop it")
 
 
 def warn_of_launcher(cfg: DictConfig) -> None:
-    """Warn that a typed launcher has no effect on a single run."""
+    """Warn that choosing a launcher has no effect on a single run."""
     words = [word for word in cfg.hydra.overrides.hydra if word.startswith(("hydra/launcher=", N_JOBS))]
     if words:
         typed = words[-1].replace(N_JOBS, "jobs=")
@@ -91,8 +91,9 @@ def take_name(cfg: DictConfig, folder: Path) -> Path:
 def take_folder(folder: Path, cfg: DictConfig, goes_on: bool = False) -> None:
     """Lock a folder until this process ends, remove the files of an aborted run, and record new files.
 
-    A UserError reports another run at work there, or a run that is finished or can be continued, unless this run
-    continues it (``goes_on``, the key ``resume`` or a growing set of strokes) or replaces it (``overwrite``).
+    Raises a UserError if another run is at work there, or if the folder holds a run that is finished or can be resumed,
+    unless this run continues it (``goes_on``, the key ``resume`` or a growing set of strokes) or replaces it
+    (``overwrite``).
     """
     lock(folder)
     source = cfg.get("resume")
@@ -110,7 +111,7 @@ def take_folder(folder: Path, cfg: DictConfig, goes_on: bool = False) -> None:
 
 
 def _check_replaceable(folder: Path) -> None:
-    """Refuse (UserError) a folder with a run or job that is finished or can be continued."""
+    """Raise a UserError for a folder with a run or job that is finished or can be resumed."""
     own = [folder / name for name in (CHECKPOINT, METRICS_FILE) if (folder / name).is_file()]
     jobs = [path for path in files_written(folder) if path.name in (CHECKPOINT, METRICS_FILE)]
     if not (results := [*own, *jobs]):
@@ -127,7 +128,7 @@ def _check_replaceable(folder: Path) -> None:
 def take_job(folder: Path, cfg: DictConfig, sweep: Path) -> None:
     """Claim the folder of a job in the process that runs it.
 
-    A killed job continues from its checkpoint (``cfg.resume`` is set) or starts over.
+    A killed job resumes from its checkpoint (``cfg.resume`` is set) or starts over.
     """
     if "resume" in cfg and (folder / CHECKPOINT).is_file():
         cfg.resume = str(folder)
@@ -140,7 +141,7 @@ def take_job(folder: Path, cfg: DictConfig, sweep: Path) -> None:
 
 
 def check_inputs(folder: Path, cfg: DictConfig) -> None:
-    """Refuse (UserError) inputs in this folder that results of the run would replace."""
+    """Raise a UserError for inputs in this folder that results of the run would overwrite."""
     for key, value, path in _inputs(cfg):
         is_result = path.stem in TASKS[cfg.task].results or (path.suffix == ".safetensors" and cfg.task != "paint")
         if is_result and path.parent == folder.resolve() and path.is_file():
@@ -175,7 +176,7 @@ def release_folder(folder: Path) -> None:
 
 
 def lock(folder: Path) -> None:
-    """Lock a folder until this process ends, or raise a UserError; remove half-written files of killed processes."""
+    """Lock a folder until this process ends, or raise a UserError; remove partial files of killed processes."""
     from filelock import FileLock, Timeout  # noqa: PLC0415
 
     try:
@@ -190,7 +191,7 @@ def lock(folder: Path) -> None:
 
 
 def remove_half_written(folder: Path) -> None:
-    """Remove half-written files of killed processes from a locked folder and the folders of runs below it."""
+    """Remove partial files of killed processes from a locked folder and the folders of runs below it."""
     places = {folder, *(path for path in folder.glob("*") if path.is_dir())}
     places |= {path.parent for path in files_written(folder)}
     for path in [path for place in places for path in place.glob(TEMPORARY)]:
@@ -201,7 +202,7 @@ def remove_half_written(folder: Path) -> None:
 
 
 def check_free(folder: Path) -> None:
-    """Refuse (UserError) a folder in which another process is working."""
+    """Raise a UserError for a folder in which another process is working."""
     lock(folder)
     _locks.pop().release()
 
@@ -209,7 +210,7 @@ def check_free(folder: Path) -> None:
 def clear(folder: Path, cfg: DictConfig, besides: Collection[str] = ()) -> None:
     """Remove the files that runs wrote into a folder, except ``besides``, and the folders that become empty.
 
-    A UserError reports a file that the current run needs.
+    Raises a UserError for a file that the current run needs.
     """
     spared = [folder / name for name in besides]
     files = [path for path in dict.fromkeys(files_written(folder)) if path not in spared]

@@ -15,8 +15,8 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig
 
-from brushexp.compat.first_compilation import tell_of_compilation
-from brushexp.compat.hidden_packages import hidden
+from brushexp.compat.first_compilation import log_compilation
+from brushexp.compat.hidden_packages import hide_packages
 from brushexp.config.check import check
 from brushexp.config.schema import ExportTask, PaintTask
 from brushexp.config.tasks import TASKS
@@ -34,11 +34,11 @@ from brushexp.system.runtime import (
     cores,
     forget_peak_memory,
     jobs_at_once,
-    pass_signal_on,
     peak_memory,
-    take_lost,
+    pop_lost_interrupt,
+    received_signal,
+    reraise_signal,
     use_threads,
-    was_signalled,
 )
 from brushexp.system.status import Status
 
@@ -49,9 +49,9 @@ log = logging.getLogger(__name__)
 
 
 def run_task(cfg: DictConfig, start: float) -> dict[str, object] | float:
-    """Run ``cfg.task`` and return its metrics, or the metric that ``objective`` names.
+    """Run ``cfg.task`` and return its metrics, or the metric named by ``objective``.
 
-    ``start`` is `time.monotonic` at the start of the program.
+    ``start`` is the `time.monotonic` at which the program started.
     """
     hydra = HydraConfig.get()
     if hydra.mode is RunMode.MULTIRUN:
@@ -81,18 +81,18 @@ def _run_job(cfg: DictConfig, hydra: HydraConf) -> dict[str, object] | float:
         note_failure(folder, error)
         if isinstance(error, KeyboardInterrupt):
             log.warning("interrupted; to continue, repeat the command with: output=%s resume=sweep", hydra.sweep.dir)
-            pass_signal_on()
+            reraise_signal()
         raise
     finally:
         release_folder(folder)
-    if was_signalled():  # interrupted in its last step: the job is finished, and the sweep ends
+    if received_signal():  # interrupted in its last step: the job is finished, and the sweep ends
         raise KeyboardInterrupt
     return result
 
 
 def _run_in(folder: Path, cfg: DictConfig, start: float) -> dict[str, object] | float:
     """Run the task of a checked config in the folder of its run."""
-    with hidden("scipy", "matplotlib"):
+    with hide_packages("scipy", "matplotlib"):
         task = importlib.import_module(TASKS[cfg.task].module)
     if TASKS[cfg.task] not in (PaintTask, ExportTask):  # other tasks show their own progress or wait for input
         heartbeat.end()
@@ -102,7 +102,7 @@ def _run_in(folder: Path, cfg: DictConfig, start: float) -> dict[str, object] | 
         gc.enable()
     use_threads(cfg.threads or _threads_per_job(HydraConfig.get()))
     if "blend" in cfg or "engine" in cfg:
-        tell_of_compilation()
+        log_compilation()
     result = perform(task, cfg, folder, start)
     return result if cfg.objective is None else objective_in(result, cfg.objective)
 
@@ -121,7 +121,7 @@ def perform(task: ModuleType, cfg: DictConfig, folder: Path, start: float) -> di
 
 @contextmanager
 def explaining_to_users(cfg: DictConfig) -> Iterator[None]:
-    """Turn errors that a user can fix into a UserError: lack of memory, a full disk, a broken plugin."""
+    """Turn errors that a user can fix into a UserError: insufficient memory, a full disk, a broken plugin."""
     try:
         with naming_plugins():
             yield
@@ -133,7 +133,7 @@ def explaining_to_users(cfg: DictConfig) -> Iterator[None]:
 
 def _reason_of(error: BaseException, cfg: DictConfig) -> BaseException:
     """Return the error to raise in place of another one; Lightning turns interruptions into SystemExit."""
-    if take_lost():  # an interruption lost in Numba surfaces as another error
+    if pop_lost_interrupt():  # an interruption lost in Numba surfaces as another error
         return KeyboardInterrupt()
     if isinstance(error, SystemExit):
         if isinstance(error.__context__, KeyboardInterrupt):
@@ -148,7 +148,7 @@ def _reason_of(error: BaseException, cfg: DictConfig) -> BaseException:
 
 
 def _threads_per_job(hydra: HydraConf) -> int:
-    """Return the number of cores for this job: all cores, or its share if other jobs run at the same time."""
+    """Return the number of cores for this job: all cores, or its share if other jobs run in parallel."""
     if "cpus_per_task" in hydra.launcher:  # like Slurm, submitit uses one core by default
         return min(cores(), hydra.launcher.cpus_per_task or 1)
     return max(1, cores() // jobs_at_once(hydra.launcher.get("n_jobs", 1) or 1))

@@ -15,7 +15,7 @@ from brushexp.config.words import ALL_PIXELS, verbatim
 from brushexp.errors import UserError, first_line
 from brushexp.registry import drop_built
 from brushexp.results.runs import JOBS, has_finished
-from brushexp.runs.closing import say_page
+from brushexp.runs.closing import log_page
 from brushexp.runs.run_folder import check_free, check_place, take_folder, take_name
 from brushexp.runs.sweep_report import renew_sweep_report
 from brushexp.system.files import write_json
@@ -33,7 +33,7 @@ log = logging.getLogger(__name__)
 
 
 def check_jobs(loader: Any, config: DictConfig, jobs: Sequence[Words], lenient: bool = False) -> list[str]:
-    """Refuse (UserError) a sweep if any of its jobs would be refused; if ``lenient``, only if all of them would be.
+    """Raise a UserError if any job of a sweep is invalid; if ``lenient``, only if all of them are.
 
     No two jobs may share a folder. Returns the folders of the jobs, relative to the folder of the sweep.
     """
@@ -66,10 +66,9 @@ def check_jobs(loader: Any, config: DictConfig, jobs: Sequence[Words], lenient: 
 
 
 def begin_sweep(config: DictConfig, jobs: Sequence[Words], goes_on: bool, lenient: bool = False) -> None:
-    """Claim the folder of a sweep and record its jobs; a continued sweep (``goes_on``) must have the same jobs.
+    """Claim the folder of a sweep and record its jobs; a resumed sweep (``goes_on``) must have the same jobs.
 
-    A ``lenient`` sweep may have other jobs, but none in the folder of an earlier job. A UserError refuses other
-    changes.
+    A ``lenient`` sweep may have other jobs, but none in the folder of an earlier job. Other changes raise a UserError.
     """
     check_place(config)
     folder = take_name(config, Path(config.hydra.sweep.dir))
@@ -88,7 +87,7 @@ def _without_output(words: Words) -> list[str]:
 
 
 def check_same(folder: Path, jobs: Sequence[Words], lenient: bool = False) -> None:
-    """Refuse (UserError) to continue a folder unless it contains a sweep with exactly these jobs."""
+    """Raise a UserError for resuming in a folder unless it contains a sweep with exactly these jobs."""
     try:
         noted = json_of(read_text(folder / JOBS, ""))
         before, words = [list(map(str, job)) for job in noted["jobs"]], list(map(in_short, noted["typed"]))
@@ -133,7 +132,7 @@ def launch_jobs(
         raise UserError(f"a job ended without a result ({first_line(error)}); continue with resume=sweep") from error
     finally:
         renew_sweep_report(folder)
-    say_page(folder, "see all of them on one page")
+    log_page(folder, "see all of them on one page")
     failed = [str(k) for k, one in zip(jobs, results, strict=True) if one.status is not JobStatus.COMPLETED]
     if failed:
         table = folder / "table.md"
@@ -141,12 +140,12 @@ def launch_jobs(
 
 
 def moved(job: Words, place: str) -> list[str]:
-    """Replace the folder of a job by a last word."""
+    """Return a job's overrides with its folder replaced."""
     return [*(word for word in job if not word.startswith(SUBFOLDER)), SUBFOLDER + verbatim(place)]
 
 
 def override_value(word: str) -> Any:
-    """Return the value in a word of the command line."""
+    """Return the value in a command-line argument."""
     return OverridesParser.create().parse_override(word).value()
 
 

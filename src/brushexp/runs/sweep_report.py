@@ -1,4 +1,4 @@
-"""Write the page, tables, sheet and plots of a sweep after its jobs; imported at startup, so it loads little."""
+"""Write the page, tables, contact sheet and plots after a sweep; imported at startup, so it loads little."""
 
 import logging
 import time
@@ -80,7 +80,7 @@ def _write_report(folder: Path) -> None:
 
 
 def _log_failure(folder: Path, error: BaseException, *, everywhere: bool) -> None:
-    """Log an error in the run's file or ``everywhere``; Hydra shows only a sweep's first error on the terminal."""
+    """Log an error in the run's file or ``everywhere``; Hydra prints only a sweep's first error on the terminal."""
     trace = None if isinstance(error, UserError) else (type(error), error, error.__traceback__)
     message = f"run {folder.name} failed: {first_line(error)}"
     record = log.makeRecord(log.name, logging.ERROR, __file__, 0, message, (), trace)

@@ -48,7 +48,7 @@ def make_trainer(
 
     It uses ``trainer`` (which overrides ``options``), ``checkpoint_every`` and, with a folder, ``callbacks`` of
     ``cfg``. With ``clips=False`` it does not clip gradients; modules with manual optimisation must do so themselves. A
-    UserError names options that Lightning refuses.
+    UserError names options that Lightning rejects.
     """
     chosen = [take_built(node).open(folder) for node in cfg.callbacks.values()] if folder else []
     warnings.filterwarnings("ignore", REMARKS)

@@ -1,1 +1,1 @@
-"""The painting as an object: strokes -> height of the paint (`height`) -> its appearance under a lamp (`light`)."""
+"""The painting as a physical surface: strokes -> height of the paint (`height`) -> its look under a lamp (`light`)."""

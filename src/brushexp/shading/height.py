@@ -113,7 +113,7 @@ class Impasto:
 def body_of(color: Tensor) -> Tensor:
     """Compute the thickness (N,), in films, of paint with colours (N, 3), from LEAN for the darkest to 1 for light.
 
-    So paint of equal lightness has equal thickness, and ridges coincide with changes of tone.
+    Paint of equal lightness therefore has equal thickness, and ridges coincide with changes of tone.
     """
     luma = color @ color.new_tensor(BRIGHTNESS)
     share = ((luma - LEAN_UNTIL) / (BODY_FROM - LEAN_UNTIL)).clamp(0, 1)
@@ -132,7 +132,7 @@ def surface_height(paint: np.ndarray, ground: np.ndarray, typical: float) -> np.
 
 @dataclass(frozen=True)
 class HeightLayers(Layers):
-    """Layers of any other kind whose colour is the height of their paint, at most ``film`` (N,)."""
+    """Layers of any other type whose colour is the height of their paint, at most ``film`` (N,)."""
 
     per_stroke = ()
 

@@ -14,7 +14,7 @@ a colour of the painting in [0, 1], and h heights in pixels, with edge values re
     lit = c k if k <= 1, else 1 - (1 - c)^k
     out = lit + gloss s (1 - lit)
 
-So a flat canvas keeps its colours exactly, and no colour is ever clipped.
+A flat canvas therefore keeps its colours exactly, and no colour is ever clipped.
 
 Source: Lambert (1760); highlights as in Blinn, "Models of light reflection for computer synthesized pictures" (1977);
 normals of a height map as in Blinn, "Simulation of wrinkled surfaces" (1978); angles as in cartography (Horn, "Hill

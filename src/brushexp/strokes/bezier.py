@@ -37,7 +37,7 @@ def half_width_of(strokes: Strokes) -> Tensor:
 
 
 def softness_of(strokes: Strokes) -> Tensor:
-    """Compute by how many pixels (N,) edges are wider than the renderer's own."""
+    """Compute how many pixels (N,) wider the edges of strokes are than the renderer's own edge."""
     return strokes.softness * strokes.scale
 
 
@@ -67,7 +67,7 @@ def strokes_along(
         color: (N, 3), clamped to [0, 1].
         opacity: opacity, one for all strokes or (N,).
         window: side, in pixels, of the window within which a stroke can move, see `roomy_window`; None for a tight fit.
-        position: (N, 2) centres of the windows; curves are then relative to them. None for the middle of each curve.
+        position: (N, 2) centres of the windows, to which curves are then relative; None for the middle of each curve.
     """
 
     def each(value: Tensor | float) -> Tensor:
@@ -85,7 +85,7 @@ def strokes_along(
 
 
 def cut_short(strokes: Strokes, share: Tensor) -> Strokes:
-    """Cut n strokes at parameter ``share`` (n,) of their curves (de Casteljau); the beginning remains unchanged."""
+    """Cut n strokes off at parameter ``share`` (n,) of their curves (de Casteljau); their beginnings do not change."""
     t, rest, drift = share[:, None], 1 - share[:, None], drift_of(strokes)
     first, second = rest * strokes.start + t * strokes.control, rest * strokes.control + t * strokes.end
     growth = 1 - (1 - share) * strokes.widening  # thickness in the middle of the part, relative to the whole
@@ -173,7 +173,7 @@ def _nearest_samples(cubic: Cubic, n: int) -> tuple[Tensor, Tensor]:
 
 
 def _floor(cubic: Cubic) -> Tensor:
-    """Compute the smallest divisor for Newton's method: tiny relative to the curve's squared length, and never 0."""
+    """Compute a lower limit for the divisor in Newton's method: tiny relative to the squared length, and never 0."""
     a, b, c, _ = cubic
     return 1e-6 * (a + b.abs() + c.abs()) + torch.finfo(a.dtype).tiny
 

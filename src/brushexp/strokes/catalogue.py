@@ -55,7 +55,7 @@ class Strokes:
     """N strokes as tensors of one dtype on one device; see ``FIELDS`` for units and ranges. Pixel centres lie at +0.5.
 
     A stroke keeps its ``brush``, which determines its texture in renderers with several textures, when other strokes
-    are added or removed. Few renderers draw `LATER_FIELDS`; optimisers leave these fields at 0 unless ``units`` has
+    are added or removed. Few renderers draw `LATER_FIELDS`; optimisers leave these fields at 0 unless ``units`` lists
     them.
 
     >>> import torch
@@ -144,7 +144,7 @@ class Strokes:
         return replace(self, position=position, scale=self.scale * zoom)
 
     def with_rows(self, rows: Tensor, others: Strokes) -> Strokes:
-        """Replace the strokes ``rows`` with ``others``; each row keeps its brush."""
+        """Replace the strokes ``rows`` by ``others``; each row keeps its brush."""
         return replace(self, **{name: value.index_copy(0, rows, getattr(others, name)) for name, value in self.items()})
 
     @staticmethod
@@ -162,7 +162,7 @@ class Strokes:
 
 
 def check_strokes(strokes: Strokes) -> None:
-    """Refuse strokes with wrong shapes or with values not finite or in range; the UserError names field and stroke."""
+    """Reject strokes with wrong shapes, or non-finite or out-of-range values; the UserError names field and stroke."""
     wrong = {}
     for name, field in FIELDS.items():
         value = getattr(strokes, name)
@@ -185,8 +185,8 @@ def check_strokes(strokes: Strokes) -> None:
 def drawable(strokes: Strokes) -> Strokes:
     """Convert 16-bit strokes to float32 for renderers; their gradients return in 16 bits.
 
-    Positions beyond the range of float16 (65,504 px, an infinity) are off any canvas and stay there. A UserError
-    refuses other values that overflow 16 bits, and integer or complex strokes.
+    Positions beyond the range of float16 (65,504 px, an infinity) are off any canvas and stay there. Other values that
+    overflow 16 bits, and integer or complex strokes, raise a UserError.
     """
     dtype = strokes.position.dtype
     if dtype in PRECISE:
@@ -204,7 +204,7 @@ def drawable(strokes: Strokes) -> Strokes:
 
 
 def check_units(units: Mapping[str, float]) -> None:
-    """Refuse (UserError) units for unknown fields, or for both position and scale, of which only one can move."""
+    """Raise a UserError for units of unknown fields, or of both position and scale, of which only one can move."""
     if unknown := sorted(set(units) - set(FIELDS)):
         raise UserError(f"no stroke field is called {unknown[0]!r}; the fields are {', '.join(FIELDS)}")
     if units.get("scale") and units.get("position"):
@@ -215,8 +215,8 @@ class Catalogue(nn.Module):
     """Owns the strokes as parameters, keeps them finite and in range, and adds and removes them.
 
     An optimiser sees each field divided by its unit, so that one learning rate serves all fields: with Adam, a step at
-    ``lr`` moves a field by about ``lr * unit``. The unit of ``position`` is in half-windows of each stroke. A field
-    whose unit is 0 or missing is frozen.
+    ``lr`` moves a field by about ``lr * unit``. The unit of ``position`` is in half-windows of each stroke. A field is
+    frozen if its unit is 0 or missing.
     """
 
     scale: Tensor
@@ -278,7 +278,7 @@ class Catalogue(nn.Module):
     def revise(self, keep: Tensor, new: Strokes, optimizer: optim.Optimizer | None = None) -> None:
         """Drop strokes where ``keep`` (N,) is false, and append ``new`` strokes; the others keep their optimiser state.
 
-        State that is not one number per parameter (the history of L-BFGS) starts afresh.
+        State that is not one number per parameter (the history of L-BFGS) is reset.
         """
         before = {id(getattr(self, name)): name for name in FIELDS}
         self._store(Strokes.join(self()[keep], new))
@@ -317,7 +317,7 @@ class Catalogue(nn.Module):
 
 
 def _carry(value: Tensor, keep: Tensor, parameter: Tensor) -> Tensor:
-    """Keep the optimiser state of remaining strokes, with zeros for new strokes; counters do not change."""
+    """Carry over the optimiser state of remaining strokes, with zeros for new strokes; counters do not change."""
     if value.ndim == 0:
         return value
     carried = value.new_zeros(parameter.shape)

@@ -31,7 +31,7 @@ LI, BATSCHELET = "Li et al., 2012", "Batschelet, 1981"
 
 @dataclass(frozen=True)
 class Measure:
-    """A measure's name and definition. Angles are stored in radians and shown in degrees."""
+    """The name and definition of a measure. Angles are stored in radians and shown in degrees."""
 
     name: str
     meaning: str
@@ -76,14 +76,14 @@ def area_of(length: Tensor, width: Tensor) -> Tensor:
 
 
 def straightness_of(curve: Tensor, length: Tensor) -> Tensor:
-    """Compute the distance between the ends over arc length (N,), in [0, 1]; 0 for a point."""
+    """Compute the ratio (N,) of the distance between the ends to the arc length, in [0, 1]; 0 for a point."""
     chord = (curve[:, 2] - curve[:, 0]).square().sum(1)
     tiny = torch.finfo(curve.dtype).tiny
     return ((chord + tiny).sqrt() / length.clamp_min(POINT_LENGTH**2)).clamp_max(1)
 
 
 def curvature_of(curve: Tensor) -> Tensor:
-    """Compute the total curvature (N,), in radians in [0, pi], as the angle between both legs; 0 for a point."""
+    """Compute the total curvature (N,), in radians in [0, pi], as the angle between the two legs; 0 for a point."""
     (x, y), (u, v) = (leg.unbind(1) for leg in _unit_legs(curve))
     return torch.atan2((x * v - y * u).abs(), x * u + y * v + LEG_SOFTENING)
 
@@ -96,8 +96,8 @@ def centre_of(curve: Tensor) -> Tensor:
 def direction_of(curve: Tensor) -> Tensor:
     """Compute the doubled direction (N, 2) of the principal axis of curves, with length 1, or less for points.
 
-    The second moment of B(t), t uniform, about its mean is (4 a^2 + 7 a b + 4 b^2) / 45, for legs a and b as complex
-    numbers; squaring doubles angles.
+    The second moment of B(t) about its mean, for uniform t, is (4 a^2 + 7 a b + 4 b^2) / 45, for legs a and b as
+    complex numbers; squaring doubles angles.
     """
     (x, y), (u, v) = (leg.unbind(1) for leg in _unit_legs(curve))
     real = 4 * (x * x - y * y + u * u - v * v) + 7 * (x * u - y * v)
@@ -146,7 +146,7 @@ def with_self(near: Tensor) -> Tensor:
 
 
 def mean_direction(direction: Tensor, near: Tensor) -> Tensor:
-    """Average the doubled directions of strokes ``near`` (Q, k) to (Q, 2), of length 1 at most; points do not count."""
+    """Average the doubled directions of strokes ``near`` (Q, k) to (Q, 2), of length at most 1, ignoring points."""
     weight = (direction.square().sum(1, keepdim=True) + torch.finfo(direction.dtype).eps).sqrt()
     # The gradient of `index_select` is faster than that of [].
     table = torch.cat([direction, weight], dim=1).index_select(0, near.flatten())

@@ -25,7 +25,7 @@ Value = TypeVar("Value", float, Tensor)
 
 
 def sample_prior(n: int, seed: int = 0, first: int = 0) -> Strokes:
-    """Draw the valid strokes number ``first`` to ``first + n - 1``; each depends only on ``seed`` and its number.
+    """Draw the valid strokes numbered ``first`` to ``first + n - 1``; each depends only on ``seed`` and its number.
 
     Start and end are uniform in the window and the thickness w in [``THINNEST``, ``THICKEST``], redrawn until
     |s - e| >= 2 w (in sides of the window); the control point is normal about the middle with variances ``SPREAD``,
@@ -42,7 +42,7 @@ def sample_prior(n: int, seed: int = 0, first: int = 0) -> Strokes:
 
 
 def width_of(parameter: Tensor) -> Tensor:
-    """Convert the width parameter of strokes, in [-1, 1] if valid, to sides of the window."""
+    """Convert the width parameter of strokes, which is in [-1, 1] for valid strokes, to sides of the window."""
     return THINNEST + (THICKEST - THINNEST) * 0.5 * (parameter + 1)
 
 
@@ -92,10 +92,10 @@ def _along(chord: Tensor) -> tuple[Tensor, Tensor]:
 def rewindow(strokes: Strokes) -> Strokes:
     """Choose windows for strokes so that `clamp_to_prior` changes them as little as possible; valid strokes stay.
 
-    A window is centred on the control points, and its side is the valid one nearest to the old side. Two kinds of
+    A window is centred on the control points, and its side is the valid side nearest to the old one. Two kinds of
     strokes fit no window and are changed at constant area: strokes too short for their thickness become longer and
     thinner, strokes too thin for their length become thicker and shorter. For a painting of 655 strokes, a quarter of
-    them of these kinds, this cost 1.3 dB; only thinning the short strokes cost 3.5 dB.
+    them of these two kinds, this cost 1.3 dB; merely thinning the short strokes cost 3.5 dB.
     """
     curve, thickness = _long_as_wide(curve_of(strokes), strokes.width * strokes.scale)
     low, high = curve.amin(1), curve.amax(1)
@@ -168,7 +168,7 @@ def _long_enough(body: Array) -> NDArray[np.bool_]:
 
 
 def _bent(start: Array, end: Array, uniform: Array) -> Array:
-    """Draw control points (n, 2) from uniform numbers (n, 4), two for each coordinate pair (Box and Muller, 1958)."""
+    """Draw control points (n, 2) from uniform numbers (n, 4), two for each coordinate (Box and Muller, 1958)."""
     radius, angle = np.sqrt(-2 * np.log(uniform[:, 0])), 2 * np.pi * uniform[:, 1]
     along = np.sqrt(SPREAD[0]) * radius * np.cos(angle)
     across = np.sqrt(SPREAD[1]) * radius * np.sin(angle)

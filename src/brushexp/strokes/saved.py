@@ -119,7 +119,7 @@ def fields_in(strokes: Strokes) -> tuple[list[str], int]:
 
 
 def parse(text: str) -> Saved:
-    """Read the text of `json_lines`; raise a UserError that says where it differs from the format."""
+    """Parse the text of `json_lines`; raise a UserError that says where it deviates from the format."""
     try:
         data = json_of(text)
     except UserError as error:
@@ -145,7 +145,7 @@ def png_of(alpha: Tensor) -> bytes:
 
 
 def alpha_of(png: bytes) -> Tensor:
-    """Unpack the alpha of `png_of`; refuse (UserError) anything else, and pictures that are too large."""
+    """Unpack the alpha of `png_of`; raise a UserError for other data and for pictures that are too large."""
     try:
         with Image.open(BytesIO(png), formats=["PNG"]) as picture:
             if picture.mode != "L" or picture.width * picture.height > LARGEST_ALPHA:
@@ -190,7 +190,7 @@ def _strokes(rows: list[Any]) -> tuple[Strokes, Tensor]:
 
 
 def _numbers(data: dict[str, Any], name: str, size: int, where: str = "") -> Any:
-    """Check that a value has as many numbers as a field; size 0 means a single number without a list."""
+    """Check that a value contains as many numbers as a field; size 0 means a single number without a list."""
     value = data.get(name)
     numbers = value if size else [value]
     if type(numbers) is not list or len(numbers) != (size or 1) or not {type(x) for x in numbers} <= {int, float}:

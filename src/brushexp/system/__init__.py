@@ -1,1 +1,1 @@
-"""Handle files, HDF5, checkpoints, processes, threads, memory and terminals."""
+"""Manage files, HDF5, checkpoints, processes, threads, memory and terminals."""

@@ -9,7 +9,7 @@ from pathlib import Path
 CODE = Path(__file__).parents[1]
 KERNELS = "NUMBA_CACHE_DIR"  # environment variable: folder for compiled machine code
 CACHES = "XDG_CACHE_HOME"  # environment variable: all caches of a user (XDG Base Directory Specification)
-OF_LIBRARIES = {  # variables of libraries that ignore this standard -> subfolders
+LIBRARY_CACHES = {  # variables of libraries that ignore this standard -> subfolders
     "MPLCONFIGDIR": "matplotlib",
     "TRITON_CACHE_DIR": "triton",
     "WANDB_CACHE_DIR": "wandb-cache",
@@ -21,7 +21,7 @@ PRIVATE = 0o700  # mode of a folder that only its owner can read and write
 
 
 def settle_caches() -> None:
-    """Give libraries writable cache folders if they would find none; call this before importing them.
+    """Give libraries writable cache folders if they would otherwise have none; call this before importing them.
 
     Machine code goes to the first writable folder among `NUMBA_CACHE_DIR`, the program's own folder, the user's cache
     and a private temporary folder; other libraries use the last two. Without such a folder, nothing is cached.
@@ -40,7 +40,7 @@ def settle_caches() -> None:
     if is_settled:
         return
     os.environ[CACHES] = str(private)
-    for variable, name in OF_LIBRARIES.items():
+    for variable, name in LIBRARY_CACHES.items():
         os.environ.setdefault(variable, str(private / name))
     if not can_hold(CODE / "__pycache__"):
         os.environ.setdefault(KERNELS, str(private / "kernels"))
@@ -57,18 +57,18 @@ def _settle_typed(variable: str) -> None:
 
 @cache
 def has_home() -> bool:
-    """Return whether the user had a home at the first call, before `settle_caches` gives libraries one."""
+    """Return whether the user had a home folder at the first call, before `settle_caches` gives libraries one."""
     return os.path.isabs(os.path.expanduser("~"))  # unlike pathlib's version, it never raises
 
 
 def home_folder() -> Path | None:
-    """Return the user's home; None if it does not exist or is the root of the file system."""
+    """Return the user's home folder; None if it does not exist or is the root of the file system."""
     path = os.path.expanduser("~")
     return Path(path) if has_home() and os.path.normpath(path) != os.sep else None
 
 
 def can_hold(folder: Path) -> bool:
-    """Check whether files can be written into a folder, which is created if necessary."""
+    """Check whether files can be written to a folder, which is created if necessary."""
     try:
         while not folder.exists():
             folder = folder.parent
@@ -81,7 +81,7 @@ def can_hold(folder: Path) -> bool:
 def private_folder() -> Path | None:
     """Make a temporary folder that only this user can read and write; None if that is impossible.
 
-    Folders that others could have written into are never trusted, because machine code is loaded from them.
+    Folders to which others could have written are never trusted, because machine code is loaded from them.
     """
     if not hasattr(os, "getuid"):
         return None  # on Windows, permission bits do not show who may write

@@ -1,4 +1,4 @@
-"""Callbacks of every fit: progress bar, timed checkpoints, Ctrl-C.
+"""Callbacks used in every fit: progress bar, timed checkpoints, Ctrl-C.
 
 They use these members of a LightningModule: ``title`` (of the progress bar), ``progress`` (0 to 1), ``state_line()``
 (step, loss and quality in a few words) and ``stop`` (why the fit ends early, or None), which they also set.
@@ -58,7 +58,7 @@ class ProgressBar(L.Callback):
 
 
 class TimedCheckpoint(Checkpoint):
-    """Writes checkpoints for exact continuation at regular intervals, and ends the fit after the step at Ctrl-C.
+    """Writes checkpoints for exact resumption at regular intervals, and ends the fit after the current step at Ctrl-C.
 
     The file is written to ``path``, if given, every ``every`` seconds (None for interruptions only). Lightning calls
     this kind of callback after all others, so the file has their states after the step.
@@ -120,7 +120,7 @@ class TimedCheckpoint(Checkpoint):
 
 
 def find_limit(trainer: L.Trainer) -> Status:
-    """Find which limit of the Trainer ended a fit; `Status.STOPPED_EARLY` if a callback did."""
+    """Find which of the Trainer's limits ended a fit; `Status.STOPPED_EARLY` if a callback did."""
     times = [timer.time_remaining() for timer in trainer.callbacks if isinstance(timer, Timer)]  # type: ignore[attr-defined]
     limits = {
         Status.MAX_STEPS_REACHED: 0 <= trainer.max_steps <= trainer.global_step,

@@ -24,7 +24,7 @@ PROGRAM = "brushexp "  # first word of every format
 
 @dataclass(frozen=True)
 class CheckpointFormat:
-    """A kind of checkpoint, with its words for messages."""
+    """A type of checkpoint, and the words that messages use for it."""
 
     noun: str  # name of the network in messages, "renderer"
     family: str  # family of its plugins, as in the recipe
@@ -64,7 +64,7 @@ class CheckpointFormat:
         return str(recipe["hash"])
 
     def save(self, path: Path, name: str, module: nn.Module, recipe: Mapping[str, Any], *, half: bool = True) -> str:
-        """Write ``path`` (.safetensors) and its recipe; afterwards the module holds the weights as written.
+        """Write ``path`` (.safetensors) and its recipe; afterwards the module holds the weights as stored.
 
         The recipe has ``options`` and may have ``data``, ``training`` and ``figures``. With ``half``, floats are stored
         in 16 bits if they fit. Returns the hash of the weights.
@@ -97,7 +97,7 @@ class CheckpointFormat:
         raise UserError(f"{where} is not a shipped checkpoint (there are: {names}); {cure}")
 
     def shipped_name(self, name: str) -> str | None:
-        """Return the name if a shipped checkpoint has it, otherwise None."""
+        """Return the name if it is that of a shipped checkpoint, otherwise None."""
         return name if any((folder / f"{name}.safetensors").is_file() for folder in self.folders()) else None
 
     def read_recipe(self, path: Path) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Choose the device that computes."""
+"""Choose the device for computations."""
 
 import torch
 

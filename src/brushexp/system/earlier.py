@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from typing import Any
 
-OF_TUBES = ("tubes", "mixtures", "brushes", "width_cm", "load")  # keys of the former task=tubes
+TUBES_KEYS = ("tubes", "mixtures", "brushes", "width_cm", "load")  # keys of the former task=tubes
 TASKS = {"guided": "guides", "repaint": "region", "tubes": "tubes"}  # former tasks that are now changes
 REMOVED = ("lpips_backbone", "lpips_weights", "model")  # keys that no longer exist
-OF_TRAININGS = (  # Trainer options that only training tasks still have
+TRAINING_OPTIONS = (  # Trainer options that only training tasks still have
     *("accumulate_grad_batches", "check_val_every_n_epoch", "limit_train_batches", "limit_val_batches"),
     *("max_epochs", "min_epochs", "min_steps", "val_check_interval"),
 )
@@ -20,7 +20,7 @@ def is_earlier(settings: Mapping[str, Any]) -> bool:
 
 
 def todays_settings(recorded: Mapping[str, Any]) -> dict[str, Any]:
-    """Convert recorded settings of a painting to current keys; current settings are returned unchanged.
+    """Convert recorded settings of a painting to current keys; settings that are already current are unchanged.
 
     Former tasks, callbacks and keys may have become changes: the old ``variety: 0.4`` is now
     ``change: {variety: {amount: 0.4}}``.
@@ -35,7 +35,7 @@ def todays_settings(recorded: Mapping[str, Any]) -> dict[str, Any]:
         return settings
     if "trainer" in settings:
         options = _mapping(settings["trainer"])
-        settings["trainer"] = {key: options[key] for key in options if key not in OF_TRAININGS}
+        settings["trainer"] = {key: options[key] for key in options if key not in TRAINING_OPTIONS}
     if settings.get("timelapse") == "both":
         settings["timelapse"] = "mp4"
     change = {"variety": _member("variety", {"amount": settings.pop("variety", 0)})}
@@ -54,7 +54,7 @@ def todays_settings(recorded: Mapping[str, Any]) -> dict[str, Any]:
     elif was == "repaint":
         change["region"] = _member("region", {"mask": settings.pop("region", None)})
     elif "tubes" in settings:
-        change["tubes"] = _member("tubes", {key: settings.pop(key) for key in OF_TUBES if key in settings})
+        change["tubes"] = _member("tubes", {key: settings.pop(key) for key in TUBES_KEYS if key in settings})
     if was in TASKS:
         settings["task"] = "paint"
     return {**settings, "change": change}

@@ -54,7 +54,7 @@ def code_state() -> dict[str, Any]:
 
 
 def project_state(folder: Path) -> dict[str, Any] | None:
-    """Describe the repository of a folder with `git_state`; None without a repository or if it is brushexp's own."""
+    """Describe the repository of a folder with `git_state`; None if there is none or if it is brushexp's own."""
     top = _git(folder, "rev-parse", "--show-toplevel")
     if top is None or ("commit" in code_state() and top == _git(PACKAGE, "rev-parse", "--show-toplevel")):
         return None
@@ -78,7 +78,7 @@ def git_state(folder: Path) -> dict[str, Any] | None:
 
 
 def _git(folder: Path, *words: str) -> str | None:
-    """Return the output of git about a folder; None if it fails, is not installed, or takes too long.
+    """Run git in a folder and return its output; None if it fails, is not installed, or takes too long.
 
     Programs configured by the repository are not run, and variables that name another repository are removed.
     """

@@ -1,4 +1,4 @@
-"""Write files completely or not at all, and convert numbers to pixels and JSON."""
+"""Write files atomically, and convert numbers to pixels and JSON."""
 
 import io
 import json
@@ -24,7 +24,7 @@ PNG: dict[str, Any] = {"format": "PNG", "compress_type": zlib.Z_RLE}  # as small
 
 @contextmanager
 def replacing(path: Path, key: str = "output") -> Iterator[Path]:
-    """Yield a temporary path next to ``path``; at the end, its file replaces ``path``.
+    """Yield a temporary path next to ``path``; at the end, the temporary file replaces ``path``.
 
     On any error, including Ctrl-C, the temporary file is removed and the previous file is untouched. If the file cannot
     be written, a UserError suggests another place for ``key``.
@@ -51,7 +51,7 @@ def write_bytes(path: Path, data: bytes, key: str = "output") -> None:
 
 
 def write_text(path: Path, text: str | Iterable[str]) -> None:
-    """Write a UTF-8 file from a string or from pieces, and escape undecodable bytes of file names."""
+    """Write a UTF-8 file from a string or its pieces, escaping undecodable bytes of file names."""
     pieces = [text] if isinstance(text, str) else text
     with replacing(path) as temporary, temporary.open("wb") as file:
         file.writelines(piece.encode("utf-8", "backslashreplace") for piece in pieces)

@@ -37,7 +37,7 @@ def opened(path: Path, cure: str, **options: Any) -> h5py.File:
 def dataset_of(
     file: h5py.File, name: str, dtype: type, shape: tuple[int, ...] | None, most: int = 2**40
 ) -> h5py.Dataset:
-    """Return a dataset of the file if it fits the format; its numbers are not read.
+    """Return a dataset of the file if it fits the format, without reading its numbers.
 
     Without a ``shape`` it must have one axis of at most ``most`` values.
     """
@@ -59,7 +59,7 @@ def dataset_of(
 
 
 def _check_storage(name: str, dataset: h5py.Dataset) -> None:
-    """Refuse a dataset that would unpack to more than it states, or that states more than its bytes can hold."""
+    """Reject a dataset that would unpack to more than it declares, or declares more than its bytes can hold."""
     layout, held = dataset.id.get_create_plist(), dataset.id.get_storage_size()
     used = [layout.get_filter(k)[0] for k in range(layout.get_nfilters())]
     if not {GZIP, SHUFFLE, CHECKSUM}.issuperset(used) or used.count(GZIP) > 1:
@@ -87,7 +87,7 @@ def numbers_of(dataset: h5py.Dataset) -> np.ndarray:
 
 
 def check_chunk(dataset: h5py.Dataset, offset: tuple[int, ...]) -> None:
-    """Refuse the chunk at ``offset`` if it unpacks to more than it states, because HDF5 would allocate all of it."""
+    """Reject the chunk at ``offset`` if it unpacks to more than it declares, because HDF5 would allocate all of it."""
     layout = dataset.id.get_create_plist()
     kinds = [layout.get_filter(k)[0] for k in range(layout.get_nfilters())]
     skipped, packed = dataset.id.read_direct_chunk(offset)
@@ -111,7 +111,7 @@ def whole_number_of(file: h5py.File, name: str) -> int:
 
 
 def attribute_of(file: h5py.File, name: str, kind: type = object, words: str = "") -> Any:
-    """Return an attribute of a ``kind``, called ``words`` in messages; bytes count as text."""
+    """Return an attribute of type ``kind``, called ``words`` in messages; bytes count as text."""
     if name not in file.attrs:
         raise UserError(f"has no attribute {name}: it is damaged or incomplete; get it again")
     stored = file.attrs.get_id(name)

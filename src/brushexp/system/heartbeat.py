@@ -1,4 +1,4 @@
-"""Show that the program is working when there is no other output: a moving line or, without a terminal, some lines.
+"""Show that the program is working when there is no other output: an updated line or, without a terminal, log lines.
 
 The command line starts it, and all other output postpones it. It does not run in forked processes or in the Python
 API.
@@ -35,7 +35,7 @@ class Heartbeat:
         self._stream: TextIO = sys.stderr
 
     def start(self, what: str) -> None:
-        """Start showing ``what`` the program does, such as "preparing"."""
+        """Start showing ``what`` the program is doing, such as "preparing"."""
         if self._ended is None:
             self._stream = _own_stderr()
             self._ended, self._start = threading.Event(), time.monotonic()
@@ -49,24 +49,24 @@ class Heartbeat:
     def end(self) -> None:
         """Stop the heartbeat and clear its line."""
         self._stop()
-        self.make_way()
+        self.clear_line()
 
     def _stop(self) -> None:
         if self._ended is not None:
             self._ended.set()
             self._ended = None
 
-    def make_way(self) -> None:
-        """Clear the line before other output."""
+    def clear_line(self) -> None:
+        """Clear the line to make room for other output."""
         with self._lock:
             if self._is_shown:
                 self._write(CLEAR)
             self._is_shown, self._written = False, time.monotonic()
 
     @contextmanager
-    def behind_a_bar(self) -> Iterator[None]:
+    def paused(self) -> Iterator[None]:
         """Pause while a progress bar is on the terminal."""
-        self.make_way()
+        self.clear_line()
         self._bars += 1
         try:
             yield
@@ -100,7 +100,7 @@ class Heartbeat:
 
 
 def _own_stderr() -> TextIO:
-    """Duplicate stderr, which decoders close temporarily."""
+    """Duplicate stderr, because decoders close it temporarily."""
     try:
         if sys.stderr.fileno() == STDERR:
             return os.fdopen(os.dup(STDERR), "w", encoding="utf-8", errors="replace")

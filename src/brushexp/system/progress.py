@@ -18,7 +18,7 @@ Item = TypeVar("Item")
 
 @contextmanager
 def showing(what: str, done: float = 0.0) -> Iterator[Callable[[float, str], None]]:
-    """Yield a function that shows the finished fraction of the work, its state in a few words, and the remaining time.
+    """Yield a function that shows the completed fraction of the work, its state in a few words, and the remaining time.
 
     ``done`` is the initial fraction, and ``what`` names the work, such as "simulating strokes". Text after a comma in
     the state goes only to run.log: "step 6 of 30, 24.80 dB".
@@ -51,7 +51,7 @@ def showing(what: str, done: float = 0.0) -> Iterator[Callable[[float, str], Non
             log.info("%s", words[0], extra={"shown": words[1]})
 
     shown = ("{task.description}", *columns, "left", TimeRemainingColumn())
-    behind = heartbeat.behind_a_bar() if has_bar else nullcontext()
+    behind = heartbeat.paused() if has_bar else nullcontext()
     with behind, Progress(*shown, console=console, disable=not has_bar, transient=True) as bar:
         task = bar.add_task(what, total=1.0, state="")
         bar.update(task, completed=done)

@@ -44,7 +44,7 @@ def in_short(value: object) -> str:
 
 
 def check_file(path: Path, cure: str, largest: float = math.inf) -> None:
-    """Refuse (UserError, with ``cure``) anything but a readable regular file of at most ``largest`` bytes."""
+    """Raise a UserError, with ``cure``, for anything but a readable regular file of at most ``largest`` bytes."""
     try:
         status = path.stat()
         if regular := stat.S_ISREG(status.st_mode):
@@ -61,7 +61,7 @@ def check_file(path: Path, cure: str, largest: float = math.inf) -> None:
 
 @contextmanager
 def explaining(path: Path, cure: str) -> Iterator[None]:
-    """Turn any error with a file into a UserError that names it, with ``cure`` unless it has one after ``;``."""
+    """Turn any error about a file into a UserError that names it, adding ``cure`` unless it has one after ``;``."""
     try:
         yield
     except UserError as error:
@@ -81,7 +81,7 @@ def read_text(path: Path, cure: str, largest: int = LARGEST_TEXT) -> str:
 def decode_text(data: bytes) -> str:
     r"""Decode UTF-8, or UTF-16 with a byte order mark; the result has ``\n`` line ends and no mark.
 
-    A UserError reports other encodings. Windows programs write byte order marks, UTF-16 and ``\r\n``.
+    Other encodings raise a UserError. Windows programs write byte order marks, UTF-16 and ``\r\n``.
 
     >>> decode_text(b"\xef\xbb\xbfa: 1\r\n"), decode_text("ä".encode("utf-16"))
     ('a: 1\n', 'ä')
@@ -94,7 +94,7 @@ def decode_text(data: bytes) -> str:
 
 
 def read_table(path: Path) -> list[dict[str, str]]:
-    """Read the rows of a CSV file that has a column ``step``, or no rows from other files; missing cells are None."""
+    """Read the rows of a CSV file that has a column ``step``; missing cells are None, and other files have no rows."""
     try:
         rows = list(csv.DictReader(io.StringIO(read_text(path, ""), newline=""), restkey=""))
     except (UserError, csv.Error):
@@ -109,7 +109,7 @@ def digest_of(path: Path) -> str:
 
 
 def check_format_version(version: object, known: int) -> None:
-    """Refuse (UserError) a file with a newer or invalid format version.
+    """Raise a UserError for a file with a newer or invalid format version.
 
     >>> check_format_version(3, 2)
     Traceback (most recent call last):
@@ -123,7 +123,7 @@ def check_format_version(version: object, known: int) -> None:
 
 
 def json_of(text: str) -> Any:
-    """Parse JSON; refuse duplicate keys."""
+    """Parse JSON; reject duplicate keys."""
 
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         mapping = dict(pairs)
@@ -142,7 +142,7 @@ def json_of(text: str) -> Any:
 
 
 def check_yaml(text: str, root: type = dict) -> None:
-    """Refuse YAML that is too long or deep, has aliases, or is not a mapping (or list), before constructing any value.
+    """Reject YAML that is too long or deep, has aliases, or is not a mapping (or list), before building any value.
 
     PyYAML takes minutes for 40 kB of brackets, and nested aliases exhaust memory.
     """

@@ -15,7 +15,7 @@ LARGEST_WEIGHTS = 2**33  # bytes of the largest file of tensors
 
 
 def read_safetensors(path: Path, cure: str) -> dict[str, Tensor]:
-    """Read the tensors of a .safetensors file by name; refuse non-finite values."""
+    """Read the tensors of a .safetensors file by name; reject non-finite values."""
     from safetensors.torch import load  # noqa: PLC0415  (--help needs none of it)
 
     check_file(path, cure, LARGEST_WEIGHTS)
@@ -24,7 +24,7 @@ def read_safetensors(path: Path, cure: str) -> dict[str, Tensor]:
 
 
 def read_pickled(path: Path, cure: str) -> Any:
-    """Read a torch.save file of only tensors, numbers, text, lists and dictionaries; refuse other pickles."""
+    """Read a torch.save file of only tensors, numbers, text, lists and dictionaries; reject other pickles."""
     check_file(path, cure, LARGEST_WEIGHTS)
     with explaining(path, cure):
         zipped = is_zipfile(path)  # files of PyTorch before 1.6 are not zip files and cannot be mapped
@@ -48,7 +48,7 @@ def check_finite(tensors: dict[str, Tensor]) -> dict[str, Tensor]:
 
 
 def _check_tensors(data: Any) -> None:
-    """Refuse tensors with more numbers than the file contains: without memory, or with repeated numbers."""
+    """Reject tensors with more numbers than the file contains, that is, without memory or with repeated numbers."""
     stack, visited = [data], set()
     while stack:
         value = stack.pop()

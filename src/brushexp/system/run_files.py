@@ -1,4 +1,4 @@
-"""Record the files that runs create in a folder in its manifest; ``overwrite=true`` removes only these files.
+"""Record the files that runs create in a folder's manifest, because ``overwrite=true`` may remove only these.
 
 Python reports every file that it is about to open or rename (audit hooks, PEP 578), including those of Hydra,
 Lightning and plugins. C libraries report nothing: their files go through `replacing`, which renames them, or
@@ -23,7 +23,7 @@ _recorded: set[str] = set()  # real paths of folders
 
 
 def record_files(folder: Path) -> None:
-    """Record every file that this process creates below a folder, from now on, in the folder's manifest."""
+    """From now on, record every file that this process creates below a folder in the folder's manifest."""
     _install_hook()
     _recorded.add(os.path.realpath(folder))
     (folder / MANIFEST).touch()
@@ -36,7 +36,7 @@ def stop_recording(folder: Path) -> None:
 
 @contextmanager
 def recorded(folder: Path) -> Iterator[None]:
-    """Record every file created below a folder inside ``with``."""
+    """Record every file created below a folder within the ``with`` block."""
     record_files(folder)
     try:
         yield

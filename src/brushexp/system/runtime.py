@@ -1,4 +1,4 @@
-"""Control how this process waits, keeps memory, shares threads and handles interruptions."""
+"""Control how this process waits, keeps memory, shares work among threads and responds to interruptions."""
 
 import ctypes
 import logging
@@ -24,7 +24,7 @@ except ImportError:  # on Windows
 log = logging.getLogger(__name__)
 
 ENDING = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-OF_CLUSTERS = [getattr(signal, name) for name in ("SIGUSR1", "SIGUSR2") if hasattr(signal, name)]  # from clusters
+CLUSTER_SIGNALS = [getattr(signal, name) for name in ("SIGUSR1", "SIGUSR2") if hasattr(signal, name)]  # from clusters
 NO_LIMIT = 2**44  # MB of memory to assume if the system states no limit
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # options of mallopt(3)
 MOMENT = 0.05  # seconds before a lost interruption is raised again
@@ -52,7 +52,7 @@ def keep_memory(most: int = 2**30) -> None:
 
 
 def give_memory_back() -> None:
-    """Return freed memory to the system, because fragments left by one picture do not fit the next and accumulate."""
+    """Return freed memory to the system, because fragments left by one picture do not fit the next and pile up."""
     if sys.platform == "linux" and hasattr(libc := ctypes.CDLL(None), "malloc_trim"):
         libc.malloc_trim(0)
 
@@ -92,15 +92,15 @@ def _pool() -> ThreadPoolExecutor:
 
 
 def use_threads(n: int) -> None:
-    """Let PyTorch and kernels use ``n`` threads, or one thread in a fork of a process that may have used several."""
+    """Let PyTorch and kernels use ``n`` threads, but only one in a fork of a process that may have used several."""
     import torch  # noqa: PLC0415
 
     torch.set_num_threads(min(n, _most_threads[0]))
     _used_threads[0] = max(_used_threads[0], torch.get_num_threads())
 
 
-def _begin_anew() -> None:
-    """Reset threads after a fork, because OpenMP would wait for the parent's threads forever."""
+def _reset_threads() -> None:
+    """Reset threads after a fork, because OpenMP would wait forever for the parent's threads."""
     _pool.cache_clear()
     if "torch" in sys.modules and max(_used_threads[0], sys.modules["torch"].get_num_threads()) > 1:
         _most_threads[0] = 1
@@ -108,7 +108,7 @@ def _begin_anew() -> None:
 
 
 if hasattr(os, "register_at_fork"):  # Windows does not fork
-    os.register_at_fork(after_in_child=_begin_anew)
+    os.register_at_fork(after_in_child=_reset_threads)
 
 
 def end_on_signals() -> None:
@@ -122,7 +122,7 @@ def end_on_signals() -> None:
     def raise_again(lost: "sys.UnraisableHookArgs") -> None:
         if issubclass(lost.exc_type, KeyboardInterrupt):
             _lost.set()
-            threading.Timer(MOMENT, lambda: interrupt_main() if take_lost() else None).start()
+            threading.Timer(MOMENT, lambda: interrupt_main() if pop_lost_interrupt() else None).start()
         else:
             others(lost)
 
@@ -136,14 +136,14 @@ def end_on_signals() -> None:
             signal.signal(number, interrupt)
 
 
-def take_lost() -> bool:
-    """Return whether an interruption was lost, and reset the flag; the caller has to raise it again."""
+def pop_lost_interrupt() -> bool:
+    """Return whether an interruption was lost, and clear the flag; the caller must raise the interruption again."""
     was_lost = _lost.is_set()
     _lost.clear()
     return was_lost
 
 
-def was_signalled() -> bool:
+def received_signal() -> bool:
     """Return whether this process has received a signal to end."""
     return bool(_received)
 
@@ -153,9 +153,9 @@ def interrupted_code() -> int:
     return 128 + (_received[-1] if _received else signal.SIGINT)
 
 
-def pass_signal_on() -> None:
+def reraise_signal() -> None:
     """Raise the cluster's signal that interrupted this process again, so that submitit requeues the job."""
-    if _received and _received[-1] in OF_CLUSTERS:
+    if _received and _received[-1] in CLUSTER_SIGNALS:
         signal.raise_signal(_received[-1])
 
 
@@ -163,7 +163,7 @@ def pass_signal_on() -> None:
 def interruptible(stop: Callable[[], None], promise: str) -> Iterator[None]:
     """Call ``stop`` at the first Ctrl-C, SIGTERM or SIGHUP, and log a ``promise`` to end; a second signal ends at once.
 
-    Signals of a cluster act in the same way if they have a handler.
+    A cluster's signals have the same effect if they have a handler.
     """
 
     def finish(signum: int, frame: FrameType | None) -> None:
@@ -176,7 +176,7 @@ def interruptible(stop: Callable[[], None], promise: str) -> Iterator[None]:
         for number, handler in before.items():
             signal.signal(number, handler)
 
-    handled = [number for number in OF_CLUSTERS if callable(signal.getsignal(number))]
+    handled = [number for number in CLUSTER_SIGNALS if callable(signal.getsignal(number))]
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, *ENDING, *handled)}
     if threading.current_thread() is not threading.main_thread():  # only the main thread receives signals
         yield
@@ -191,7 +191,7 @@ def interruptible(stop: Callable[[], None], promise: str) -> Iterator[None]:
 
 
 @contextmanager
-def held_back(promise: str) -> Iterator[None]:
+def delayed_interrupt(promise: str) -> Iterator[None]:
     """Delay a first Ctrl-C, SIGTERM or SIGHUP: log a ``promise`` to end, and raise KeyboardInterrupt after ``with``."""
     pressed = threading.Event()
     with interruptible(pressed.set, promise):
@@ -206,12 +206,12 @@ def cores() -> int:
 
 
 def jobs_at_once(n_jobs: int) -> int:
-    """Return how many jobs run at once; negative numbers count back from all cores (-1)."""
+    """Return how many jobs run in parallel; negative numbers count back from all cores (-1)."""
     return n_jobs if n_jobs > 0 else max(1, cores() + 1 + n_jobs)
 
 
 def free_memory() -> float:
-    """Return the number of MB that this process may still allocate, as far as it is known."""
+    """Return the number of MB that this process may still allocate, if it is known."""
     limits: list[float] = [NO_LIMIT]
     if resource is not None:
         limits.append(resource.getrlimit(resource.RLIMIT_AS)[0] % 2**64 / 2**20)  # -1 means no limit
@@ -225,7 +225,7 @@ def free_memory() -> float:
 
 
 def check_memory(needed: float, what: str, cure: str) -> None:
-    """Refuse (UserError) work that needs more bytes than this process may allocate."""
+    """Raise a UserError for work that needs more bytes than this process may allocate."""
     free = free_memory()
     if needed > free * 2**20:
         gigabytes = f"{needed / 2**30:.1f} GB of memory, but only {free / 1024:.1f} GB are free"

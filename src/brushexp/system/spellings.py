@@ -33,7 +33,7 @@ def find_spelling(path: str) -> str:
 
 
 def find_path(path: str | os.PathLike[str]) -> Path:
-    """Return a path with the spelling of `find_spelling`."""
+    """Return a path in the spelling found by `find_spelling`."""
     return Path(find_spelling(os.fspath(path)))
 
 

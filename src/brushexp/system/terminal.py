@@ -26,7 +26,7 @@ class Terminal(logging.Handler):
                 return
             if record.levelno == logging.WARNING:
                 _said.add(words)
-            heartbeat.make_way()
+            heartbeat.clear_line()
             stream = sys.stdout if record.levelno < logging.WARNING else sys.stderr
             stream.write(f"{HEADS.get(record.levelno, '')}{on_a_line(words, besides=LAYOUT)}\n")
             stream.flush()

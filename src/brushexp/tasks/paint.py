@@ -14,16 +14,16 @@ from omegaconf import DictConfig
 from brushexp.errors import UserError
 from brushexp.painting.build import build_painter
 from brushexp.painting.changes import changed_settings
-from brushexp.painting.components import tell_of_slow_steps
+from brushexp.painting.components import warn_of_slow_steps
 from brushexp.painting.finished import Finished, finish, summary_line
 from brushexp.painting.goals import goals_of
-from brushexp.painting.idle_parts import tell_of_idle_parts
+from brushexp.painting.idle_parts import log_idle_parts
 from brushexp.painting.metrics import metrics_of
 from brushexp.painting.painting_module import PaintingModule
 from brushexp.painting.timelapse import Timelapse
-from brushexp.painting.working_size import tell_of_sizes
+from brushexp.painting.working_size import log_sizes
 from brushexp.plugins.metric.base import Metric
-from brushexp.runs.closing import is_job, say_where
+from brushexp.runs.closing import is_job, log_result
 from brushexp.runs.provenance import Provenance, provenance_of
 from brushexp.runs.resume import restore_run
 from brushexp.runs.tracking import Trackers, make_trackers
@@ -31,7 +31,7 @@ from brushexp.runs.trainer import conclude, fit, make_trainer
 from brushexp.system.device import device_of
 from brushexp.system.files import write_picture
 from brushexp.system.heartbeat import heartbeat
-from brushexp.system.runtime import held_back
+from brushexp.system.runtime import delayed_interrupt
 from brushexp.system.terminal import IN_LOG
 
 log = logging.getLogger(__name__)
@@ -60,13 +60,13 @@ def paint_into(
     checkpoint: Path | None = None,
     callbacks: Sequence[L.Callback] = (),
 ) -> Finished:
-    """Paint from a checked config into the folder of a run, which also receives the result of a failed fit.
+    """Paint from a checked config into the folder of a run; the result of a failed fit is also written there.
 
-    ``start`` is `time.monotonic` at the start of the program, or None for a run resumed from its ``checkpoint``.
+    ``start`` is the `time.monotonic` at which the program started, or None for a run resumed from its ``checkpoint``.
     """
     cfg = changed_settings(cfg)
     if not is_job():
-        tell_of_sizes(cfg)
+        log_sizes(cfg)
     trackers = make_trackers(cfg, folder)
     metrics, provenance = metrics_of(cfg), provenance_of(cfg)
     opening = Opening(cfg, folder)
@@ -81,7 +81,7 @@ def paint_into(
     if verdict := finished.metrics.get("verdict"):
         log.info("%s", verdict)
     conclude(fitted.painter, folder, cfg, fitted.failure, fitted.painter.schedule.step)
-    say_where(folder, len(finished.job.strokes), start)
+    log_result(folder, len(finished.job.strokes), start)
     return finished
 
 
@@ -103,7 +103,7 @@ def optimise(
 ) -> Fitted:
     """Build the painter, callbacks and Trainer of a painting, and take the steps.
 
-    The Trainer writes checkpoints into a ``folder`` and continues from a ``checkpoint``.
+    The Trainer writes checkpoints into a ``folder`` and resumes from a ``checkpoint``.
     """
     heartbeat.say("looking at the picture")
     device = device_of(cfg.device)
@@ -121,7 +121,7 @@ def optimise(
 
 
 class Opening(L.Callback):
-    """Before the first step, writes the input pictures (in case the disk is full) and announces slow steps."""
+    """Writes the input pictures before the first step (in case the disk is full) and announces slow steps."""
 
     def __init__(self, cfg: DictConfig, folder: Path) -> None:
         self.cfg, self.folder = cfg, folder
@@ -130,10 +130,10 @@ class Opening(L.Callback):
     def setup(self, trainer: L.Trainer, pl_module: Any, stage: str) -> None:
         may_be_slow = pl_module.resumable and pl_module.device.type == "cpu"  # other painters have no gradient steps
         if may_be_slow and self.cfg.seconds is None and not is_job():
-            tell_of_slow_steps(pl_module.components.stages, pl_module.budget)
+            warn_of_slow_steps(pl_module.components.stages, pl_module.budget)
         if self.cfg.seconds is None and not is_job():
             height, width = pl_module.pictures["target"].shape[1:]
-            tell_of_idle_parts(pl_module.components, pl_module.strokes(), (height, width))
+            log_idle_parts(pl_module.components, pl_module.strokes(), (height, width))
         self.write(pl_module)
 
     def write(self, painter: PaintingModule) -> None:
@@ -156,14 +156,14 @@ def write(
     if not is_job():
         log.info("writing the page" if cfg.report else "writing the files")
     heartbeat.say("writing")
-    with held_back("stopping once painting and catalogue are written"):
+    with delayed_interrupt("stopping once painting and catalogue are written"):
         finished = finish(fitted.painter, cfg, fitted.timelapse, metrics, provenance=provenance, start=start)
         finished.write(folder)
     return finished
 
 
 def write_page_and_film(folder: Path, finished: Finished, *, page: bool) -> None:
-    """Write the timelapse and, in parallel, the page, because encoding releases Python's lock."""
+    """Write the timelapse and, in parallel, the page, because encoding releases the GIL."""
     assert finished.timelapse is not None
     with ThreadPoolExecutor(1) as beside:
         film = beside.submit(finished.timelapse.write, folder)
@@ -185,7 +185,7 @@ def report_painting(trackers: Trackers, folder: Path, finished: Finished) -> Non
 
 
 def try_to_write_page(folder: Path, finished: Finished, film: Future[Any] | None = None) -> None:
-    """Write the page of a run with its ``film``; log an error, but continue the run."""
+    """Write the page of a run with its ``film``; if that fails, log the error and continue the run."""
     from brushexp.pages.run_page import write_run_page  # noqa: PLC0415  (runs without a page start sooner)
 
     try:

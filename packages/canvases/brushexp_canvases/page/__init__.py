@@ -1,6 +1,6 @@
-"""Write a page that shows a pyramid from disk, with pan, zoom, a curtain over other layers, and crisp strokes up close.
+"""Write a page that shows a pyramid from disk, with pan, zoom, a curtain over other layers, and sharp strokes up close.
 
-Strokes are stored in square cells. Each cell is a script beside the page, loaded when its part is viewed up close.
+Strokes are stored in square cells. Each cell is a script next to the page, loaded when that area is viewed up close.
 """
 
 import json
@@ -17,7 +17,7 @@ from brushexp.contracts.files import write_text
 from brushexp.contracts.pages import pack_strokes, pack_textures, page, textured_of
 from brushexp.contracts.pictures import Region
 from brushexp_canvases.laying import reaching
-from brushexp_canvases.pyramid import TILE, Level, whole_folder, write_dzi
+from brushexp_canvases.pyramid import TILE, Level, atomic_folder, write_dzi
 
 TEMPLATES = Path(__file__).parent / "templates"
 PAGE_NAME = "view.html"
@@ -53,12 +53,12 @@ def write_viewer(folder: Path, levels: dict[str, list[Level]], title: str, count
 def write_strokes(folder: Path, size: tuple[int, int], job_of: JobOf) -> dict[str, Any]:
     """Write the strokes of a painting of ``size`` (H, W), and return the data that the page needs to load them.
 
-    ``job_of`` returns all strokes that reach a part, in pixels from its corner. Each ``column_row.js`` calls
-    `brushexp.cell` with the output of `pack_strokes` for the strokes that reach a cell, in pixels from the cell's
+    ``job_of`` returns all strokes that reach into a region, in pixels from its corner. Each ``column_row.js`` calls
+    `brushexp.cell` with the output of `pack_strokes` for the strokes that reach into a cell, in pixels from the cell's
     corner; a stroke is in every cell that it reaches. ``textures.js`` contains all textures.
     """
     exact, textures = True, None
-    with whole_folder(folder / FOLDER) as into:
+    with atomic_folder(folder / FOLDER) as into:
         for part in Region(0, 0, *size).tiles(CELLS * CELL):
             job = job_of(part)
             for cell in Region(0, 0, part.height, part.width).tiles(CELL):
@@ -74,12 +74,12 @@ def write_strokes(folder: Path, size: tuple[int, int], job_of: JobOf) -> dict[st
 
 
 def of_all(job: ExportJob) -> JobOf:
-    """Return a function that finds the strokes of a painting that reach a part."""
+    """Return a function that finds the strokes of a painting that reach into a region."""
     return lambda part: _within(job, part, job.size)
 
 
 def _within(job: ExportJob, part: Region, size: tuple[int, int]) -> ExportJob:
-    """Keep the strokes that reach a part, in pixels from its corner; ``size`` (H, W) is the whole painting's."""
+    """Keep the strokes that reach into a region, in pixels from its corner; ``size`` (H, W) is the whole painting's."""
     number = job.bottom_up[reaching(job.strokes, part, job.renderer.edge)[job.bottom_up]]
     strokes = job.strokes[number].moved(shift=(-part.left, -part.top))
     depth = torch.arange(len(number), dtype=torch.int32)

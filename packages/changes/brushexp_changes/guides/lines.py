@@ -58,7 +58,7 @@ def lines_of(ink: Array) -> Lines:
 
 @torch.no_grad()
 def follow(strokes: Strokes, lines: Lines) -> Strokes:
-    """Align N strokes with nearby lines, keeping centre, length, width and colour; other strokes stay bit-identical."""
+    """Align N strokes with nearby lines, keeping centre, length, width and colour; all others stay bit-identical."""
     half = torch.full((len(strokes),), 0.5)
     middles = point_at(curve_of(strokes), half.to(strokes.position)).double().cpu().numpy()
     rows = torch.from_numpy(np.flatnonzero(sampled_at(lines.say, *middles.T) > LEAST_SAY)).to(strokes.position.device)

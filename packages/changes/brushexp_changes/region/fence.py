@@ -23,7 +23,7 @@ class Fence(nn.Module):
     The height of lit paint is relative to the median width of all strokes. A stroke above the median therefore stays
     above it, a narrower stroke stays below it, and the median is bit-identical.
 
-    The region is measured in pixels of the painting, which has ``zoom`` of them per unit of the strokes.
+    The region is measured in pixels of the painting; one unit of the strokes is ``zoom`` of these pixels.
     """
 
     room: Tensor
@@ -58,7 +58,7 @@ class Fence(nn.Module):
 
     @torch.no_grad()
     def holds(self, strokes: Strokes, slack: float = SLACK) -> Tensor:
-        """Mark strokes (N,) wholly inside the region, soft edges included; off the canvas counts as inside."""
+        """Mark strokes (N,) wholly inside the region, including soft edges; parts off the canvas count as inside."""
         strokes = strokes.moved(zoom=self.zoom)
         t = torch.linspace(0, 1, SAMPLES).to(strokes.position)
         points = point_at(curve_of(strokes)[:, None], t)  # (N, SAMPLES, 2)
@@ -77,7 +77,7 @@ def choose(which: Tensor, strokes: Strokes, others: Strokes, names: Iterable[str
 
 
 def room_in(mask: Tensor, job: ExportJob) -> Tensor:
-    """Compute how far paint may reach from each pixel of a ``mask`` (H, W), bool, in pixels (H, W).
+    """Compute how far paint may extend from each pixel of a ``mask`` (H, W), bool, in pixels (H, W).
 
     This is the distance to the nearest pixel that can influence a pixel outside: through the light, whose slopes span
     one pixel to each side; through the paper; or through its tile, whose blend stops once all pixels are opaque.

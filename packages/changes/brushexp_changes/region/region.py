@@ -27,7 +27,7 @@ class Region(Change):
     """Repaint one region of a painting; the rest stays bit-identical: ``region=mask.png catalogue=outputs/x``.
 
     Only strokes that lie wholly inside the region move and change colour. Renderer, blend, colour, paper, light, order
-    and ground are taken from the painting. So is the size at which strokes are optimised, unless ``working_resolution``
+    and ground are taken from the painting, as is the size at which strokes are optimised, unless ``working_resolution``
     is set.
 
     Args:
@@ -106,7 +106,7 @@ class Region(Change):
 
 
 def as_painted(cfg: DictConfig, job: ExportJob) -> DictConfig:
-    """Return settings that render a painting's strokes as before, and neither add nor remove any."""
+    """Return settings that render a painting's strokes as before, and that neither add nor remove strokes."""
     saved, recorded = job.saved, recorded_settings(job.saved)
     nodes: dict[str, Any] = {name: recorded[name] for name in AS_PAINTED if recorded.get(name)}
     nodes["renderer"] = recorded["renderer"] | {"_target_": _target_of("renderer", saved.renderer)}

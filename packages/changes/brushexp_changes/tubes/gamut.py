@@ -11,7 +11,7 @@ from torch import Tensor
 from brushexp.contracts import Rule, register
 from brushexp.contracts.families import Palette
 from brushexp.contracts.pictures import to_lab
-from brushexp_changes.tubes.mixtures import Mixtures, all_mixtures, within_tones
+from brushexp_changes.tubes.mixtures import Mixtures, all_mixtures, map_tones
 from brushexp_changes.tubes.paints import load_tubes
 
 Array = np.ndarray
@@ -23,7 +23,7 @@ SOFT = 2.0  # CIELAB units added to distances, so that no single mixture dominat
 @register("palette", "pigments")
 @dataclass(kw_only=True, eq=False)
 class OfPigments(Palette):
-    """A limited palette: any number of the colours that mixtures of named paints can have.
+    """A limited palette: any number of the colours that mixtures of named paints can produce.
 
     Tones are mapped between the darkest and the lightest grey of the paints, and each colour moves to the mixtures
     nearest to it in CIELAB.
@@ -37,7 +37,7 @@ class OfPigments(Palette):
     def __call__(self, picture: Tensor) -> Tensor:
         from scipy.ndimage import map_coordinates  # noqa: PLC0415  (slow to import)
 
-        places = within_tones(picture, self._mixtures).double().numpy() * (NODES - 1)
+        places = map_tones(picture, self._mixtures).double().numpy() * (NODES - 1)
         channels = [map_coordinates(table, places, order=1, mode="nearest") for table in self._table]
         return torch.from_numpy(np.stack(channels)).to(picture)
 

@@ -1,4 +1,4 @@
-"""List mixtures of a few tubes in simple proportions, and choose the ones that a picture needs."""
+"""List mixtures of a few tubes in simple proportions, and choose those that a picture needs."""
 
 from dataclasses import dataclass
 from itertools import combinations, product
@@ -104,7 +104,7 @@ def choose_mixtures(candidates: Mixtures, picture: Tensor, count: int) -> Mixtur
     return candidates[np.unique(chosen)].from_dark()
 
 
-def within_tones(picture: Tensor, mixtures: Mixtures) -> Tensor:
+def map_tones(picture: Tensor, mixtures: Mixtures) -> Tensor:
     """Map the luminance of a picture (3, H, W) to the range between the mixtures' darkest and lightest grey.
 
     This is the black point compensation used in printing (ISO 18619, 2015), applied to the white point as well; it is

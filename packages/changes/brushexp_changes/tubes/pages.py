@@ -127,7 +127,9 @@ def _overview(plan: Plan, title: str, remarks: Sequence[str]) -> Figure:
     room = PAGE[0] - 2 * MARGIN
     across = min(room, 150.0 * width / height)
     down = across * height / width
-    axes.imshow(plan.played().at_most(1024).picture(), extent=(MARGIN, MARGIN + across, 24 + down, 24), aspect="auto")
+    axes.imshow(
+        plan.play_back().at_most(1024).picture(), extent=(MARGIN, MARGIN + across, 24 + down, 24), aspect="auto"
+    )
     axes.set(xlim=(0, PAGE[0]), ylim=(PAGE[1], 0))
     cm = [side / plan.pixels_per_mm / 10 for side in (width, height)]
     brushes = ", ".join(f"{mm:g} mm" for mm in plan.brushes_mm)
@@ -151,7 +153,7 @@ def _overview(plan: Plan, title: str, remarks: Sequence[str]) -> Figure:
 
 
 def _ground(plan: Plan) -> str:
-    """Write a sentence that says which mixture tints the ground."""
+    """Write a sentence that says which mixture is used to tint the ground."""
     mixtures = plan.table.mixtures
     if not len(mixtures):
         return "Leave the ground as it is."

@@ -146,7 +146,7 @@ def _by_color(colors: Array) -> Callable[[Array], Array]:
 
 
 def _by_light(absorbed: Array, scattered: Array) -> Callable[[Array], Array]:
-    """Mix by Kubelka and Munk (1931): average absorption and scattering (T, bands) of paints that hide the ground."""
+    """Mix by Kubelka and Munk (1931): average absorption and scattering (T, bands) of opaque paints."""
 
     def mix(parts: Array) -> Array:
         ratio = (_shares(parts) @ absorbed) / (_shares(parts) @ scattered)
@@ -156,7 +156,7 @@ def _by_light(absorbed: Array, scattered: Array) -> Callable[[Array], Array]:
 
 
 def _outside(inside: Array) -> Array:
-    """Convert internal reflectance to the reflectance outside the paint, without its sheen (Saunderson, 1942)."""
+    """Convert internal reflectance to external reflectance, without surface gloss (Saunderson, 1942)."""
     return (1 - OUTER) * (1 - INNER) * inside / (1 - INNER * inside)
 
 

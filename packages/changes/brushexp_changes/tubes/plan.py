@@ -38,7 +38,7 @@ class Stage:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """N strokes in painting order, and the table of paints and brushes for them."""
+    """N strokes in painting order, and the paints and brushes for them."""
 
     job: ExportJob  # its strokes have the mixtures' colours and the brushes' widths
     table: Table
@@ -62,7 +62,7 @@ class Plan:
 
     @cached_property
     def _lengths(self) -> tuple[Array, Array]:
-        """Length of each stroke (N,), and the length that its brush paints with one load (N,), in pixels."""
+        """Length (N,) of each stroke, and the length (N,) that its brush paints with one load, in pixels."""
         strokes = self.strokes
         load = self.table.load * self.table.brushes.double()[self.table.brush_of(strokes)]
         return length_of(curve_of(strokes)).double().numpy(), load.numpy()
@@ -107,8 +107,8 @@ class Plan:
         """Total length of all strokes."""
         return sum(stage.metres for stage in self.stages)
 
-    def without_hidden(self, least_visible: float) -> "Plan":
-        """Leave out strokes whose visible share in the finished painting is below ``least_visible``."""
+    def drop_hidden(self, least_visible: float) -> "Plan":
+        """Omit strokes whose visible share in the finished painting is below ``least_visible``."""
         if len(self.order) < 2 or not least_visible:
             return self
         measures = measure_strokes(self.strokes, torch.arange(len(self.order), dtype=torch.int32), self.job.size)
@@ -118,12 +118,12 @@ class Plan:
     def after(self, strokes: int) -> ExportJob:
         """Return the painting after the first ``strokes`` strokes of the plan."""
         begun = Plan(self.job, self.table, self.order[:strokes], self.pixels_per_mm)
-        return begun.played()
+        return begun.play_back()
 
-    def played(self) -> ExportJob:
+    def play_back(self) -> ExportJob:
         """Return the painting that results from following the plan, with brushes that run dry.
 
-        The stroke of a brush that runs dry is a stack of films: ever shorter copies of the stroke.
+        A stroke whose brush runs dry becomes a stack of films: ever shorter copies of the stroke.
         """
         strokes = self.strokes
         start, end = torch.from_numpy(self.coverage).to(strokes.opacity).unbind(1)
@@ -157,7 +157,7 @@ def numbered_regions(plan: Plan, smallest_mm: float = 0.0) -> Array:
     Areas too narrow for a disc of diameter ``smallest_mm`` or for the smallest brush, whichever is larger, and parts
     smaller than a square of that side cannot be painted by hand; they are merged with their neighbours.
     """
-    small = plan.played().at_most(NUMBERED)
+    small = plan.play_back().at_most(NUMBERED)
     colors = torch.from_numpy(small.picture()).double() / 255
     mixtures = plan.table.mixtures
     if not len(mixtures):
@@ -166,10 +166,10 @@ def numbered_regions(plan: Plan, smallest_mm: float = 0.0) -> Array:
     regions = away.argmin(1).reshape(small.size).numpy()
     zoom = small.size[1] / plan.job.size[1]
     side = max(float(plan.table.brushes.min()), smallest_mm * plan.pixels_per_mm) * zoom
-    return without_slivers(regions, side)
+    return merge_slivers(regions, side)
 
 
-def without_slivers(regions: Array, side: float) -> Array:
+def merge_slivers(regions: Array, side: float) -> Array:
     """Merge areas narrower than ``side``, and parts smaller than its square, with their neighbours.
 
     An area is narrow if a morphological opening with a disc removes it (Serra, 1982). Removed pixels get the number of
@@ -191,7 +191,7 @@ def without_slivers(regions: Array, side: float) -> Array:
 
 
 def labels_of(mask: Array) -> Iterator[tuple[int, int, float]]:
-    """Find a place (row, column) for a number in each part of a mask (h, w), and its distance from the part's edge."""
+    """Find a position (row, column) for a number in each part of a mask (h, w), and its distance from the edge."""
     from scipy.ndimage import distance_transform_edt, label, maximum_position  # noqa: PLC0415  (slow to import)
 
     parts, count = label(mask)

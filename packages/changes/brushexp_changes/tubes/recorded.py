@@ -23,7 +23,7 @@ def recorded_plan(job: ExportJob, options: Mapping[str, Any]) -> tuple[Plan, boo
     """Plan a painting with its recorded table; return the plan, and whether that table applies unchanged.
 
     ``options`` override the recorded options of ``change=tubes``; None keeps a recorded value. A painting made without
-    ``tubes``, or with other tubes, mixtures or brushes, gets the nearest ones afterwards.
+    ``tubes``, or with other tubes, mixtures or brushes, is converted to the nearest ones afterwards.
     """
     recorded = (recorded_settings(job.saved).get("change") or {}).get("tubes") or {}
     given = {name: options[name] for name in OPTIONS if options.get(name) is not None}

@@ -1,4 +1,4 @@
-"""Write a plan to paint from by hand: ``to=plan``."""
+"""Write a plan for painting by hand: ``to=plan``."""
 
 import logging
 from dataclasses import dataclass
@@ -86,7 +86,7 @@ class PlanSheets(Exporter):
         plan, own = recorded_plan(
             job, level.options | {name: value for name, value in vars(self).items() if value is not None}
         )
-        plan = plan.without_hidden(level.least_visible)
+        plan = plan.drop_hidden(level.least_visible)
         remarks = remarks_on(plan, own)
         log.info("to.plan: %s", "; ".join(remarks))
         if self.target is not None:
@@ -111,7 +111,7 @@ def title_of(job: ExportJob) -> str:
 
 
 def remarks_on(plan: Plan, own: bool) -> list[str]:
-    """Summarise the work that a plan requires in a few lines."""
+    """Summarise in a few lines the work that a plan requires."""
     used = len({stage.mixture for stage in plan.stages})
     paint = sum(millilitres_of_tubes(plan).values())
     return [
@@ -123,7 +123,7 @@ def remarks_on(plan: Plan, own: bool) -> list[str]:
 
 def difference_from(plan: Plan, picture: str) -> float:
     """Measure the median CIEDE2000 between a played-back plan and a picture of the same shape."""
-    played = torch.from_numpy(plan.played().picture()).movedim(2, 0) / 255
+    played = torch.from_numpy(plan.play_back().picture()).movedim(2, 0) / 255
     height, width = played.shape[1:]
     target = load_picture(picture, max(height, width))
     check_ratio(picture, target.shape[1:], (height, width), "to.plan.target")

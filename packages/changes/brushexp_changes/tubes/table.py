@@ -15,7 +15,7 @@ ROUNDING = 1e-3  # relative tolerance of a rank's share
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """M mixtures, B brushes, and the length that a brush paints with one load."""
+    """A table of M mixtures and B brushes, and the length that a brush paints with one load."""
 
     mixtures: Mixtures
     brushes: Tensor  # (B,) widths in pixels, from large to small

@@ -15,7 +15,7 @@ from brushexp.contracts.members import Rgb
 from brushexp.contracts.painting import sizes_of
 from brushexp.contracts.strokes import Strokes
 from brushexp_changes.steps import check_steps
-from brushexp_changes.tubes.mixtures import Mixtures, all_mixtures, choose_mixtures, within_tones
+from brushexp_changes.tubes.mixtures import Mixtures, all_mixtures, choose_mixtures, map_tones
 from brushexp_changes.tubes.paints import load_tubes
 from brushexp_changes.tubes.table import StageOrder, Table
 
@@ -34,8 +34,8 @@ class OfTubes(Change):
     """Paint with given tubes and brushes, for painting by hand: ``tubes=zorn brushes=[25,12,6] width_cm=40``.
 
     From the start, strokes are opaque, as wide as one of the brushes, and no longer than a load of paint lasts. After
-    two fifths of the steps, each stroke has the colour of a mixture, which is chosen anew every few steps while place,
-    length and bend continue to be optimised. Strokes of large brushes lie below those of small ones, and within a
+    two fifths of the steps, each stroke has the colour of a mixture, which is reassigned every few steps while
+    position, length and bend are still optimised. Strokes of large brushes lie below those of small ones, and within a
     brush, dark mixtures lie below light ones.
 
     Args:
@@ -81,7 +81,7 @@ class OfTubes(Change):
 
     def target(self, picture: Tensor) -> Tensor:
         candidates = all_mixtures(load_tubes(self.tubes))
-        toned = within_tones(picture, candidates)
+        toned = map_tones(picture, candidates)
         self._table = self.table_for(toned, candidates)
         return toned
 
@@ -111,12 +111,12 @@ class OfTubes(Change):
             return self._table.with_mixtures(strokes)
         strokes = replace(strokes, color=before.color)
         if state.progress <= LAST_CHOICE and state.step % STEPS_BETWEEN_CHOICES == 0:
-            return choose_anew(strokes, self._table, state)
+            return reassign_mixtures(strokes, self._table, state)
         return self._table.with_mixtures(strokes)
 
 
-def choose_anew(strokes: Strokes, table: Table, state: PaintingState) -> Strokes:
-    """Choose for each of N strokes the mixture nearest to the colour that reduces the squared error most.
+def reassign_mixtures(strokes: Strokes, table: Table, state: PaintingState) -> Strokes:
+    """Choose, for each of N strokes, the mixture nearest to the colour that reduces the squared error most.
 
     The picture is linear in the colours: sum_k w_k c_k, with shares w_k that sum to at most 1. With the picture's
     error e, the colour c_k + sum(w_k e) / sum(w_k), summed over pixels, minimises a separable upper bound of the
@@ -128,7 +128,7 @@ def choose_anew(strokes: Strokes, table: Table, state: PaintingState) -> Strokes
 
 
 def best_colors(strokes: Strokes, state: PaintingState) -> Tensor:
-    """Compute the colours (N, 3) that minimise the majoriser of `choose_anew`."""
+    """Compute the colours (N, 3) that minimise the majoriser of `reassign_mixtures`."""
     order = state.order(strokes)
     color = strokes.color.clone().requires_grad_()
     with torch.enable_grad():

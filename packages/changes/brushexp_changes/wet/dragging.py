@@ -30,7 +30,7 @@ def drag_paint(strokes: Strokes, front_to_back: Tensor, state: PaintingState, am
     """
     if not amount or not len(strokes):
         return strokes, front_to_back
-    picked, covered = under_starts(strokes, front_to_back, state)
+    picked, covered = sample_under_starts(strokes, front_to_back, state)
     is_new = (picked - strokes.color + drift_of(strokes)).abs().amax(1) > MIN_DIFFERENCE
     dragging = (is_new & (covered > MIN_COVERAGE)).nonzero()[:, 0]
     share = 1 - (1 - MAX_SHARE * amount) ** (1 / len(REACHES))
@@ -46,7 +46,7 @@ def drag_paint(strokes: Strokes, front_to_back: Tensor, state: PaintingState, am
 
 
 @torch.no_grad()
-def under_starts(strokes: Strokes, front_to_back: Tensor, state: PaintingState) -> tuple[Tensor, Tensor]:
+def sample_under_starts(strokes: Strokes, front_to_back: Tensor, state: PaintingState) -> tuple[Tensor, Tensor]:
     """Sample the colour (N, 3) and coverage (N,) of the paint that lies under the start of each stroke."""
     place, colors, covered = front_to_back.argsort(), strokes.color.clone(), torch.zeros_like(strokes.opacity)
     space = state.blend.space

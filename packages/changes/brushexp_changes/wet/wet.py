@@ -27,7 +27,7 @@ class Wet(Change):
     Args:
         amount: share of the underlying colour that a stroke drags along, 0 to 1.
         every: steps between two updates of the wet painting; null = optimise dry paint only.
-        after: share of the steps before the first update, while strokes still settle.
+        after: share of the steps before the first update, during which strokes settle.
     """
 
     rank = 10  # this change runs after the changes that set final colours

@@ -12,7 +12,7 @@ import shapely
 from brushexp.contracts import UserError
 from brushexp.contracts.families import ExportJob
 from brushexp.contracts.pictures import hex_of
-from brushexp_exports.plotters.pen_plan import Layer, on_paper, ordered
+from brushexp_exports.plotters.pen_plan import Layer, order_layers, place_on_paper
 from brushexp_exports.plotters.pens import MM, Array, PenExporter, PenPlan, load_vpype
 
 STIR, RINSE, WIPE = 3.0, 5.0, 20.0  # mm to each side in a well, in water and along the cloth
@@ -22,7 +22,7 @@ MOST_RUNS = 2000  # maximum number of runs of strokes with the same colour and w
 
 def brush_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
     """Plan the strokes and dips of brushes; raise UserError if the painting is too large or has too many colours."""
-    strokes, curves, widths, frame, paper = on_paper(job, machine)
+    strokes, curves, widths, frame, paper = place_on_paper(job, machine)
     _check_places(machine, frame, paper[1])
     parts, widths = shapely.clip_by_rect(curves, *frame), widths.round(2)
     colors = [hex_of(color) for color in strokes.color.numpy()]
@@ -34,7 +34,7 @@ def brush_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
         brush, pieces = brushes.index(width), [piece for stroke in group for piece in shapely.get_parts(parts[stroke])]
         lines = [shapely.get_coordinates(piece) @ (1, 1j) for piece in pieces]
         layers.append(Layer(k * len(brushes) + brush + 1, brush, color, width, f", {width:g} mm", lines))
-    document = ordered(layers, paper, machine, joins=False)
+    document = order_layers(layers, paper, machine, joins=False)
     painted, loads, held = document.length() / MM, 0, ("", -1)
     for layer in layers:
         collection, well = document.layers[layer.number], machine.tray[wells.index(layer.color)]
@@ -77,7 +77,7 @@ def _check_size(machine: PenExporter, kinds: list[tuple[float, str]], colors: in
 def _with_dips(
     lines: list[Array], brush: float, well: complex, machine: PenExporter, paper: tuple[float, float], changed: bool
 ) -> Iterator[tuple[Array, bool]]:
-    """Yield the lines of a brush: it is rinsed and wiped first, and dipped, as marked, between lines."""
+    """Yield a brush's lines; the brush is rinsed and wiped first, and dipped between lines where marked."""
 
     def at(place: complex, reach: float, times: int) -> Array:
         there = place.real + 1j * (paper[1] - place.imag)

@@ -1,7 +1,8 @@
 """Plan drawings with pens: filled strokes, by layer and pen, in an order with little travel.
 
-shapely makes outlines and fillings, vpype orders lines, and a grid of stroke numbers tells hidden parts of strokes.
-Lengths are millimetres, x to the right and y down from the paper's upper left corner; lines are complex numbers.
+shapely makes outlines and fillings, vpype orders lines, and a grid of stroke numbers identifies hidden parts of
+strokes. Lengths are millimetres, x to the right and y down from the paper's upper left corner; lines are complex
+numbers.
 """
 
 from collections.abc import Iterable
@@ -38,7 +39,7 @@ class OnPaper(NamedTuple):
     paper: tuple[float, float]  # width and height
 
 
-def on_paper(job: ExportJob, machine: PenExporter) -> OnPaper:
+def place_on_paper(job: ExportJob, machine: PenExporter) -> OnPaper:
     """Place a painting on the paper of a machine; raise UserError if it is too large for paper or plan."""
     machine.check(len(job.strokes), job.size)
     paper, corner, scale = machine.frame(job.size)
@@ -50,7 +51,7 @@ def on_paper(job: ExportJob, machine: PenExporter) -> OnPaper:
 
 def pen_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
     """Plan the lines that draw a painting with pens; raise UserError if it is too large for paper or plan."""
-    strokes, middles, widths, frame, paper = on_paper(job, machine)
+    strokes, middles, widths, frame, paper = place_on_paper(job, machine)
     opacity = strokes.opacity.numpy()
     outlines = shapely.clip_by_rect(shapely.buffer(middles, widths / 2, quad_segs=16), *frame)
     drawable = (opacity >= LEAST_OPACITY) & (widths > 0) & ~shapely.is_empty(outlines)
@@ -78,7 +79,7 @@ def pen_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
     for (k, which), pieces in sorted(runs.items()):
         also = f", layer {k + 1}" * (machine.layers > 1)
         layers.append(Layer(k * len(tools) + which + 1, which, tools[which], machine.pen_mm, also, pieces))
-    document = ordered(layers, paper, machine, joins=machine.hidden == "cut")
+    document = order_layers(layers, paper, machine, joins=machine.hidden == "cut")
     return PenPlan(document, paper, machine.pen_mm, tools, counts, int((~visible).sum()), job.source)
 
 
@@ -93,7 +94,7 @@ class Layer(NamedTuple):
     lines: list[Array]
 
 
-def ordered(layers: Iterable[Layer], paper: tuple[float, float], machine: PenExporter, *, joins: bool) -> Any:
+def order_layers(layers: Iterable[Layer], paper: tuple[float, float], machine: PenExporter, *, joins: bool) -> Any:
     """Make a document of layers with simplified lines, ordered for little travel and, with ``joins``, joined."""
     vpype = load_vpype()
     document = vpype.Document(page_size=tuple(MM * side for side in paper))
@@ -129,7 +130,7 @@ def flatten(curves: Array, tolerance: float) -> Array:
 def _fill_stroke(
     middle: shapely.LineString, width: float, machine: PenExporter, frame: tuple[float, ...], step: float
 ) -> list[Array]:
-    """Fill a round-ended stroke with lines (M,) of points a ``step`` apart, cut at the edges of the picture.
+    """Fill a round-ended stroke with lines (M,) of points a ``step`` apart, cut off at the edges of the picture.
 
     The lines are offsets of its curve, from the outline to the centre, at most one pen width apart, and joined where
     they stay on the picture. A stroke no wider than the pen is drawn as its centre line.
@@ -148,7 +149,7 @@ def _fill_stroke(
 
 
 def _join_lines(lines: list[Array], reach: float) -> list[Array]:
-    """Join each line (M,) to the next if that begins or ends within ``reach``; then join any two ends that close."""
+    """Join each line (M,) to the next if the next begins or ends within ``reach``; then join any ends that close."""
     joined: list[Array] = []
     for line in lines:
         gaps = np.abs(joined[-1][-1] - line[[0, -1]]) if joined else [np.inf]

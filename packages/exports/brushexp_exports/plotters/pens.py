@@ -59,7 +59,7 @@ class PenPlan:
         return float(np.abs(ends[1:, 0] - ends[:-1, 1]).sum()) / MM
 
     def report(self, draws: float, moves: float) -> list[str]:
-        """Describe paper, pens and duration for a machine that ``draws`` and ``moves`` at speeds in mm per minute."""
+        """Describe paper, pens and duration for a machine with the speeds ``draws`` and ``moves`` in mm per minute."""
         layers = len({layer for layer, _, _ in self.runs()})
         minutes = self.drawn / draws + self.travel / moves + LIFT_SECONDS / 60 * self.lifts
         rows = [
@@ -91,7 +91,7 @@ class PenExporter(Exporter):
         landscape: whether to use the paper in landscape format; null = the format that makes the picture larger.
         margin_mm: minimum margin in mm; the picture is centred and fills the rest. The margin is larger where the
             plotter cannot reach.
-        width_mm: width of the picture in mm; null = as large as fits.
+        width_mm: width of the picture in mm; null = as large as possible.
         colors: maximum number of pens, whose colours are chosen to fit the picture.
         pens: colours of your own pens, instead of ``colors``: [black,red,"#20a080"].
         layers: number of layers, bottom to top; within a layer, strokes are drawn pen by pen, light to dark. More

@@ -24,7 +24,7 @@ PREDICTORS = CheckpointFormat(
 )  # fmt: skip
 
 
-class Told(NamedTuple):
+class CellPredictions(NamedTuple):
     """The network's output for the cells of B pictures."""
 
     numbers: Tensor  # (B, H, W, 11)
@@ -68,17 +68,17 @@ class StrokePredictor(nn.Module):
             self.tell.weight.mul_(0.1)
             self.tell.bias.zero_()
 
-    def forward(self, target: Tensor, canvas: Tensor) -> Told:
+    def forward(self, target: Tensor, canvas: Tensor) -> CellPredictions:
         """Predict the strokes of pictures (B, 3, `CELL` H, `CELL` W)."""
         seen = torch.cat([target, canvas, torch.ones_like(target[:, :1])], 1)
         looked = conv2d(seen, self._look_weight(), self.look.bias, self.look.stride, self.look.padding)
         features = gelu(self.gather(gelu(looked).contiguous(memory_format=torch.channels_last)))
         told = self.tell(self.blocks(features.permute(0, 2, 3, 1)))
         deviations = DEVIATION + SPREAD * torch.tanh(told[..., NUMBERS : 2 * NUMBERS] / SPREAD)
-        return Told(told[..., :NUMBERS], deviations, told[..., -1])
+        return CellPredictions(told[..., :NUMBERS], deviations, told[..., -1])
 
     def _look_weight(self) -> Tensor:
-        """Fold the weights of `INPUTS` into weights of target, canvas and 1: half of the work for the same sums."""
+        """Fold the weights of `INPUTS` into weights of target, canvas and 1, halving the work for the same sums."""
         target, canvas, difference, inside = self.look.weight.split((3, 3, 3, 1), 1)
         middle = 0.5 * (target + canvas).sum(1, keepdim=True)
         return torch.cat([target + 3 * difference, canvas - 3 * difference, inside - middle], 1)

@@ -10,7 +10,7 @@ from brushexp.contracts.pictures import psnr_of
 from brushexp.contracts.strokes import Strokes
 from brushexp_predictor.lay.colors import ROUNDS, best_colors
 from brushexp_predictor.lay.decoding import Form, draw
-from brushexp_predictor.lay.network import CELL, RECEPTIVE_FIELD, StrokePredictor, Told
+from brushexp_predictor.lay.network import CELL, RECEPTIVE_FIELD, CellPredictions, StrokePredictor
 from brushexp_predictor.lay.pyramid import Look, lay, levels_of
 
 TILE_CELLS = 256  # side in cells of the parts of a picture that the network processes
@@ -44,13 +44,13 @@ def predict(
         temperature: spread of the strokes' numbers, in the deviations that the network predicts; 0 = none.
         focus: weights of the pixels (H, W), of mean 1, that attract strokes.
     """
-    in_parts = partly(network)
+    in_parts = in_tiles(network)
     levels = levels_of((target.shape[1], target.shape[2]), n)
     for done in lay(in_parts, network.form, [target], levels, generator, temperature, focus):
         yield done[0].strokes.map(Tensor.contiguous)
 
 
-def in_best_colors(network: StrokePredictor, strokes: Strokes, target: Tensor, rounds: int) -> Strokes:
+def with_best_colors(network: StrokePredictor, strokes: Strokes, target: Tensor, rounds: int) -> Strokes:
     """Give strokes their best colours for a target (3, H, W) with the network's renderer."""
     size, background = (target.shape[1], target.shape[2]), target.mean((1, 2))
     return best_colors(strokes, target, lambda drawn: draw(network.form, drawn, size, background), rounds)
@@ -63,7 +63,7 @@ def paint_samples(
     for number in range(count):
         generator = torch.Generator().manual_seed(1_000_003 * seed + number)
         *_, strokes = predict(network, target, n, generator, temperature)
-        yield sample_of(network.form, in_best_colors(network, strokes, target, ROUNDS), target)
+        yield sample_of(network.form, with_best_colors(network, strokes, target, ROUNDS), target)
 
 
 @torch.no_grad()
@@ -73,10 +73,10 @@ def sample_of(form: Form, strokes: Strokes, target: Tensor) -> Sample:
     return Sample(strokes, painting, psnr_of(float((painting - target).square().mean())))
 
 
-def partly(network: StrokePredictor) -> Look:
+def in_tiles(network: StrokePredictor) -> Look:
     """Wrap a network to process large pictures part by part, with the same output as for the whole."""
 
-    def look(target: Tensor, canvas: Tensor) -> Told:
+    def look(target: Tensor, canvas: Tensor) -> CellPredictions:
         rows, columns = target.shape[2] // CELL, target.shape[3] // CELL
         if max(rows, columns) <= TILE_CELLS + 2 * RECEPTIVE_FIELD:
             return network(target, canvas)
@@ -88,7 +88,7 @@ def partly(network: StrokePredictor) -> Look:
                 told = network(target[..., seen_rows, seen_columns], canvas[..., seen_rows, seen_columns])
                 parts.append([values[:, own_rows, own_columns] for values in told])
             bands.append([torch.cat(values, 2) for values in zip(*parts, strict=True)])
-        return Told(*(torch.cat(values, 1) for values in zip(*bands, strict=True)))
+        return CellPredictions(*(torch.cat(values, 1) for values in zip(*bands, strict=True)))
 
     return look
 

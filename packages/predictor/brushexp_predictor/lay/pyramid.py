@@ -1,4 +1,4 @@
-"""Lay strokes in levels from large to small cells, where the error of the canvas so far is largest."""
+"""Place strokes in levels from large to small cells, where the error of the canvas so far is largest."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -12,12 +12,12 @@ from torch.nn.functional import adaptive_avg_pool2d, avg_pool2d, interpolate
 
 from brushexp.contracts.strokes import Strokes
 from brushexp_predictor.lay.decoding import Form, areas_of, draw, strokes_of
-from brushexp_predictor.lay.network import CELL, Told
+from brushexp_predictor.lay.network import CELL, CellPredictions
 
 CELL_SIZES = (6.0, 3.0, 1.5, 0.75, 0.55)  # side of the cells of each level, in stroke spacings
 SHARES = (1.0, 1.0, 0.2, 0.4, 1.0)  # maximum share of all strokes in each level
 
-Look = Callable[[Tensor, Tensor], Told]  # a function like `StrokePredictor.forward`
+Look = Callable[[Tensor, Tensor], CellPredictions]  # a function like `StrokePredictor.forward`
 
 
 class Level(NamedTuple):
@@ -29,7 +29,7 @@ class Level(NamedTuple):
 
 
 class Cells(NamedTuple):
-    """Data about cells: a lattice (B, rows, columns, ...), or K cells of one picture (K, ...)."""
+    """Data on cells: a lattice (B, rows, columns, ...), or K cells of one picture (K, ...)."""
 
     numbers: Tensor  # (..., 11), predicted or sampled
     deviations: Tensor  # (..., 11), logarithms
@@ -81,16 +81,16 @@ def lay(
     temperature: float = 0.0,
     focus: Tensor | None = None,
 ) -> Iterator[list[Laid]]:
-    """Lay the strokes of targets (3, H, W) in the same levels; yield every canvas after each level.
+    """Place the strokes of targets (3, H, W) in the same levels; yield every canvas after each level.
 
     ``focus`` (H, W) weights the pixels when cells are chosen for strokes. Gradients of a level's canvas flow into the
     strokes of that level and earlier levels, but not through the canvases that the network receives.
     """
-    done = [nothing_on(target, form, levels[0]) for target in targets]
+    done = [blank_canvas(target, form, levels[0]) for target in targets]
     for level, following in zip(levels, [*levels[1:], None], strict=True):
         shape = (CELL * level.rows, CELL * level.columns)
-        seen = torch.stack([resized(target, shape) for target in targets])
-        canvas = torch.stack([resized(laid.canvas.detach(), shape) for laid in done])
+        seen = torch.stack([resize_picture(target, shape) for target in targets])
+        canvas = torch.stack([resize_picture(laid.canvas.detach(), shape) for laid in done])
         numbers, deviations, worth = network(seen, canvas)
         if temperature:
             noise = torch.randn(numbers.shape, generator=generator, dtype=numbers.dtype)
@@ -108,14 +108,14 @@ def lay(
         yield done
 
 
-def nothing_on(target: Tensor, form: Form, first: Level) -> Laid:
+def blank_canvas(target: Tensor, form: Form, first: Level) -> Laid:
     """Start with a canvas in the mean colour of the target (3, H, W)."""
     none = target.new_empty(0)
     return Laid(form, Strokes.none(target), target.mean((1, 2)), *view_of(target, first), none, Cells(*6 * [none]))
 
 
 def with_level(laid: Laid, target: Tensor, level: Level, following: Level | None, cells: Cells) -> Laid:
-    """Lay a level's strokes where the expected gain is largest, with large strokes below small ones."""
+    """Place a level's strokes where the expected gain is largest, with large strokes below small ones."""
     places = cells.gains.topk(level.keep).indices.sort().values
     own = Cells(*(values[places] for values in cells))
     height, width = target.shape[1] / level.rows, target.shape[2] / level.columns
@@ -138,7 +138,7 @@ def errors_of(seen: Tensor, canvas: Tensor) -> Tensor:
     return avg_pool2d((seen - canvas).square().sum(1), CELL)
 
 
-def resized(picture: Tensor, size: tuple[int, int]) -> Tensor:
+def resize_picture(picture: Tensor, size: tuple[int, int]) -> Tensor:
     """Resize a picture (3, H, W)."""
     if tuple(picture.shape[1:]) == size:
         return picture

@@ -70,8 +70,8 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def _compare(reports: Sequence[Report], by: str) -> list[dict[str, Any]]:
-    """Tabulate the coverage of intervals before and after fitting them to other pictures, one row per measure."""
-    test, after, rows = join(reports), join(left_out(reports)), []
+    """Tabulate the coverage of intervals before and after a fit to other pictures, one row per measure."""
+    test, after, rows = join(reports), join(leave_one_out(reports)), []
     for (of, name), kind in KINDS.items():
         plain, fitted = (coverage_of(report[of, name], kind) for report in (test, after))
         unit = "factor" if kind.is_factor else kind.unit
@@ -82,7 +82,7 @@ def _compare(reports: Sequence[Report], by: str) -> list[dict[str, Any]]:
     return rows
 
 
-def left_out(reports: Sequence[Report]) -> list[Report]:
+def leave_one_out(reports: Sequence[Report]) -> list[Report]:
     """Scale the intervals of each picture's paintings by a fit to the paintings of all other pictures."""
     apart = []
     for picture in range(min(len(PICTURES), len(reports))):

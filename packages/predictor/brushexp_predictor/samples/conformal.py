@@ -4,7 +4,7 @@ This is cross-conformal prediction (Vovk, 2015), with the distance from the midd
 score. A line for the middle is fitted to one half of the known paintings, and the distances of the other half from it
 are measured, and vice versa; the factor of the spread is the quantile of all distances. No painting is therefore
 measured against a line that was fitted to it, and all paintings count. The strokes of a painting are not independent
-samples, so each painting counts as one, whatever its number of strokes (Lee, Barber and Willett, 2023).
+samples, so each painting counts once, regardless of its number of strokes (Lee, Barber and Willett, 2023).
 """
 
 import json
@@ -39,21 +39,21 @@ class Doubt(NamedTuple):
     high: Array  # upper end of the interval minus the middle, 0 or more
 
 
-def away_from(values: Array, middle: Array, axial: bool) -> Array:
+def deviation_from(values: Array, middle: Array, axial: bool) -> Array:
     """Subtract the middle; for directions in degrees, return the smaller turn, in [-90, 90)."""
     away = values - middle
     return (away + HALF_TURN / 2) % HALF_TURN - HALF_TURN / 2 if axial else away
 
 
-def doubt_of(values: Array, axial: bool) -> Doubt:
-    """Summarise samples (S, ...), NaN where undefined; the interval leaves out 5 % of them at each end."""
+def summarise_samples(values: Array, axial: bool) -> Doubt:
+    """Summarise samples (S, ...), NaN where undefined; the interval excludes 5 % of them at each end."""
     flat = values.reshape(len(values), -1)
     said = np.isfinite(flat).any(0)
     parts = np.full((4, flat.shape[1]), np.nan)
     if said.any():
         part = flat[:, said]
         middle = axial_mean(part).direction if axial else np.nanmedian(part, 0)
-        away = away_from(part, middle, axial)
+        away = deviation_from(part, middle, axial)
         ends = np.nanquantile(away, (0.5 - COVERAGE / 2, 0.5 + COVERAGE / 2), axis=0)
         parts[:, said] = [middle, np.nanmean(np.abs(away), 0), *ends]
     return Doubt(*parts.reshape(4, *values.shape[1:]))
@@ -61,7 +61,7 @@ def doubt_of(values: Array, axial: bool) -> Doubt:
 
 def holds(truth: Array, doubt: Doubt, axial: bool) -> Array:
     """Check which intervals (...) contain the truth; undefined intervals do not."""
-    away = away_from(truth, doubt.middle, axial)
+    away = deviation_from(truth, doubt.middle, axial)
     return (away >= doubt.low) & (away <= doubt.high)
 
 
@@ -103,7 +103,7 @@ def fit_scaling(truth: Array, doubt: Doubt, painting: Array, axial: bool) -> Sca
         return (0.0, 1.0) if axial else line_through(middle[rows], truth[rows], weight[rows])
 
     def error_from(offset: float, slope: float) -> Array:
-        return np.abs(away_from(truth, offset + slope * middle, axial))
+        return np.abs(deviation_from(truth, offset + slope * middle, axial))
 
     odd = painting % 2 == 1
     error = np.where(odd, error_from(*line_of(~odd)), error_from(*line_of(odd)))

@@ -12,14 +12,14 @@ from torch import Tensor
 
 from brushexp.contracts.strokes import Strokes, closest_parameter, curve_of, half_width_of, point_at
 from brushexp_predictor.lay.predicting import Sample
-from brushexp_predictor.samples.conformal import Doubt, Scalings, doubt_of, fit_scaling, holds, weights_of
-from brushexp_predictor.samples.kinds import OF_PAINTINGS, OF_STROKES, Kind, measure_each, measure_painting
+from brushexp_predictor.samples.conformal import Doubt, Scalings, fit_scaling, holds, summarise_samples, weights_of
+from brushexp_predictor.samples.kinds import PAINTING_KINDS, STROKE_KINDS, Kind, measure_each, measure_painting
 from brushexp_predictor.samples.known import Known
 
 Array = NDArray[Any]
 
-KINDS = {("strokes", name): kind for name, kind in OF_STROKES.items()}
-KINDS |= {("paintings", name): kind for name, kind in OF_PAINTINGS.items()}
+KINDS = {("strokes", name): kind for name, kind in STROKE_KINDS.items()}
+KINDS |= {("paintings", name): kind for name, kind in PAINTING_KINDS.items()}
 STEP = 2.0  # distance in pixels between the places at which the top stroke is determined
 FEWEST_PIXELS = 8  # minimum number of places at which a visible stroke is on top
 SEEN = 0.5  # opacity above which a stroke hides the strokes below
@@ -27,7 +27,7 @@ AT_ONCE = 512  # number of places per batch
 
 
 class Evidence(NamedTuple):
-    """Truths of one measure and the samples' summaries, on the scale of `Kind.inner`."""
+    """True values of one measure and the samples' summaries, on the scale of `Kind.inner`."""
 
     truth: Array  # (T,)
     doubt: Doubt  # summary of the samples of T values
@@ -53,13 +53,13 @@ def examine(known: Known, number: int, samples: Sequence[Sample]) -> Report:
     size, pitch = known.size, math.sqrt(known.size[0] * known.size[1] / known.told)
     which, places = seen_places(known.strokes, size)
     truth = {("strokes", name): values[which] for name, values in measure_each(known.strokes).items()}
-    told = {("strokes", name): values for name, values in tell_at(strokes, places).items()}
+    told = {("strokes", name): values for name, values in measure_at(strokes, places).items()}
     whole, *others = (measure_painting(one, size) for one in (known.strokes, *strokes))
     truth |= {("paintings", name): np.array([value]) for name, value in whole.items()}
     told |= {("paintings", name): np.array([[one[name]] for one in others]) for name in whole}
 
     def evidence(kind: Kind, truth: Array, values: Array) -> Evidence:
-        doubt = doubt_of(kind.inner(values, pitch), kind.axial)
+        doubt = summarise_samples(kind.inner(values, pitch), kind.axial)
         return Evidence(kind.inner(truth, pitch), doubt, np.full(len(truth), number))
 
     return {key: evidence(kind, truth[key], told[key]) for key, kind in KINDS.items()}
@@ -67,7 +67,7 @@ def examine(known: Known, number: int, samples: Sequence[Sample]) -> Report:
 
 @torch.no_grad()
 def topmost(strokes: Strokes, places: Tensor) -> Tensor:
-    """Find the top stroke (P,) at places (P, 2: x, y in pixels), or -1 if there is none.
+    """Find the top stroke (P,) at positions (P, 2: x, y in pixels), or -1 if there is none.
 
     Strokes are ordered bottom to top. Each is a line of its width with round ends; strokes fainter than `SEEN` are
     ignored.
@@ -85,14 +85,14 @@ def topmost(strokes: Strokes, places: Tensor) -> Tensor:
 
 
 def lattice(size: tuple[int, int], step: float) -> Tensor:
-    """Make places (rows, columns, 2: x, y), centres of equal cells about ``step`` pixels wide, on a canvas (H, W)."""
+    """Make points (rows, columns, 2: x, y), centres of equal cells about ``step`` pixels wide, on a canvas (H, W)."""
     rows, columns = (max(1, round(length / step)) for length in size)
     y, x = (torch.arange(rows) + 0.5) * size[0] / rows, (torch.arange(columns) + 0.5) * size[1] / columns
     return torch.stack(torch.meshgrid(x, y, indexing="xy"), 2)
 
 
 def seen_places(strokes: Strokes, size: tuple[int, int]) -> tuple[Array, Tensor]:
-    """Find the visible strokes (K,), and for each the place (K, 2) nearest to the centre of its visible part."""
+    """Find the visible strokes (K,), and for each the point (K, 2) nearest to the centre of its visible part."""
     grid = lattice(size, STEP).flatten(0, 1)
     top, points = topmost(strokes, grid).numpy(), grid.numpy()
     which = np.flatnonzero(np.bincount(top[top >= 0], minlength=len(strokes)) >= FEWEST_PIXELS)
@@ -103,9 +103,9 @@ def seen_places(strokes: Strokes, size: tuple[int, int]) -> tuple[Array, Tensor]
     return which, grid[nearest]
 
 
-def tell_at(samples: Iterable[Strokes], places: Tensor) -> dict[str, Array]:
-    """Measure the top strokes of S samples at places (P, 2): (S, P) for each measure, NaN where there is no stroke."""
-    rows: dict[str, list[Array]] = {name: [] for name in OF_STROKES}
+def measure_at(samples: Iterable[Strokes], places: Tensor) -> dict[str, Array]:
+    """Measure the top strokes of S samples at points (P, 2): (S, P) for each measure, NaN where there is no stroke."""
+    rows: dict[str, list[Array]] = {name: [] for name in STROKE_KINDS}
     for strokes in samples:
         top, each = topmost(strokes, places).numpy(), measure_each(strokes)
         for name, row in rows.items():
@@ -135,7 +135,7 @@ def scaled(report: Report, scalings: Scalings) -> Report:
 
 
 def coverage_of(evidence: Evidence, kind: Kind) -> Coverage:
-    """Count the truths that intervals contain, ignoring undefined truths."""
+    """Count the true values that the intervals contain, ignoring undefined values."""
     known = np.isfinite(evidence.truth)
     right = holds(evidence.truth, evidence.doubt, kind.axial)[known]
     numbers = evidence.painting[known]

@@ -1,4 +1,4 @@
-"""Draw maps of the certainty of strokes beside the picture and its paintings."""
+"""Draw maps of the certainty of strokes next to the picture and its paintings."""
 
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,7 @@ TITLES = {
 
 
 def certainty_of(brushwork: SampledBrushwork, name: str) -> Array:
-    """Compute half the interval (rows, columns) at each place, in degrees, or for sizes as a factor of at least 1."""
+    """Compute half the interval (rows, columns) at each point, in degrees, or for sizes as a factor of at least 1."""
     one = brushwork.strokes[name]
     half: Array = 0.5 * (one.high - one.low) if name == "direction" else np.sqrt(one.high / one.low)
     return half

@@ -1,4 +1,4 @@
-"""Measure strokes and paintings, each measure on a scale where its errors are additive."""
+"""Measure strokes and paintings, each measure on a scale on which its errors are additive."""
 
 import math
 from dataclasses import dataclass
@@ -44,12 +44,12 @@ class Kind:
         return values if self.is_factor or self.axial else np.clip(values, 0, self.high)
 
 
-OF_STROKES = {
+STROKE_KINDS = {
     "direction": Kind("direction", "°", axial=True),
     "length": Kind("length", "px", power=1, is_factor=True),
     "width": Kind("width", "px", power=1, is_factor=True),
 }
-OF_PAINTINGS = {
+PAINTING_KINDS = {
     "direction": Kind("prevailing direction", "°", axial=True),
     "agreement": Kind("agreement of directions", high=1.0),
     "coherence": Kind("local coherence, mean", high=1.0),
@@ -75,7 +75,7 @@ def measure_each(strokes: Strokes) -> dict[str, Array]:
 
 
 def measure_painting(strokes: Strokes, size: tuple[int, int]) -> dict[str, float]:
-    """Measure the brushwork `OF_PAINTINGS` of a painting (H, W) from its strokes, ordered bottom to top.
+    """Measure the brushwork `PAINTING_KINDS` of a painting (H, W) from its strokes, ordered bottom to top.
 
     Strokes count if a share of at least `SHOWN` is visible. The spread of colours is their root mean square distance
     from the mean in CIELAB. Measures are NaN if no stroke counts.
@@ -87,7 +87,7 @@ def measure_painting(strokes: Strokes, size: tuple[int, int]) -> dict[str, float
     seen = torch.from_numpy(measure_strokes(kept, depth, size).visible >= SHOWN) if len(kept) else depth.bool()
     kept = kept[seen]
     if not len(kept):
-        return dict.fromkeys(OF_PAINTINGS, float("nan"))
+        return dict.fromkeys(PAINTING_KINDS, float("nan"))
     lab = rgb2lab(kept.color.numpy()[None].clip(0, 1))[0]
     table = measure_strokes(kept, torch.arange(len(kept), dtype=torch.int32), size)
     mean = axial_mean(np.degrees(table.orientation))

@@ -1,6 +1,6 @@
 """Make paintings with known strokes for calibration, each determined by a seed and its number.
 
-``init=layers`` lays strokes with random options; then each stroke is randomly rotated, lengthened, widened and
+``init=layers`` places strokes with random options; then each stroke is randomly rotated, lengthened, widened and
 recoloured. In some paintings all strokes run in one direction. Strokes are drawn plain or with brush textures.
 """
 
@@ -15,7 +15,7 @@ from brushexp.contracts.members import InLayers
 from brushexp.contracts.pictures import load_picture
 from brushexp.contracts.runs import render
 from brushexp.contracts.strokes import Strokes, rewindow
-from brushexp_predictor.lay.pyramid import resized
+from brushexp_predictor.lay.pyramid import resize_picture
 from brushexp_predictor.samples.kinds import measure_each
 
 Random = np.random.Generator
@@ -52,7 +52,7 @@ def known_painting(seed: int, number: int, side: int) -> Known:
     share = size[0] * size[1] / PAINTING_SIDE**2
     n = max(8, round(share * math.exp(random.uniform(*np.log(STROKE_COUNTS)))))
     generator = torch.Generator().manual_seed(int(random.integers(2**31)))
-    strokes = varied(any_hand(random)(target, n, generator), random)
+    strokes = vary_strokes(random_hand(random)(target, n, generator), random)
     ground = target.mean((1, 2)) if random.random() < 0.5 else torch.from_numpy(random.uniform(0, 1, 3)).float()
     renderer = "textured" if random.random() < TEXTURED else "analytic"
     with torch.no_grad():
@@ -68,11 +68,11 @@ def part_of(name: str, side: int, random: Random) -> Tensor:
     part = whole[:, top : top + cut[0], left : left + cut[1]]
     part = torch.rot90(part, int(random.integers(4)), (1, 2))
     height, width = (max(1, round(side * extent / max(cut))) for extent in part.shape[1:])
-    return resized(part, (height, width)).clamp(0, 1)
+    return resize_picture(part, (height, width)).clamp(0, 1)
 
 
-def any_hand(random: Random) -> InLayers:
-    """Choose random options for laying strokes."""
+def random_hand(random: Random) -> InLayers:
+    """Choose random options for placing strokes."""
     return InLayers(
         layers=int(random.integers(1, 5)),
         ratio=float(random.uniform(0.4, 0.75)),
@@ -85,7 +85,7 @@ def any_hand(random: Random) -> InLayers:
     )
 
 
-def varied(strokes: Strokes, random: Random) -> Strokes:
+def vary_strokes(strokes: Strokes, random: Random) -> Strokes:
     """Randomly rotate, lengthen, widen and recolour each of N strokes."""
     n = len(strokes)
     turn = np.radians(random.uniform(0, 20)) * random.normal(size=n)

@@ -17,9 +17,9 @@ from brushexp.contracts.pictures import load_picture
 from brushexp.contracts.runs import settings_of, undisturbed
 from brushexp_predictor.lay.network import PREDICTORS, SHIPPED_NAME, load_predictor
 from brushexp_predictor.lay.predicting import TEMPERATURE, Sample, paint_samples
-from brushexp_predictor.samples.conformal import Scalings, doubt_of, read_scalings
-from brushexp_predictor.samples.coverage import KINDS, lattice, tell_at
-from brushexp_predictor.samples.kinds import OF_PAINTINGS, measure_painting
+from brushexp_predictor.samples.conformal import Scalings, read_scalings, summarise_samples
+from brushexp_predictor.samples.coverage import KINDS, lattice, measure_at
+from brushexp_predictor.samples.kinds import PAINTING_KINDS, measure_painting
 
 Array = NDArray[Any]
 Show = Callable[[float, str], None]
@@ -45,7 +45,7 @@ class SampledBrushwork:
 
     picture: Tensor  # (3, H, W)
     samples: list[Sample]
-    measures: Mapping[str, Interval]  # measures `kinds.OF_PAINTINGS` of the whole picture
+    measures: Mapping[str, Interval]  # measures `kinds.PAINTING_KINDS` of the whole picture
     places: Tensor  # (rows, columns, 2: x, y) pixels
     strokes: Mapping[str, Interval]  # (rows, columns), of the visible stroke at each place: direction, length, width
     is_calibrated: bool  # whether intervals are calibrated on known paintings or only derived from the samples
@@ -70,7 +70,7 @@ def sample_brushwork(
         strokes: approximate number of strokes in the picture; None = one per 100 pixels.
         resolution: longer side in pixels to which the picture is resampled; None = unchanged.
         checkpoint: weights: a .safetensors file, or the name of shipped weights.
-        intervals: file written by task=calibrate; None = the one beside the weights.
+        intervals: file written by task=calibrate; None = the file next to the weights.
         temperature: variation of strokes between samples, in the deviations that the network predicts.
         seed: seed of this variation.
 
@@ -99,7 +99,7 @@ def sample_with(cfg: DictConfig) -> SampledBrushwork:
 
 
 def scalings_for(checkpoint: str, intervals: str | None, temperature: float) -> Scalings | None:
-    """Read the intervals fitted for weights; return None if no file is named and none lies beside the weights."""
+    """Read the intervals fitted for weights; return None if no file is named and none lies next to the weights."""
     weights = PREDICTORS.path_of(checkpoint)
     path = weights.with_suffix(".intervals.json") if intervals is None else find_path(intervals)
     if intervals is None and not path.is_file():
@@ -112,17 +112,17 @@ def brushwork_of(picture: Tensor, samples: list[Sample], n: int, scalings: Scali
     """Measure samples of a picture (3, H, W), each of ``n`` strokes."""
     size = (picture.shape[1], picture.shape[2])
     pitch, places = math.sqrt(size[0] * size[1] / n), lattice(size, max(size) / CELLS)
-    told = tell_at([sample.strokes for sample in samples], places.flatten(0, 1))
+    told = measure_at([sample.strokes for sample in samples], places.flatten(0, 1))
     whole = [measure_painting(sample.strokes, size) for sample in samples]
 
     def interval(of: str, name: str, values: Array) -> Interval:
         kind = KINDS[of, name]
-        doubt = doubt_of(kind.inner(values, pitch), kind.axial)
+        doubt = summarise_samples(kind.inner(values, pitch), kind.axial)
         doubt = doubt if scalings is None else scalings[of, name](doubt, kind)
         ends = (doubt.middle, doubt.middle + doubt.low, doubt.middle + doubt.high)
         return Interval(*(kind.outer(value, pitch) for value in ends))
 
-    measures = {name: interval("paintings", name, np.array([one[name] for one in whole])) for name in OF_PAINTINGS}
+    measures = {name: interval("paintings", name, np.array([one[name] for one in whole])) for name in PAINTING_KINDS}
     shape = (len(samples), *places.shape[:2])
     strokes = {name: interval("strokes", name, values.reshape(shape)) for name, values in told.items()}
     return SampledBrushwork(picture, samples, measures, places, strokes, scalings is not None)

@@ -11,7 +11,7 @@ from brushexp.contracts.files import as_shown, write_json, write_picture, write_
 from brushexp.contracts.results import MISSING, markdown_table
 from brushexp_predictor.samples.conformal import COVERAGE
 from brushexp_predictor.samples.figure import write_figure
-from brushexp_predictor.samples.kinds import HALF_TURN, OF_PAINTINGS
+from brushexp_predictor.samples.kinds import HALF_TURN, PAINTING_KINDS
 from brushexp_predictor.samples.sampled import Interval, SampledBrushwork, sample_with
 
 log = logging.getLogger(__name__)
@@ -27,7 +27,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     write_figure(folder / "brushwork.png", brushwork, Path(cfg.image).name)
     log.info("%s: brushwork.md, brushwork.json, brushwork.png, painting.png", as_shown(folder))
     for name in ("direction", "length", "width"):
-        log.info("%s %s", OF_PAINTINGS[name].name, " ".join(texts_of(name, brushwork.measures[name]).values()))
+        log.info("%s %s", PAINTING_KINDS[name].name, " ".join(texts_of(name, brushwork.measures[name]).values()))
     psnr = [sample.psnr for sample in brushwork.samples]
     return {
         "n_strokes": len(best.strokes),
@@ -50,7 +50,7 @@ def data_of(brushwork: SampledBrushwork, image: str) -> dict[str, object]:
         "interval": COVERAGE,
         "calibrated": brushwork.is_calibrated,
         "measures": {
-            name: {"unit": OF_PAINTINGS[name].unit, **{key: float(value) for key, value in one._asdict().items()}}
+            name: {"unit": PAINTING_KINDS[name].unit, **{key: float(value) for key, value in one._asdict().items()}}
             for name, one in brushwork.measures.items()
         },
     }
@@ -58,7 +58,7 @@ def data_of(brushwork: SampledBrushwork, image: str) -> dict[str, object]:
 
 def text_of(brushwork: SampledBrushwork, name: str) -> str:
     """Write the measures and their explanation as Markdown."""
-    rows = [{"measure": OF_PAINTINGS[key].name, **texts_of(key, one)} for key, one in brushwork.measures.items()]
+    rows = [{"measure": PAINTING_KINDS[key].name, **texts_of(key, one)} for key, one in brushwork.measures.items()]
     scaled = (
         f"Intervals are scaled so that {COVERAGE:.0%} of them contain the truth in paintings with known strokes."
         if brushwork.is_calibrated
@@ -74,7 +74,7 @@ def text_of(brushwork: SampledBrushwork, name: str) -> str:
 
 def texts_of(name: str, one: Interval) -> dict[str, str]:
     """Write a measure and the ends of its interval; an undetermined direction has no ends."""
-    kind = OF_PAINTINGS[name]
+    kind = PAINTING_KINDS[name]
     texts = {key: f"{value:.3g}" if np.isfinite(value) else MISSING for key, value in one._asdict().items()}
     if kind.axial and one.high - one.low >= HALF_TURN - 1e-6:
         texts |= {"low": "any", "high": "any"}

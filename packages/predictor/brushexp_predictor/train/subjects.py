@@ -16,7 +16,7 @@ from brushexp.contracts import UserError
 from brushexp.contracts.pictures import load_picture, pictures_of
 from brushexp.contracts.runs import render
 from brushexp.contracts.strokes import strokes_along
-from brushexp_predictor.lay.pyramid import resized
+from brushexp_predictor.lay.pyramid import resize_picture
 
 Array = NDArray[Any]
 Random = np.random.Generator
@@ -70,7 +70,7 @@ class Subjects:
         height, width = picture.shape[1:]
         cut = min(round(side * math.exp(random.uniform(*np.log([SMALLEST_CROP, LARGEST_CROP])))), height, width)
         top, left = random.integers(height - cut + 1), random.integers(width - cut + 1)
-        crop = resized(picture[:, top : top + cut, left : left + cut], (side, side))
+        crop = resize_picture(picture[:, top : top + cut, left : left + cut], (side, side))
         crop = torch.rot90(crop, int(random.integers(4)), (1, 2))
         return crop.flip(2) if random.random() < 0.5 else crop
 
@@ -123,7 +123,7 @@ def recolored(picture: Tensor, random: Random) -> Tensor:
 
 
 def lit(picture: Tensor, random: Random) -> Tensor:
-    """Apply a slow fall-off of light across a picture."""
+    """Apply a gradual fall-off of light across a picture."""
     across = torch.linspace(-0.5, 0.5, picture.shape[1])
     down, right = random.normal(0, 0.25, 2)
     return picture * (1 + down * across[:, None] + right * across)

@@ -20,7 +20,7 @@ from brushexp.contracts.pictures import psnr_of
 from brushexp.contracts.strokes import Catalogue, Strokes
 from brushexp_predictor.lay.decoding import draw
 from brushexp_predictor.lay.network import CELL, StrokePredictor
-from brushexp_predictor.lay.pyramid import Laid, Level, errors_of, lay, levels_of, resized
+from brushexp_predictor.lay.pyramid import Laid, Level, errors_of, lay, levels_of, resize_picture
 from brushexp_predictor.train.subjects import Subjects
 
 CELLS = 32  # number of cells of the last level along the side of a training picture
@@ -144,20 +144,22 @@ def mean_of(measure: Callable[[Laid, Tensor], Tensor], done: Sequence[Laid], tar
 
 def log_error(laid: Laid, target: Tensor) -> Tensor:
     """Compute the logarithm of a canvas's mean squared error, which gives all pictures the same weight."""
-    small = resized(target, (laid.canvas.shape[1], laid.canvas.shape[2]))
+    small = resize_picture(target, (laid.canvas.shape[1], laid.canvas.shape[2]))
     return torch.log((laid.canvas - small).square().mean() + FLOOR)
 
 
 def worth_error(laid: Laid, target: Tensor, level: Level) -> Tensor:
     """Compare the share of a cell's error that its stroke removed with the predicted share."""
     shape = (CELL * level.rows, CELL * level.columns)
-    after = errors_of(resized(target, shape)[None], resized(laid.canvas.detach(), shape)[None]).flatten()[laid.places]
+    after = errors_of(resize_picture(target, shape)[None], resize_picture(laid.canvas.detach(), shape)[None]).flatten()[
+        laid.places
+    ]
     weight = laid.cells.errors + FLOOR
     removed = (1 - (after + FLOOR) / weight).clamp(0, 1)
     return (weight * (laid.cells.worth.sigmoid() - removed).square()).sum() / weight.sum()
 
 
-def refined(strokes: Strokes, target: Tensor, draw: Callable[[Strokes], Tensor], steps: int) -> Strokes:
+def refine(strokes: Strokes, target: Tensor, draw: Callable[[Strokes], Tensor], steps: int) -> Strokes:
     """Optimise strokes for a target (3, H, W) by ``steps`` of the default optimiser, with a fixed order."""
     plan = build_named("optimizer", "torch", {"options": {"betas": [0.9, 0.95], "eps": 1e-15}})
     with torch.inference_mode(False), torch.enable_grad():  # Lightning's validation disables gradients
@@ -179,5 +181,5 @@ def psnr_after(laid: Laid, target: Tensor, steps: int) -> float:
     def drawn(strokes: Strokes) -> Tensor:
         return draw(laid.form, strokes, laid.size, laid.background)
 
-    canvas = drawn(refined(laid.strokes, target, drawn, steps)) if steps else laid.canvas
+    canvas = drawn(refine(laid.strokes, target, drawn, steps)) if steps else laid.canvas
     return psnr_of(float((canvas.clamp(0, 1) - target).square().mean()))

@@ -2,8 +2,8 @@
 
 A known and a predicted stroke match if the intersection over union of their visible regions is at least `MATCH_IOU`;
 each has at most one partner. A known or predicted stroke counts if at least 30 % of its area and 12 pixels are visible
-(`Truth.counts`). A predicted stroke that lies mostly on bare ground, or whose partner does not count, is neither right
-nor wrong.
+(`Truth.counts`). A predicted stroke that lies mostly on bare ground, or whose partner does not count, counts neither as
+right nor as wrong.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ BARE_SHARE = 0.5  # share of a predicted stroke on bare ground, above which it i
 
 @dataclass(frozen=True)
 class Matches:
-    """M pairs of known and predicted strokes, and which of the N predicted strokes are judged."""
+    """M pairs of known and predicted strokes, and which of the N predicted strokes are scored."""
 
     truth: Array  # (M,) known strokes that count
     prediction: Array  # (M,) their partners

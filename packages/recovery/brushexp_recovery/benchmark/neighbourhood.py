@@ -24,7 +24,7 @@ LEAST_COHERENCE = 0.3  # minimum coherence of a neighbourhood with a defined dir
 
 @dataclass(frozen=True)
 class Neighbourhoods:
-    """Means over the strokes nearest to each of Q places."""
+    """Means over the strokes nearest to each of Q points."""
 
     direction: Array  # (Q,) complex mean of doubled directions
     length: Array  # (Q,) pixels
@@ -57,7 +57,7 @@ def field_errors(truth: Truth, prediction: Prediction, known: Array, judged: Arr
 
 
 def neighbourhoods_at(places: torch.Tensor, curve: Array, width: Array) -> Neighbourhoods:
-    """Average the strokes, with curves (N, 3, 2) and widths (N,), that are nearest to places (Q, 2)."""
+    """Average the strokes, with curves (N, 3, 2) and widths (N,), that are nearest to points (Q, 2)."""
     lines = torch.from_numpy(curve.astype(float))
     near = nearest_strokes(places, centre_of(lines), NEIGHBOURS, exclude_self=False)
     index = near.numpy()

@@ -31,7 +31,7 @@ def plot_scores(path: Path, rows: Sequence[Row]) -> Path:
 
 
 def plot_reliability(path: Path, reliability: Mapping[str, list[ReliabilityBin]]) -> Path:
-    """Plot the share of right strokes against their confidence."""
+    """Plot the share of correct strokes against their confidence."""
     figure = new_figure(5)
     axes = figure.subplots()
     tidy(axes)
@@ -48,9 +48,9 @@ def plot_reliability(path: Path, reliability: Mapping[str, list[ReliabilityBin]]
 
 
 def draw_examples(path: Path, paintings: Path, rows: Sequence[Row]) -> Path:
-    """Draw for each kind a clean painting, its true regions and those of the first method, in random colours.
+    """Draw, for each kind, a clean painting, its true regions and those of the first method, in random colours.
 
-    ``paintings`` is the folder with the pictures, their truth and the regions found.
+    ``paintings`` is the folder with the pictures, their ground truth and the regions found.
     """
     method = rows[0]["method"]
     first = {row["kind"]: row["scene"] for row in reversed(clean_rows(rows)) if row["method"] == method}

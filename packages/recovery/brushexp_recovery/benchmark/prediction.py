@@ -36,7 +36,7 @@ class Prediction:
 
     @property
     def counts(self) -> Array:
-        """Mark the strokes (N,) that are visible enough to be judged."""
+        """Mark the strokes (N,) that are visible enough to be scored."""
         visible: Array = count_pixels(self.labels, len(self))
         return (visible >= VISIBLE_SHARE * self.area) & (visible >= VISIBLE_PIXELS)
 
@@ -64,7 +64,7 @@ def prediction_from_labels(labels: Array, image: Array | None = None) -> Predict
 
 
 def lines_of(labels: Array, count: int) -> tuple[Array, Array]:
-    """Lay a straight line (count, 3, 2) along each region, with a width (count,) that gives the same area."""
+    """Fit a straight line (count, 3, 2) along each region, with a width (count,) that gives the same area."""
     curve, width = np.zeros((count, 3, 2)), np.zeros(count)
     for number, pixels in enumerate(group_pixels(labels, count)):
         y, x = np.divmod(pixels, labels.shape[1])
@@ -73,7 +73,7 @@ def lines_of(labels: Array, count: int) -> tuple[Array, Array]:
 
 
 def line_along(places: Array) -> tuple[Array, float]:
-    """Lay a straight line (3, 2) along the pixels (P, 2) of a region, with a width that gives the same area."""
+    """Fit a straight line (3, 2) along the pixels (P, 2) of a region, with a width that gives the same area."""
     middle = places.mean(0)
     offset = places - middle
     _, axes = np.linalg.eigh(offset.T @ offset)

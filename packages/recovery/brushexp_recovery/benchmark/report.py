@@ -34,7 +34,7 @@ ABOUT_CONFIDENCE = (
 
 
 def write_figures(folder: Path, rows: Sequence[Row]) -> None:
-    """Write ``figures.csv`` with a line per picture and method."""
+    """Write ``figures.csv`` with a row for each picture and method."""
     plain = [{key: value for key, value in row.items() if key != "reliability"} for row in rows]
     write_text(folder / "figures.csv", csv_table(plain, significant=4))
 

@@ -138,7 +138,7 @@ def error_table(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def reliability_of(rows: Sequence[Row]) -> Reliability:
-    """Pool the reliability of recovery over the paintings of each group."""
+    """Pool the reliability of recovery over the paintings in each group."""
     groups: dict[str, list[Sequence[ReliabilityBin]]] = {}
     for row in rows:
         if row["method"] == "recovery" and row.get("reliability"):
@@ -148,7 +148,7 @@ def reliability_of(rows: Sequence[Row]) -> Reliability:
 
 
 def confidence_table(reliability: Mapping[str, list[ReliabilityBin]]) -> list[dict[str, Any]]:
-    """Compare the mean confidence of each group, and of clean and hard pictures, with the share of right strokes."""
+    """Compare the mean confidence in each group, and in clean and hard pictures, with the share of correct strokes."""
     groups = dict(reliability)
     for look in ("clean", "hard"):
         alike = [bins for name, bins in reliability.items() if name.endswith(look)]

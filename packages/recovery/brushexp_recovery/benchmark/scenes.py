@@ -1,4 +1,4 @@
-"""Make the paintings of the benchmark, with different subjects, brushes and densities, and their truth from a seed."""
+"""Make the benchmark's paintings and their ground truth from a seed, with different subjects, brushes and densities."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -54,7 +54,7 @@ class Scene:
 
 @dataclass(frozen=True)
 class ScenePainting:
-    """A painting with its truth, as a clean picture and a hard photograph, both (H, W, 3) in [0, 1]."""
+    """A painting and its ground truth, as a clean picture and a hard photograph, both (H, W, 3) in [0, 1]."""
 
     truth: Truth
     clean: Array
@@ -68,7 +68,7 @@ def list_scenes(kinds: Sequence[str], counts: Sequence[int], repeats: int) -> li
 
 
 def paint_scene(scene: Scene, side: int, seed: int = SEED) -> ScenePainting:
-    """Paint a scene of ``side`` x ``side`` pixels, which depends only on scene, side and seed."""
+    """Paint a scene of ``side`` x ``side`` pixels, determined only by scene, side and seed."""
     random = np.random.default_rng([seed, _number_of(scene.kind), scene.count, scene.number])
     subject = make_subject(side, random)
     if scene.kind in find_families():
@@ -101,7 +101,7 @@ def _number_of(kind: str) -> int:
 
 
 def lay_scene(kind: str, subject: Array, count: int, random: np.random.Generator) -> StrokeLayout:
-    """Lay about ``count`` strokes, in layers along edges or with a painter of the program."""
+    """Place about ``count`` strokes, in layers along edges or with one of the painters."""
     if kind not in PAINTERS:
         return lay_strokes(subject.astype(np.float32), count, Hand(), random)
     import brushexp  # noqa: PLC0415
@@ -120,7 +120,7 @@ def layout_of(saved: Saved) -> StrokeLayout:
 
 
 def truth_of(windows: StrokeWindows, canvas: Canvas, layout: StrokeLayout, image: Array) -> Truth:
-    """Compute the truth about strokes on a canvas."""
+    """Compute the ground truth for strokes on a canvas."""
     area, _, _, first, last, _ = canvas.extent.T
     curve, width = trim_to_paint(windows.curve.astype(float), 0.5 * (first + 1), 0.5 * (last + 1), np.maximum(area, 1))
     return truth_from(canvas.labels, area, curve, width, layout.color, image)

@@ -66,7 +66,7 @@ def recall_by_share(truth: Truth, matches: Matches) -> dict[str, float]:
 
 
 def parts_of(a: Array, b: Array, chosen: Array) -> float:
-    """Compute the median number of regions of ``b`` into which a chosen region of ``a`` falls.
+    """Compute the median number of regions of ``b`` into which a chosen region of ``a`` is split.
 
     The number is 1 / (sum of squared shares).
     """
@@ -78,7 +78,7 @@ def parts_of(a: Array, b: Array, chosen: Array) -> float:
 
 
 def errors_of(truth: Truth, prediction: Prediction, matches: Matches) -> dict[str, float]:
-    """Compute medians of the errors of matched strokes."""
+    """Compute the median errors of matched strokes."""
     from skimage.color import deltaE_ciede2000, rgb2lab  # noqa: PLC0415
 
     known, partner = matches.truth, matches.prediction

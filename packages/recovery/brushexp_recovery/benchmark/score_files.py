@@ -14,7 +14,8 @@ def score_strokes(truth: str | PathLike[str], strokes: str | PathLike[str]) -> d
     """Score any strokes against the known strokes of a painting, as ``task=score`` does.
 
     Args:
-        truth: NAME.npz of task=benchmark; the painting beside it, NAME.png, gives colours to labels without curves.
+        truth: NAME.npz of task=benchmark; the painting next to it, NAME.png, supplies the colours of labels without
+            curves.
         strokes: labels (.png, .npy or .npz with ``labels``), curves (.npz with ``curve`` (N, 3, 2) and ``width`` (N,)
             in pixels, bottom to top) or a catalogue; recovered strokes keep their labels and confidence.
 

@@ -1,4 +1,4 @@
-"""Represent the truth about a painting with known strokes, and store it in a file."""
+"""Represent the ground truth of a painting with known strokes, and store it in a file."""
 
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -48,7 +48,7 @@ class Truth:
 
 
 def truth_from(labels: Array, area: Array, curve: Array, width: Array, color: Array, image: Array) -> Truth:
-    """Complete the truth of N strokes, ordered bottom to top; ``image`` (H, W, 3) in [0, 1] is the painting."""
+    """Compute the complete ground truth for N strokes, bottom to top; ``image`` (H, W, 3) in [0, 1] is the painting."""
     count = len(width)
     return Truth(
         labels=labels.astype(np.int32),
@@ -64,7 +64,7 @@ def truth_from(labels: Array, area: Array, curve: Array, width: Array, color: Ar
 
 
 def draw_truth(curve: Array, width: Array, color: Array, size: tuple[int, int], ground: Array) -> tuple[Truth, Array]:
-    """Draw plain opaque strokes, bottom to top, on a canvas (H, W) of one colour; return truth and image (H, W, 3)."""
+    """Draw opaque strokes, bottom to top, on a plain canvas (H, W); return the ground truth and image (H, W, 3)."""
     covers = cover_strokes(curve, width, size)
     labels, area = visible_labels(covers, np.ones(len(width)), size)
     image = np.broadcast_to(ground, (*size, 3)).copy()
@@ -75,12 +75,12 @@ def draw_truth(curve: Array, width: Array, color: Array, size: tuple[int, int], 
 
 
 def write_truth(path: Path, truth: Truth) -> None:
-    """Write a truth as a compressed npz."""
+    """Write a ground truth as a compressed npz."""
     write_npz(path, **{item.name: getattr(truth, item.name) for item in fields(truth)})
 
 
 def read_truth(path: Path) -> Truth:
-    """Read the truth of a painting; raise a UserError that says what is missing."""
+    """Read the ground truth of a painting; raise a UserError that says what is missing."""
     values = read_npz(path)
     if missing := [item.name for item in fields(Truth) if item.name not in values]:
         raise UserError(f"{path} has no {missing[0]}; give the npz of a truth written by task=benchmark")

@@ -1,1 +1,1 @@
-"""Compute features of regions for their confidence, and measure the calibration of confidences."""
+"""Compute features of regions for predicting confidence, and measure the calibration of confidences."""

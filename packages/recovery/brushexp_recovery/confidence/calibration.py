@@ -1,4 +1,4 @@
-"""Measure the calibration of confidences: of strokes found with a confidence of 0.8, 80 % should be right."""
+"""Measure the calibration of confidences: of strokes with a confidence of 0.8, 80 % should be correct."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
@@ -12,19 +12,20 @@ BINS = 10  # number of bins of equal width
 
 
 class ReliabilityBin(NamedTuple):
-    """Strokes of similar confidence."""
+    """A bin of strokes of similar confidence."""
 
     confidence: float  # mean confidence
-    right: float  # share of right strokes
+    right: float  # share of correct strokes
     strokes: int
 
 
 def calibration_of(confidence: Array, hit: Array) -> dict[str, Any]:
-    """Compare confidences (N,) in [0, 1] with whether each stroke was right (N,).
+    """Compare confidences (N,) in [0, 1] with the correctness (N,) of the strokes.
 
     Returns:
-        ``auc``, the probability that a right stroke has more confidence than a wrong one (NaN if either is missing);
-        ``ece``, the expected calibration error; ``reliability``, a `ReliabilityBin` for each bin with strokes.
+        ``auc``, the probability that a correct stroke has higher confidence than an incorrect one (NaN if either is
+        missing); ``ece``, the expected calibration error; ``reliability``, a `ReliabilityBin` for each bin with
+        strokes.
     """
     place = np.minimum((confidence * BINS).astype(int), BINS - 1)
     reliability = [
@@ -43,7 +44,7 @@ def calibration_of(confidence: Array, hit: Array) -> dict[str, Any]:
 def ece_of(reliability: Sequence[ReliabilityBin]) -> float:
     """Compute the expected calibration error (Naeini et al., 2015), or NaN for no strokes.
 
-    It is large for few strokes even if the confidence is right, so pool the reliability of paintings first.
+    For few strokes it is large even if the confidence is well calibrated, so pool the reliability of paintings first.
     """
     total = sum(one.strokes for one in reliability)
     gap = sum(one.strokes * abs(one.confidence - one.right) for one in reliability)

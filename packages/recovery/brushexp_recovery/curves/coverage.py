@@ -1,4 +1,4 @@
-"""Compute the coverage of round-ended lines along quadratic Bezier curves, and which line is visible at each pixel."""
+"""Compute the coverage of round-ended lines along quadratic Bezier curves, and the visible line at each pixel."""
 # mypy: allow-untyped-defs
 
 from collections.abc import Sequence
@@ -33,7 +33,7 @@ NO_COVER = Cover(Box(0, 0, 0, 0), np.empty((0, 0)))
 
 
 def cover_strokes(curve: Array, width: Array, size: tuple[int, int]) -> list[Cover]:
-    """Compute the coverage of each of N strokes alone on a canvas (H, W); strokes off the canvas have `NO_COVER`."""
+    """Compute the coverage of each of N strokes alone on a canvas (H, W); strokes off the canvas get `NO_COVER`."""
     height, canvas_width = size
     covers: list[Cover] = []
     for points, half in zip(points_on(curve, PIECES + 1), 0.5 * width, strict=True):
@@ -69,7 +69,8 @@ def _lower_to_distance(points, left, top, squared):
 def visible_labels(covers: Sequence[Cover], opacity: Array, size: tuple[int, int]) -> tuple[Array, Array]:
     """Find the visible stroke at each pixel, and the area that each stroke covers.
 
-    Strokes are ordered bottom to top. The visible stroke contributes most to a pixel, unless the ground does.
+    Strokes are ordered bottom to top. The visible stroke is the one that contributes most to a pixel, unless the ground
+    contributes most.
 
     Returns:
         labels (H, W) int32, -1 for the ground; area (N,) in pixels, including hidden parts.

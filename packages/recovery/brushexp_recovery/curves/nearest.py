@@ -1,4 +1,4 @@
-"""Find the place on a line that is nearest to a pixel (compiled)."""
+"""Find the point on a line that is nearest to a pixel (compiled)."""
 # mypy: allow-untyped-defs
 
 import numpy as np
@@ -25,7 +25,7 @@ def length_of_line(points):
 
 @inline
 def nearest_place(points, x, y):
-    """Find the place on a line through points (P, 2) that is nearest to a pixel.
+    """Find the point on a line through points (P, 2) that is nearest to a pixel.
 
     Returns the squared distance, the distance along the line, which is extended straight beyond its ends, and the
     distance across it.

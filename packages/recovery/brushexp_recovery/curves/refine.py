@@ -59,7 +59,7 @@ def refine_curves(
 
 
 def _lies_in(places: Array, box: Box, size: tuple[int, ...]) -> Array:
-    """Mark the places (N, 2) in a box; places off the picture count as lying on its border."""
+    """Mark the positions (N, 2) in a box; positions off the picture count as lying on its border."""
     x, y = places.T
     x, y = x.clip(0, size[1] - 1e-3), y.clip(0, size[0] - 1e-3)
     return (y >= box.top) & (y < box.bottom) & (x >= box.left) & (x < box.right)
@@ -68,8 +68,8 @@ def _lies_in(places: Array, box: Box, size: tuple[int, ...]) -> Array:
 def _fit_to_regions(curve: Array, width: Array, labels: Array, steps: int) -> tuple[Array, Array]:
     """Fit curves (N, 3, 2) and widths (N,), bottom to top, to their regions; `EMPTY` and `UNKNOWN` mark no region.
 
-    The loss is the squared difference, over pixels and strokes, between a stroke's visible part and its region. An
-    unbiased estimate draws the strokes in codes, which are random colours of 0 or 1, new at every step.
+    The loss is the squared difference, over pixels and strokes, between a stroke's visible part and its region. For an
+    unbiased estimate, strokes are drawn in codes: random colours of 0 or 1, drawn anew at every step.
     """
     generator, count = torch.Generator().manual_seed(0), len(curve)
     start_curve, start_width = (torch.as_tensor(value, dtype=torch.float32) for value in (curve, width))

@@ -1,4 +1,4 @@
-"""Find round-ended lines with as much paint as a stroke."""
+"""Find round-ended lines with the same area of paint as a stroke."""
 
 from typing import Any
 
@@ -23,8 +23,8 @@ def width_of_line(area: Any, extent: Any) -> Any:
 def trim_to_paint(curve: Array, low: Array, high: Array, area: Array) -> tuple[Array, Array]:
     """Cut curves (N, 3, 2) to the parts that carry paint, and find widths (N,) that give the same area of paint.
 
-    Paint lies between the parameters ``low`` and ``high`` (N,); ``area`` (N,) is its number of pixels. The cut curves
-    end where the round ends of the lines begin.
+    Paint lies between the parameters ``low`` and ``high`` (N,); ``area`` (N,) is its area in pixels. The cut curves end
+    where the round ends of the lines begin.
     """
     length = np.maximum(arc_lengths(curve), 1e-6)
     width = width_of_line(area, np.maximum(high - low, LEAST_EXTENT) * length)

@@ -1,1 +1,1 @@
-"""A photograph of any size goes in; the regions of its strokes come out, on which several looks at it agree."""
+"""Find the regions of the strokes in a photograph of any size by the agreement of several looks at each part."""

@@ -1,4 +1,4 @@
-"""One look at a part of a picture: its regions, merged in a tree, and the nodes of the tree that are strokes."""
+"""Look at part of a picture once: merge its superpixels in a tree, and choose the nodes that are strokes."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -18,24 +18,24 @@ from brushexp_recovery.segment.superpixels import Superpixels, superpixels_of
 
 Array = NDArray[Any]
 
-SMALLEST_REGION = 12  # pixels
-PAINTED = 0.5  # share of a region that is paint, below which it is ground
-MATCH_WEIGHT = 0.85  # of the chance of a match in what a node is worth to the cut; the rest is of the expected IoU
-NODE_PRICE = 0.42  # a node is taken if it is worth more
+SMALLEST_REGION = 12  # pixels; smaller regions are no strokes
+PAINTED = 0.5  # share of paint below which a region counts as ground
+MATCH_WEIGHT = 0.85  # weight of the probability of a match in a node's worth; the rest is the expected IoU
+NODE_PRICE = 0.42  # worth above which a node is chosen
 
 
 @dataclass(frozen=True)
 class Look:
-    """What one look at a part of a picture shows."""
+    """The result of one look at part of a picture."""
 
-    superpixels: Array  # (h, w) int32, the leaf of the tree at each pixel of what was looked at
+    superpixels: Array  # (h, w) int32, the leaf of the tree at each pixel of the part
     tree: MergeTree
-    worth: Array  # (nodes,) mean of the chance of a match and the expected IoU; 0 of what is no stroke
-    nodes: Array  # (N,) of the best cut
-    regions: Array  # (h, w) int32, which of them is at each pixel; -1 where there is none
+    worth: Array  # (nodes,) mean of match probability and expected IoU; 0 for nodes that are no strokes
+    nodes: Array  # (N,) nodes of the best cut
+    regions: Array  # (h, w) int32, the index in ``nodes`` at each pixel; -1 for none
 
     def pixels_for(self, size: tuple[int, ...]) -> tuple[Array, ...]:
-        """Return the rows and columns that show it as a picture of another size (H, W)."""
+        """Return the rows and columns that resample this look to another picture size (H, W)."""
         return np.ix_(*(nearest_pixels(side, own) for side, own in zip(size, self.superpixels.shape, strict=True)))
 
 

@@ -1,17 +1,17 @@
-"""The size of a photograph, which must be large enough to tell strokes apart."""
+"""Check the size of a photograph, which must be large enough to distinguish strokes."""
 
 from brushexp.contracts import UserError
 from brushexp.contracts.pictures import sides_of_picture
 
 SHORTEST_SIDE = 48  # pixels
-MOST_PIXELS = 100_000_000  # which are read whole
+MOST_PIXELS = 100_000_000  # because the photograph is read in full
 
 
 def size_of_photograph(path: str, key: str = "image") -> tuple[int, int]:
-    """Return height and width of a photograph; raise a UserError if it has too few or too many pixels.
+    """Return the height and width of a photograph; raise a UserError if it has too few or too many pixels.
 
-    The whole photograph is read, so a size beyond what memory holds is refused with advice that these tasks can follow:
-    they have no ``resolution=``.
+    The whole photograph is read, so a size that exceeds memory raises a UserError. Its advice suits these tasks, which
+    have no ``resolution=``.
     """
     height, width = sides_of_picture(path, key)
     if height * width > MOST_PIXELS:

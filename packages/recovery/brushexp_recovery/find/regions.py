@@ -1,4 +1,4 @@
-"""The regions of the strokes of a picture of any size: found tile by tile at two scales, the surest kept first."""
+"""Find the regions of strokes in a picture of any size, tile by tile at two scales, keeping the most certain."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,26 +21,26 @@ from brushexp_recovery.segment.affinity_maps import StrokeMaps, predict_maps
 
 Array = NDArray[Any]
 
-TILE_SIDE = 512  # pixels, zoomed
-KEPT_SHARE = 0.5  # of the mean chance of the regions that are kept: no region below is kept
-OCCLUSION_STEPS = 16  # 8-bit steps of a unit of log-odds
+TILE_SIDE = 512  # pixels after zooming
+KEPT_SHARE = 0.5  # a region is kept if its probability is at least this share of the mean of the kept regions
+OCCLUSION_STEPS = 16  # 8-bit steps per unit of log-odds
 
 
 class Change(NamedTuple):
-    """How a tile is changed before it is looked at."""
+    """A transformation of a tile before a look."""
 
-    zoom: float  # times the scale of the picture
-    blur: float  # pixels of sigma
+    zoom: float  # relative to the scale of the picture
+    blur: float  # standard deviation in pixels
 
 
-CHANGES = (Change(1.0, 0.0), Change(1.4, 0.0), Change(0.7, 0.0), Change(1.0, 1.0))  # one for each look at a tile
+CHANGES = (Change(1.0, 0.0), Change(1.4, 0.0), Change(0.7, 0.0), Change(1.0, 1.0))  # one per look at a tile
 
 
 class Search(NamedTuple):
-    """A search of the whole picture."""
+    """The settings of one search of the whole picture."""
 
-    zoom: float  # factor on the scale of the picture
-    worth: float  # factor on the chance of each region found
+    zoom: float  # relative to the scale of the picture
+    worth: float  # factor on the probability of each region found
 
 
 SEARCHES = (Search(1.0, 1.0), Search(0.5, 0.75))  # the second finds broad strokes where it is clearly more certain
@@ -50,13 +50,13 @@ SEARCHES = (Search(1.0, 1.0), Search(0.5, 0.75))  # the second finds broad strok
 class Regions:
     """N regions of a picture, each the visible part of one stroke."""
 
-    labels: Array  # (H, W) int32, 0 to N - 1, -1 where there is none
-    chance: Array  # (N,) how far all looks agree with it, 0 to 1
+    labels: Array  # (H, W) int32, 0 to N - 1, or -1 for none
+    chance: Array  # (N,) agreement of all looks on the region, 0 to 1
     attributes: Array  # (N, len(StrokeAttribute)) predicted, in pixels of the picture
     occlusion: Array  # (len(OCCLUSION_OFFSETS), H, W) int8, log-odds in 1 / OCCLUSION_STEPS that the stroke at an
     # offset, divided by the zoom, lies above the one here
-    paint: Array  # (H, W) bool, whether the network sees paint, and not bare ground
-    zoom: float  # at which the picture was looked at
+    paint: Array  # (H, W) bool, whether the network predicts paint rather than bare ground
+    zoom: float  # scale at which the picture was searched
 
 
 def find_regions(
@@ -70,9 +70,9 @@ def find_regions(
     """Find the regions of strokes in a picture (H, W, 3) float32 in [0, 1].
 
     Without a ``zoom``, the automatic scale is used. Each of the ``searches`` proposes regions, and each of its looks
-    sees ``copies`` rotated and mirrored copies. A region is kept if more certain regions leave enough of it free, and
-    if its chance is at least half the mean chance of the kept regions: if there are as many strokes as kept regions,
-    and each region is a stroke with its chance, no other share has a higher expected F1.
+    averages ``copies`` rotated and mirrored copies. A region is kept if more certain regions leave enough of it free,
+    and if its probability is at least half the mean probability of the kept regions. This threshold maximises the
+    expected F1 if there are as many strokes as kept regions, and if each region is a stroke with its probability.
     """
     height, width = image.shape[:2]
     classifiers = model.classifiers()
@@ -114,12 +114,12 @@ def _move_to_picture(candidate: Candidate, tile: Tile, width: int, worth: float)
 
 
 def _keep_maps(occlusion: Array, paint: Array, maps: StrokeMaps, tile: Tile) -> None:
-    """Keep the occlusions, in 8 bits, and where paint is, in the core of a tile."""
+    """Store the occlusions, in 8 bits, and the paint mask for the core of a tile."""
     height, width = tile.box.size
     rows, columns = tile.core.within(tile.box).slices
     zoomed_rows = nearest_pixels(height, maps.occlusion.shape[1])[rows]
     zoomed_columns = nearest_pixels(width, maps.occlusion.shape[2])[columns]
     paint[tile.core.slices] = maps.paint[zoomed_rows[:, None], zoomed_columns] > 0
     levels = np.clip(maps.occlusion * OCCLUSION_STEPS, -127, 127).astype(np.int8)
-    for channel, level in enumerate(levels):  # one at a time: a tile of a broad brush has millions of pixels
+    for channel, level in enumerate(levels):  # one by one, because a tile of a broad brush has millions of pixels
         occlusion[channel][tile.core.slices] = level[zoomed_rows[:, None], zoomed_columns]

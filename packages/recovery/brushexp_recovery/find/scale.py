@@ -1,4 +1,4 @@
-"""Find the scale at which to look for the strokes of a picture."""
+"""Find the scale at which to search for the strokes of a picture."""
 
 from typing import Any
 
@@ -17,20 +17,20 @@ from brushexp_recovery.segment.affinity_maps import predict_maps
 
 Array = NDArray[Any]
 
-SCALES = (0.15, 3.0)  # smallest and largest
-BEST_WIDTH = 18.0  # pixels: median width of strokes; a quarter more than in training finds 2 % more strokes
-TRIALS = 3  # looks at parts of a picture, to guess its scale
-PART_SIDE = 384  # pixels of these parts, zoomed
-GUESS_BONUS = 0.05  # by which another scale must explain more of a picture than the guessed one
-SETTLED = 0.2  # change of the logarithm of a scale that is not worth another look
-LEAST_PAINT = 0.02  # share of pixels, below which nothing is said of widths
+SCALES = (0.15, 3.0)  # smallest and largest scale
+BEST_WIDTH = 18.0  # pixels: median stroke width; a quarter wider than in training, which finds 2 % more strokes
+TRIALS = 3  # number of predictions for parts of a picture to estimate its scale
+PART_SIDE = 384  # pixels of these parts after zooming
+GUESS_BONUS = 0.05  # relative lead in explained share that another scale needs over the estimated one
+SETTLED = 0.2  # change of the logarithm of a scale below which no further prediction is made
+LEAST_PAINT = 0.02  # share of paint below which widths are ignored
 
 
 def find_zoom(model: RecoveryModel, classifiers: Classifiers, image: Array) -> float:
-    """Find the scale at which to look for the strokes of a picture (H, W, 3).
+    """Find the scale at which to search for the strokes of a picture (H, W, 3).
 
-    On a plain ground, which the network has seldom seen, the scale follows from the shapes of the strokes; otherwise
-    the network finds it.
+    On a plain ground, which is rare in training, the scale follows from the shapes of the strokes; otherwise the
+    network finds it.
     """
     width = width_on_plain_ground(image)
     if width is None:
@@ -39,10 +39,10 @@ def find_zoom(model: RecoveryModel, classifiers: Classifiers, image: Array) -> f
 
 
 def find_zoom_by_network(model: RecoveryModel, classifiers: Classifiers, image: Array) -> float:
-    """Find the scale of a picture (H, W, 3) at which strokes have the width that the network knows best.
+    """Find the scale of a picture (H, W, 3) at which strokes have the width that suits the network best.
 
-    The picture's own scale, or the scale half-way to it, is taken instead if it explains more: grain and canvas,
-    enlarged enough, look like strokes, but the network is not sure of them.
+    The picture's own scale, or the scale half-way to it, is used instead if it explains more: sufficiently enlarged,
+    grain and canvas look like strokes, but with low confidence.
     """
     guess = guess_zoom(model, image)
     if abs(np.log(guess)) < SETTLED:
@@ -66,7 +66,7 @@ def explained_share(model: RecoveryModel, classifiers: Classifiers, parts: list[
 
 
 def guess_zoom(model: RecoveryModel, image: Array) -> float:
-    """Estimate, from predicted widths, the scale at which strokes have the width that the network knows best."""
+    """Estimate, from predicted widths, the scale at which strokes have the width that suits the network best."""
     zoom = 1.0
     for _ in range(TRIALS):
         parts = cut_out_parts(image, PART_SIDE / zoom)
@@ -88,7 +88,7 @@ def weighted_median(values: Array, weights: Array) -> float:
 
 
 def cut_out_parts(image: Array, side: float) -> list[Array]:
-    """Cut up to four parts out of a picture, from the middles of its quarters, or a single one from its middle."""
+    """Crop up to four parts from the centres of a picture's quarters, or a single part from its centre."""
     height, width = image.shape[:2]
     part_height, part_width = min(int(side) + 1, height), min(int(side) + 1, width)
     places = (0.5,) if max(height, width) < 2 * side else (0.25, 0.75)
@@ -98,7 +98,7 @@ def cut_out_parts(image: Array, side: float) -> list[Array]:
 
 
 def _widths_in(model: RecoveryModel, part: Array) -> Array:
-    """Predict, for each pixel with paint, the width of its stroke and the share of a pixel in its area: (2, P)."""
+    """Predict, for each pixel with paint, its stroke's width and the reciprocal of that stroke's area: (2, P)."""
     maps = predict_maps(model.network, part, 1)
     paint = maps.paint > 0
     paint &= paint.mean() > LEAST_PAINT

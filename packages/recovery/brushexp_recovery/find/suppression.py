@@ -1,4 +1,4 @@
-"""Greedy non-maximum suppression: the surest candidates are kept first, others where these leave room."""
+"""Apply greedy non-maximum suppression: keep the most certain candidates first, and others where these leave room."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -7,23 +7,23 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 
-FREE_SHARE = 0.6  # of a region, that surer ones must leave to it
+FREE_SHARE = 0.6  # share of a region that more certain regions must leave free
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A region as one look shows it."""
+    """A region as found by one look."""
 
-    pixels: Array  # flat indices int32, in the tile, later in the picture
-    chance: float  # mean over the looks of how far they agree with it
+    pixels: Array  # int32 flat indices in the tile, later in the picture
+    chance: float  # mean agreement of the looks with the region
     attributes: Array  # (len(StrokeAttribute),) in pixels of the picture
 
 
 def keep_surest(candidates: list[Candidate], labels: Array, least_share: float) -> list[Candidate]:
-    """Keep candidates, the surest first, of which enough is free.
+    """Keep candidates that are sufficiently free, most certain first.
 
-    Kept candidates are written into ``labels`` (P,), which are -1 at first. A candidate is not kept if its chance is
-    below ``least_share`` of the mean chance of those before it.
+    Kept candidates are written into ``labels`` (P,), which are initially -1. A candidate is dropped if its probability
+    is below ``least_share`` times the mean probability of the candidates kept before it.
     """
     surest = list[Candidate]()
     total = 0.0

@@ -1,4 +1,4 @@
-"""The loop of `merge_tree.grow_tree`, which merges one pair of regions after another, most likely pairs first."""
+"""The loop of `merge_tree.grow_tree`, which merges pairs of regions one by one, most likely pairs first."""
 # mypy: allow-untyped-defs
 
 from heapq import heapify, heappop, heappush
@@ -18,7 +18,7 @@ LARGEST_REGION = 8.0  # area, in predicted areas of its stroke, above which a re
 
 @function
 def mean_affinity(row, mean, scale, layers, scratch):
-    """Return the mean affinity between two regions from their features, with most weight on the nearest pixels."""
+    """Return the mean affinity between two regions from their features, weighting the nearest pixels most."""
     total, count = 0.0, 1e-9
     for k in range(DISTANCE_GROUPS):
         pairs = max(4 >> k, 1) * np.expm1(row[PairFeature.LOG_PAIRS_ADJACENT + k])
@@ -53,7 +53,7 @@ def perceptron_chance(row, mean, scale, layers, scratch):
 def merge(
     moments, within, around, merge_chance, neighbour_chance, ends, between, children, least_chance, mean, scale, layers
 ):
-    """Merge pairs of regions until no pair has a chance of at least ``least_chance``; return the number of merges.
+    """Merge pairs of regions until no pair has a probability of at least ``least_chance``; return the number of merges.
 
     The first S rows of ``moments`` (2 S, len(Moment)), ``within``, ``around``, ``merge_chance`` and
     ``neighbour_chance`` belong to the S regions; rows of merged regions follow. In the first S rows, ``moments`` and
@@ -112,7 +112,7 @@ def merge(
 
 @function
 def _link_pairs(ends, count):
-    """Link the pairs (P, 2) of each of ``count`` regions: its first pair, and each pair's successor by end."""
+    """Link the pairs (P, 2) of each of ``count`` regions: the region's first pair, and each pair's successor by end."""
     first, after = np.full(count, -1), np.full(ends.shape, -1)
     for pair in range(len(ends)):
         for side in range(2):
@@ -123,7 +123,7 @@ def _link_pairs(ends, count):
 
 @inline
 def _pass_on_pairs(old, new, first, after, ends, between, is_open, pair_with, seen_by):
-    """Pass a region's open pairs on to the new region that contains it; two pairs with one neighbour become one."""
+    """Transfer a region's open pairs to the new region that contains it; pairs with the same neighbour are merged."""
     pair = first[old]
     while pair >= 0:
         side = 0 if ends[pair, 0] == old else 1

@@ -13,7 +13,7 @@ from brushexp_recovery.segment.superpixels import Superpixels
 
 Array = NDArray[Any]
 
-LEAST_CHANCE = 0.05  # chance of being one stroke below which two regions are never merged
+LEAST_CHANCE = 0.05  # probability of being one stroke below which two regions are never merged
 NO_PERCEPTRON = PerceptronWeights(
     np.empty(0, np.float32), np.empty(0, np.float32), (np.empty((1, 1), np.float32),)
 )  # placeholder that compiled code accepts instead of a perceptron
@@ -30,8 +30,8 @@ class MergeTree:
     moments: Array  # (nodes, len(Moment))
     within: Array  # (nodes, len(AffinityColumn)) affinities within the region
     around: Array  # (nodes, len(AffinityColumn)) affinities to other regions
-    merge_chance: Array  # (nodes,) chance of the merge that made a node; 1 for a superpixel
-    neighbour_chance: Array  # (nodes,) highest chance of being one stroke with a neighbour
+    merge_chance: Array  # (nodes,) probability of the merge that formed a node; 1 for a superpixel
+    neighbour_chance: Array  # (nodes,) highest probability of being one stroke with a neighbour
 
     @property
     def leaves(self) -> int:
@@ -42,9 +42,9 @@ class MergeTree:
 def grow_tree(
     superpixels: Superpixels, perceptron: PerceptronWeights | None, least_chance: float = LEAST_CHANCE
 ) -> MergeTree:
-    """Repeatedly merge the pair that is most likely one stroke until no pair has a chance of ``least_chance``.
+    """Repeatedly merge the pair most likely to be one stroke until no pair has a probability of ``least_chance``.
 
-    Without a perceptron, the chance is the mean affinity.
+    Without a perceptron, the probability is the mean affinity.
     """
     count = len(superpixels.moments)
     moments = np.concatenate([superpixels.moments, np.zeros_like(superpixels.moments)])

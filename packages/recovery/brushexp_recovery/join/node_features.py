@@ -32,7 +32,7 @@ def node_features(tree: MergeTree) -> Array:
 
 
 def _write_merges(tree: MergeTree, table: Array) -> None:
-    """Write the affinities inside and outside nodes, and the chances of merges that made or could extend them."""
+    """Write the affinities inside and outside nodes, and the probabilities of merges that formed or extend them."""
     prior = PRIOR_PAIRS_INSIDE
     table[:, INSIDE] = (tree.within[:, SUMS] + 0.5 * prior) / (tree.within[:, PAIRS] + prior)
     prior = PRIOR_PAIRS_OUTSIDE

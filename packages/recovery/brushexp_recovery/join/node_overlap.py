@@ -24,7 +24,7 @@ def node_overlaps(tree: MergeTree, superpixels: Array, regions: Array, count: in
 
 @function
 def _write_overlaps(superpixels, regions, children, table):
-    """Count the pixels that nodes share with regions, and in the last column all their pixels; divide by the unions."""
+    """Count the pixels that nodes share with regions, and in the last column all their pixels; divide by unions."""
     nodes, count = len(table), table.shape[1] - 1
     area = np.zeros(count, np.float32)
     for y in range(superpixels.shape[0]):

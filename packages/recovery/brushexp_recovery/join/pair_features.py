@@ -122,7 +122,7 @@ def _write_centres(small, large, both, row):
 
 @inline
 def _write_directions(small, large, both, row):
-    """Write the agreement of the predicted directions of their strokes."""
+    """Write how well the predicted directions of their strokes agree."""
     coherence_small = np.hypot(small[Moment.COSINE], small[Moment.SINE]) + 1e-3
     coherence_large = np.hypot(large[Moment.COSINE], large[Moment.SINE]) + 1e-3
     product = small[Moment.COSINE] * large[Moment.COSINE] + small[Moment.SINE] * large[Moment.SINE]

@@ -17,7 +17,7 @@ LEAST_SPREAD_SQUARED = 0.01  # squared pixels
 
 
 class Shape(IntEnum):
-    """Columns that follow the mean `Moment`s in the description of a region."""
+    """Columns after the mean `Moment`s in the description of a region."""
 
     LENGTH = len(Moment)  # length in pixels of the rectangle with the same moments
     WIDTH = len(Moment) + 1

@@ -1,4 +1,4 @@
-"""Replace recovered strokes with the corrections of a person."""
+"""Replace recovered strokes according to a person's corrections."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -36,7 +36,7 @@ def check_marks(path: Path, size: tuple[int, int]) -> None:
 
 
 def correct(recovered: Recovered, marks: Marks, image: Array) -> Recovered:
-    """Correct the strokes recovered from an image (H, W, 3) in [0, 1] with the marks of a person.
+    """Correct the strokes recovered from an image (H, W, 3) in [0, 1] according to a person's marks.
 
     - A recovered stroke is removed if it matches a deleted stroke, or lies mostly on hand-drawn marks.
     - Hand-drawn marks are added on top, because their order is unknown, with a confidence of 1.

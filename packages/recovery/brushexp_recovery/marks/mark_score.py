@@ -2,7 +2,7 @@
 
 A mark and a stroke match if the intersection over union of their regions is large enough; each has at most one partner,
 and the best pairs are matched first. People seldom mark every stroke of a picture, so a stroke without a partner is an
-error only if it lies in the part that the file calls complete, or mostly on marks. The marks of a second person all
+error only if it lies in the area that the file declares complete, or mostly on marks. All marks of a second person
 count.
 """
 
@@ -58,7 +58,7 @@ class MarkScore:
 
     @property
     def counts(self) -> Counts:
-        """Count found and missed marks, and extra strokes."""
+        """Count found marks, missed marks and extra strokes."""
         return Counts(self.marks.count(State.FOUND), self.marks.count(State.MISSED), self.strokes.count(State.EXTRA))
 
 

@@ -100,7 +100,7 @@ def _mark_from(values: Any, place: str) -> Mark:
 
 
 def _places_from(values: Any, what: str, least: int) -> Array:
-    """Read places (P, 2); require at least ``least`` of them."""
+    """Read points (P, 2); require at least ``least`` of them."""
     places = _numbers_from(values, what)
     if places.ndim != 2 or places.shape[1] != 2 or len(places) < least:
         raise UserError(f"{what} must be at least {least} pairs [x, y]")
@@ -127,7 +127,7 @@ def _size_from(values: Any) -> tuple[int, int]:
 
 
 def _complete_from(values: Any) -> bool | tuple[float, float, float, float]:
-    """Read the part in which all strokes are marked: True for the whole picture, False for none, or a rectangle."""
+    """Read the area in which all strokes are marked: True for the whole picture, False for none, or a rectangle."""
     if isinstance(values, bool):
         return values
     rectangle = _numbers_from(values, "complete")

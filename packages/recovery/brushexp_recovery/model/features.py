@@ -105,7 +105,7 @@ class NodeScore(IntEnum):
 
 
 class OrderFeature(IntEnum):
-    """Evidence that the second of two regions that meet lies above the first; all features change sign if swapped."""
+    """Evidence that the second of two touching regions lies above the first; swapping them changes every sign."""
 
     OCCLUSION = 0  # mean log-odds of the network, times the root of the number of pixels
     OCCLUSION_VOTES = 1  # the same as soft votes, -1 to 1

@@ -47,7 +47,7 @@ class Perceptron(nn.Module):
         return ((features - self.mean) / self.scale).clamp(-CLIP, CLIP)
 
     def weights(self) -> "PerceptronWeights":
-        """Return the same function without PyTorch, which is slow for few examples."""
+        """Return an equivalent function without PyTorch, which is slow for few examples."""
         linear = [layer for layer in self.layers if isinstance(layer, nn.Linear)]
         layers = tuple(
             torch.cat([layer.weight.detach().T, layer.bias.detach()[None]]).float().numpy() for layer in linear
@@ -99,7 +99,7 @@ def fit_perceptron(perceptron: Perceptron, features: Array, goal: Array, weight:
 def fit_last_layer(perceptron: Perceptron, features: Array, goal: Array, weight: Array, ridge: float) -> None:
     """Fit the last layer of a perceptron to targets (N, outputs) in [0, 1] for features (N, F), weighted (N,).
 
-    ``ridge`` is the weight of the squared changes in the loss. The fit uses L-BFGS in float64; without goals, nothing
+    ``ridge`` is the weight of the squared changes in the loss. The fit uses L-BFGS in float64; without targets, nothing
     changes.
     """
     if not len(goal):

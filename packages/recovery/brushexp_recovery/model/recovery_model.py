@@ -22,14 +22,14 @@ CHECKPOINTS = CheckpointFormat(
 
 
 class Classifiers(NamedTuple):
-    """The perceptrons that judge pairs of regions and single regions."""
+    """The perceptrons that score pairs of regions and single regions."""
 
     pairs: PerceptronWeights  # chance that two regions belong to one stroke
     nodes: PerceptronWeights  # `NodeScore`s of a region
 
 
 class RecoveryModel(nn.Module):
-    """The network and the models that judge regions found from its maps."""
+    """The network and the models that score the regions found in its maps."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -47,8 +47,8 @@ class RecoveryModel(nn.Module):
         return Classifiers(self.pairs.weights(), self.nodes.weights())
 
 
-def families_learnt(checkpoint: str) -> tuple[str, ...]:
-    """Return the families of paint on which weights were trained, including the training of their initial weights."""
+def trained_families(checkpoint: str) -> tuple[str, ...]:
+    """Return the paint families on which weights were trained, including those of the initial weights."""
     recipe = CHECKPOINTS.read_recipe(CHECKPOINTS.path_of(checkpoint))
     return tuple(recipe["data"].get("families", ()))
 

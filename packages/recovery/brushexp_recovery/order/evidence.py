@@ -19,7 +19,7 @@ PRIOR_PIXELS = 4  # number of added pixels of neither stroke, which damp the sha
 
 
 class Meetings(NamedTuple):
-    """Pairs of regions that meet."""
+    """Pairs of regions that touch."""
 
     pairs: Array  # (P, 2), lower number first
     features: Array  # (P, len(OrderFeature)) evidence that the second lies above the first
@@ -34,11 +34,12 @@ class Contacts(NamedTuple):
 
 
 def find_meetings(regions: Regions, strokes: StrokeCurves) -> Meetings:
-    """Find the pairs of regions that meet, and the evidence that the second lies above the first.
+    """Find the pairs of regions that touch, and the evidence that the second lies above the first.
 
-    The evidence is the network's prediction where the regions meet; the difference of their visible shares; the
-    ownership of the pixels where the whole strokes would overlap, because an unbroken outline belongs to the upper
-    stroke (Kanizsa, 1979); and the differences of width, area and confidence, because painters go from broad to fine.
+    The evidence consists of the network's prediction where the regions meet; the difference in their visible shares;
+    the ownership of the pixels where the complete strokes would overlap, because an unbroken outline belongs to the
+    upper stroke (Kanizsa, 1979); and the differences of width, area and confidence, because painters go from broad to
+    fine.
     """
     contacts = find_contacts(regions)
     pairs, count = contacts.pairs, len(contacts.pairs)
@@ -67,7 +68,7 @@ def find_meetings(regions: Regions, strokes: StrokeCurves) -> Meetings:
 
 
 def find_contacts(regions: Regions) -> Contacts:
-    """Find the pairs of regions that meet, and the predicted occlusion at each contact."""
+    """Find the pairs of regions that touch, and the predicted occlusion at each contact."""
     labels, count = regions.labels, len(regions.chance)
     keys, values = [np.empty(0, np.int64)], [np.empty(0)]
     for channel, offset in enumerate(OCCLUSION_OFFSETS):
@@ -83,7 +84,7 @@ def find_contacts(regions: Regions) -> Contacts:
 
 
 def _compare_crossings(labels: Array, pairs: Array, strokes: StrokeCurves) -> tuple[Array, Array]:
-    """Compare the pixels of both strokes of each pair (P,) where the whole strokes overlap.
+    """Compare how many pixels each stroke of a pair (P,) owns where the complete strokes overlap.
 
     Returns:
         The share of the second minus the share of the first (P,), -1 to 1, and the number of pixels (P,).

@@ -14,8 +14,9 @@ NOTHING = 1e-9  # evidence up to this is a rounding error
 def rank_strokes(count: int, pairs: Array, evidence: Array) -> Array:
     """Order ``count`` strokes bottom to top so that as little evidence as possible contradicts the order.
 
-    ``evidence`` (P,) is the log-odds that the second stroke of a pair (P, 2) lies above the first. From the bottom up,
-    the next stroke has the least evidence of lying on any remaining stroke (after Eades, Lin and Smyth, 1993).
+    ``evidence`` (P,) is the log-odds that the second stroke of a pair (P, 2) lies above the first. Strokes are chosen
+    from the bottom up; the next has the least evidence of lying on any remaining stroke (after Eades, Lin and Smyth,
+    1993).
 
     Returns:
         The numbers of the strokes (count,), bottom to top.
@@ -51,7 +52,7 @@ def rank_strokes(count: int, pairs: Array, evidence: Array) -> Array:
 
 
 def _weigh(count: int, pairs: Array, evidence: Array) -> tuple[list[dict[int, float]], list[dict[int, float]]]:
-    """List the strokes that seem to lie above and below each stroke, with the evidence."""
+    """List, for each stroke, the strokes that seem to lie above and below it, with the evidence."""
     above: list[dict[int, float]] = [{} for _ in range(count)]
     below: list[dict[int, float]] = [{} for _ in range(count)]
     for (i, j), value in zip(pairs.tolist(), evidence.tolist(), strict=True):

@@ -1,4 +1,4 @@
-"""Write the page that compares marks and strokes over the picture: found, missed, extra."""
+"""Write the page that compares marks and strokes on the picture: found, missed, extra."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -31,7 +31,7 @@ def write_marks_page(
     summary: str,
     meaning: str,
 ) -> None:
-    """Write a page in one file that opens from disk; ``image`` (H, W, 3) is in [0, 1], or None for grey."""
+    """Write a self-contained page that opens from disk; ``image`` (H, W, 3) is in [0, 1], or None for grey."""
     height, width = size
     pixels = np.full((height, width, 3), GREY, np.uint8) if image is None else (255 * image).round().astype(np.uint8)
     html = page(
@@ -55,7 +55,7 @@ def write_marks_page(
 
 
 def shapes_of(outlined: Sequence[Outlined], state: State) -> list[tuple[str, str]]:
-    """List the names and SVG paths of the outlines in a state."""
+    """List the names and SVG paths of the outlines in a given state."""
     return [(name, path_of(outlines)) for name, of, outlines in outlined if of == state]
 
 

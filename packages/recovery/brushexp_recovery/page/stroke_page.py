@@ -46,7 +46,7 @@ def write_page(
     tables: Tables | None = None,
     threshold: float = 0.5,
 ) -> Path:
-    """Write ``strokes.html``, one file that opens from disk, into a folder, with links to the files there.
+    """Write ``strokes.html``, a self-contained page that opens from disk, into a folder, with links to the files there.
 
     ``image`` (H, W, 3) uint8 is the photograph at full size, and ``threshold`` is the minimum confidence of the strokes
     shown at first.

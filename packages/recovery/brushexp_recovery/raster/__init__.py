@@ -1,1 +1,1 @@
-"""Blur, resample, tile, compare and store pictures, label images and maps as arrays, independently of strokes."""
+"""Blur, resample, tile, compare and store pictures, label images and maps as arrays; nothing here concerns strokes."""

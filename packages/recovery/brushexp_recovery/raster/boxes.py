@@ -27,7 +27,7 @@ class Box(NamedTuple):
         return self.top >= self.bottom or self.left >= self.right
 
     def intersection(self, other: "Box") -> "Box":
-        """Return the box that both boxes contain."""
+        """Return the intersection of two boxes."""
         return Box(
             max(self.top, other.top),
             min(self.bottom, other.bottom),

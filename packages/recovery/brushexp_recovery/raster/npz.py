@@ -14,14 +14,14 @@ Array = NDArray[Any]
 
 
 def write_npz(path: Path, **arrays: Array) -> None:
-    """Write a compressed npz either completely or not at all."""
+    """Write a compressed npz atomically."""
     memory = io.BytesIO()
     np.savez_compressed(memory, **arrays)  # type: ignore[arg-type]
     write_bytes(path, memory.getvalue())
 
 
 def read_npz(path: Path) -> dict[str, Array]:
-    """Read the arrays of an npz without running code in it; raise UserError if it is missing or contains other data."""
+    """Read the arrays of an npz without executing its code; raise UserError if it is missing or has other data."""
     try:
         with np.load(path, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}

@@ -8,7 +8,7 @@ Slices = tuple[slice, slice]  # slices of rows and columns
 
 
 def pair_slices(size: tuple[int, ...], offset: Offset) -> tuple[Slices, Slices]:
-    """Return the part of a picture (H, W) whose pixels have a partner at an offset, and their partners' part.
+    """Return the part of a picture (H, W) whose pixels have a partner at an offset, and the partners' part.
 
     The offset must not point upwards. Both parts are empty if it exceeds the picture.
     """

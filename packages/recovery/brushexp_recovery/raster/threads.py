@@ -30,7 +30,7 @@ def return_freed_memory() -> Iterator[None]:
 def map_on_threads(work: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
     """Yield the result of ``work`` for each item, in order, computed on as many threads as PyTorch uses.
 
-    Each item is computed by one thread, which is faster than sharing an item and waiting for its slowest part.
+    One thread computes each item, which is faster than dividing an item and waiting for its slowest part.
     """
 
     def work_and_free(item: Item) -> Result:

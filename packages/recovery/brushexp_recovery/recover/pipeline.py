@@ -40,13 +40,13 @@ def recover(
     Args:
         image: path, name of a sample, or picture: an (H, W, 3) or (3, H, W) tensor, uint8 or floats in [0, 1].
         scale: scale at which strokes are sought; None for the scale at which the median stroke is 18 px wide.
-        copies: 1 to 8 rotated and mirrored copies of the picture in each look; more are slower but more
-            certain.
+        copies: number of rotated and mirrored copies of the picture in each look, 1 to 8; more are slower but more
+            accurate.
         weights: a .safetensors file of task=train_recovery, or the name of shipped weights.
 
     Returns:
         A catalogue of the strokes found, the confidence in each stroke, and the visible stroke at each pixel. Areas
-        without strokes are left empty.
+        without strokes are empty.
 
     Raises:
         UserError: the picture, the weights or another argument is invalid.
@@ -98,7 +98,7 @@ def catalogue_of(labels: Array, strokes: StrokeCurves, confidence: Array, order:
 
 
 def ground_color(labels: Array, image: Array) -> Array:
-    """Estimate the ground's colour (3,) as the median of the pixels without a stroke, or of all if these are few."""
+    """Estimate the ground's colour (3,) as the median of pixels without a stroke, or of all pixels if these are few."""
     every = max(1, round((labels.size / GROUND_SAMPLE) ** 0.5))
     sample = image[::every, ::every].reshape(-1, 3)
     is_empty = labels[::every, ::every].ravel() < 0

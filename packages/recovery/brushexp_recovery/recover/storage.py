@@ -37,7 +37,7 @@ class Recovered:
 
 
 def write_recovered(path: Path, recovered: Recovered) -> None:
-    """Write a catalogue with the group ``recovered``, either completely or not at all."""
+    """Write a catalogue with the group ``recovered`` atomically."""
     with replacing(path) as temporary:
         save_catalogue(temporary, recovered.saved)
         with h5py.File(temporary, "a", libver=(HDF5, HDF5)) as file:

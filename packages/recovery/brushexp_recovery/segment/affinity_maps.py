@@ -78,7 +78,7 @@ def predict_maps(network: StrokeNetwork, image: Array, copies: int = 2, first: i
 
 
 def _add_turned_back(total: Tensor, output: Tensor, copy: Copy) -> None:
-    """Add the maps of a copy to ``total`` with places, offsets and directions turned back.
+    """Add the maps of a copy to ``total``, with positions, offsets and directions transformed back.
 
     Affinities are converted to probabilities.
     """

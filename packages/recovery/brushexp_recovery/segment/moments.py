@@ -1,4 +1,4 @@
-"""Sum moments over the pixels of a region, which add up when regions are merged."""
+"""Sum moments over the pixels of a region, so that merging regions adds their moments."""
 
 from enum import IntEnum
 from typing import Any

@@ -53,7 +53,7 @@ def crack(image: Array, random: Random) -> Array:
 
 
 def weather(image: Array, random: Random, strength: float = 1.0) -> Array:
-    """Add the effects of scanning a canvas: blur, weave, grain, noise, varnish and JPEG, each of random strength.
+    """Add the effects of photographing a canvas: blur, weave, grain, noise, varnish and JPEG, each of random strength.
 
     Weave, grain and noise are ``strength`` times as strong as usual.
     """

@@ -41,12 +41,12 @@ class Mixing:
 
 
 def opaque_mixing(n: int, coats: float) -> Mixing:
-    """Return no mixing: ``n`` strokes that cover the paint below."""
+    """Return the mixing of ``n`` strokes that completely cover the paint below."""
     return Mixing(coats, opacity=np.ones(n), wet=np.zeros(n), drag=np.zeros(n))
 
 
 class Extent(IntEnum):
-    """The extent of a stroke's paint, including hidden parts; only the last column is for its visible part."""
+    """The extent of a stroke's paint, including hidden parts; only the last column concerns its visible part."""
 
     AREA = 0  # pixels
     X = 1  # mean position in pixels
@@ -169,7 +169,7 @@ def _look_up(texels, first, side, row, column, channel):
 
 @function
 def _paint(texels, first, side, places, brush_width, coats, opacity, wet, drag, image, height):
-    """Lay strokes over an image (H, W, 3) and raise the height (H, W) of the paint."""
+    """Composite strokes over an image (H, W, 3) and raise the height (H, W) of the paint."""
     rows, columns = height.shape
     carried = np.zeros((DRAG_STEPS, DRAG_TRACKS, 4), F)
     for n in range(len(first)):
@@ -249,7 +249,7 @@ def _take_up(texels, first, side, place, width, image, box, carried):
 
 @function
 def _see(texels, first, side, places, coats, opacity, shape):
-    """Find the visible stroke at each pixel, which contributes most to it, and the extent of each stroke."""
+    """Find the visible stroke at each pixel, the one that contributes most, and the extent of each stroke."""
     rows, columns = shape
     light, best = np.ones((rows, columns), F), np.zeros((rows, columns), F)
     labels = np.full((rows, columns), -1, np.int32)

@@ -50,7 +50,7 @@ def choose_look(random: Random) -> BrushLook:
 
 
 def choose_hand(random: Random) -> Hand:
-    """Choose the hand that lays the strokes."""
+    """Choose the hand that places the strokes."""
     aspect = np.exp(random.uniform(np.log(1.6), np.log(22)))
     return Hand(
         layers=LAYERS[int(random.integers(len(LAYERS)))],

@@ -17,7 +17,8 @@ PATCH_STEP = 4  # resolution of patches in pixels
 def edge_directions(picture: Array, sigma: float) -> Array:
     """Compute the direction (H, W) in radians along the edges of a picture, smooth where edges are weak.
 
-    It comes from the structure tensor, blurred by ``sigma`` pixels and, with a low weight, by four times as many.
+    It is computed from the structure tensor, blurred by ``sigma`` pixels and, with a low weight, by four times
+    ``sigma``.
     """
     gy, gx = np.gradient(gaussian_blur(picture, (1, 1, 0)), axis=(0, 1))
     products = ((a * b).sum(-1) for a, b in ((gx, gx), (gx, gy), (gy, gy)))
@@ -32,7 +33,7 @@ def detail_of(picture: Array, pitch: float) -> Array:
 
 
 def add_hatching(angles: Array, share: float, random: Random) -> Array:
-    """Replace a ``share`` of a field (H, W) of directions with patches of one direction each."""
+    """Replace a ``share`` of a direction field (H, W) with patches of uniform direction."""
     if share == 0:
         return angles
     height, width = angles.shape

@@ -1,4 +1,4 @@
-"""Define the hand of a painter: the parameters by which strokes are laid."""
+"""Define the hand of a painter: the parameters by which strokes are placed."""
 
 from dataclasses import dataclass
 from typing import NamedTuple

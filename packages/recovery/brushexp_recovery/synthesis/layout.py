@@ -36,7 +36,7 @@ class StrokeLayout:
 
 
 def lay_strokes(picture: Array, n: int, hand: Hand, random: Random) -> StrokeLayout:
-    """Lay ``n`` strokes of ``hand`` to paint a ``picture`` (H, W, 3) in [0, 1]."""
+    """Place ``n`` strokes of ``hand`` to paint a ``picture`` (H, W, 3) in [0, 1]."""
     size = picture.shape[:2]
     area = size[0] * size[1]
     ends = np.cumsum([0.0, *(layer.share for layer in hand.layers)]) * n
@@ -61,7 +61,7 @@ def lay_strokes(picture: Array, n: int, hand: Hand, random: Random) -> StrokeLay
 def _line_up(places: Array, angles: Array, width: Array, most: int, random: Random) -> tuple[Array, Array]:
     """Move strokes into rows of up to ``most``, side by side across a field (H, W) of directions.
 
-    Returns the first place in each stroke's row, and its own place, (n, 2) each.
+    Returns the first position in each stroke's row, and its own position, (n, 2) each.
     """
     n = len(places)
     size = np.array(angles.shape[::-1])

@@ -1,4 +1,4 @@
-"""Draw marks of paint by a formula with many random parameters, for training on more than our own brushes."""
+"""Draw marks of paint by a formula with many random parameters, so that training covers more than our own brushes."""
 # mypy: allow-untyped-defs
 
 from typing import Any, NamedTuple
@@ -27,7 +27,7 @@ VARIETY = (0.8, 1.2)  # range of factors by which each stroke varies from the ma
 class Marks(NamedTuple):
     """The look of one painting's strokes, each with small variations (domain randomisation, Tobin et al., 2017).
 
-    Paint is deposited where the brush holds more than the bristle and the grain of the canvas require. It runs out
+    Paint is deposited where the brush holds more than the thresholds of the bristle and the canvas grain. It runs out
     along the stroke, so its end breaks up into streaks if ``bristle`` is large and into specks if ``grain`` is large.
     The unseen brushes of the benchmark differ: they have smooth outlines and straight ends, the knife has a constant
     thickness, and the dry brush fades by streaks of a fixed formula, without canvas grain or rim.
@@ -111,7 +111,7 @@ def standardise(noise: Array) -> Array:
 
 
 def _draw_bristles(random: Random, tracks: int) -> Array:
-    """Draw variations of bristles (`SAMPLES`, ``tracks``), from bristle to bristle and slowly along each bristle."""
+    """Draw bristle variations (`SAMPLES`, ``tracks``), fast across bristles and slow along each bristle."""
     slow = gaussian_blur(random.normal(size=(SAMPLES, tracks)), (random.uniform(3, 20), 0.3))
     return standardise(standardise(slow) + random.uniform(0.3, 1.5) * random.normal(size=tracks))
 

@@ -67,7 +67,7 @@ class KnownPainting:
 
 @cache
 def family_of(seed: int, number: int) -> str | None:
-    """Return the family of paint of painting ``number``, determined by seed and number; None means engines."""
+    """Return the paint family of painting ``number``, determined by seed and number; None if engines draw it."""
     random = np.random.default_rng([seed, number, FAMILY_STREAM])
     if number >= FIRST_PLAIN or random.random() >= FAMILY_SHARE:
         return None

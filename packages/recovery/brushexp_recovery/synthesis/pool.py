@@ -21,10 +21,10 @@ def fill_pool(
     pictures: Sequence[str],
     families: Collection[str] = (),
 ) -> None:
-    """Paint the ``numbers`` that the pool lacks, as long as the process ``parent`` lives.
+    """Paint the ``numbers`` that the pool lacks, as long as the process ``parent`` is alive.
 
-    Half of the paintings are of families of paint, and only those of ``families`` are made. Without families, engines
-    make every painting.
+    Half of the paintings use paint families, and only those of ``families`` are made. Without families, engines draw
+    every painting.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for number in numbers:
@@ -36,7 +36,7 @@ def fill_pool(
 
 
 def family_among(seed: int, number: int, families: Collection[str]) -> str | None:
-    """Return the family of paint of painting ``number`` of a pool with ``families``; None means engines."""
+    """Return the paint family of painting ``number`` in a pool with ``families``; None if engines draw it."""
     return family_of(seed, number) if families else None
 
 
@@ -47,13 +47,13 @@ def is_made(seed: int, number: int, families: Collection[str]) -> bool:
 
 
 def path_of(folder: Path, seed: int, number: int, families: Collection[str]) -> Path:
-    """Return the file of painting ``number``, whose name includes its family, so that all pools can share a folder."""
+    """Return the file of painting ``number``; its name includes the family, so that all pools can share a folder."""
     family = family_among(seed, number, families)
     return folder / f"{number:06d}{f'-{family}' if family else ''}.npz"
 
 
 def save_painting(path: Path, painting: KnownPainting) -> None:
-    """Write a painting either completely or not at all."""
+    """Write a painting atomically."""
     write_npz(path, image=painting.image, labels=painting.labels, geometry=painting.geometry)
 
 

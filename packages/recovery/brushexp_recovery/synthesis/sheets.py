@@ -46,7 +46,7 @@ class Sheet:
 
 
 def _halve(values: Array) -> Array:
-    """Average blocks of 2 x 2."""
+    """Average blocks of 2 x 2 pixels."""
     rows, columns = (size // 2 * 2 for size in values.shape[:2])
     blocks = [values[i:rows:2, j:columns:2] for i in range(2) for j in range(2)]
     mean: Array = np.mean(blocks, 0)
@@ -70,7 +70,7 @@ def smooth_noise(random: Random, size: tuple[int, ...], sigma: Any) -> Array:
 
 
 def draw_bristles(random: Random, rows: int, columns: int) -> Array:
-    """Draw variations (A, C) of a brush's bristles, from bristle to bristle and slowly along each bristle."""
+    """Draw variations (A, C) of a brush's bristles, fast across bristles and slow along each bristle."""
     slow = smooth_noise(random, (rows, columns), (0.01 * rows * random.uniform(2, 25), random.uniform(0.3, 1.2)))
     own = smooth_noise(random, (1, columns), (0, random.uniform(0.3, 1.5)))
     share = random.uniform(0.2, 0.9)

@@ -58,7 +58,7 @@ class StrokeWindows:
 
 
 def first_texels(side: Array) -> Array:
-    """Return the first texel (N,) of consecutive windows with sides (N,)."""
+    """Return the index (N,) of the first texel of each of consecutive windows with sides (N,)."""
     return np.concatenate([[0], np.cumsum(side**2)[:-1]])
 
 
@@ -94,7 +94,7 @@ def join_windows(texels: Sequence[Array], side: Array, position: Array, layout: 
 
 
 def draw_strokes(layout: StrokeLayout, look: BrushLook, seed: int) -> StrokeWindows:
-    """Draw strokes in windows; a stroke that an engine cannot draw is replaced by the nearest one that it can."""
+    """Draw strokes in windows; a stroke that an engine cannot draw is replaced by the nearest one that it can draw."""
     parts = (layout.curve, layout.width, layout.color)
     curve, width, color = (torch.as_tensor(part, dtype=torch.float32) for part in parts)
     window = torch.maximum((curve.amax(1) - curve.amin(1)).amax(1) / 0.7, width / 0.2)
@@ -141,7 +141,7 @@ def renderer_pictures(strokes: Strokes, look: BrushLook) -> list[Tensor]:
 
 
 def _draw_sheet(renderer: Renderer, strokes: Strokes, side: int) -> Tensor:
-    """Draw strokes (n, 4, side, side) in the squares of a sheet, on black and on white to find their alpha."""
+    """Draw strokes (n, 4, side, side) in the cells of a sheet, on black and on white to find their alpha."""
     n, across = len(strokes), int(np.ceil(np.sqrt(len(strokes))))
     place = torch.stack([torch.arange(n) % across, torch.arange(n) // across], 1)
     layers = renderer(replace(strokes, position=(place + 0.5) * side, scale=torch.full_like(strokes.scale, side)))

@@ -23,7 +23,7 @@ from brushexp_recovery.benchmark.report_tables import Row
 from brushexp_recovery.benchmark.scenes import KINDS, SEEN, Scene, list_scenes, paint_scene
 from brushexp_recovery.benchmark.score import score
 from brushexp_recovery.benchmark.truth import Truth, write_truth
-from brushexp_recovery.model.recovery_model import families_learnt
+from brushexp_recovery.model.recovery_model import trained_families
 from brushexp_recovery.raster.npz import write_npz
 from brushexp_recovery.synthesis.families.family import find_families
 
@@ -35,7 +35,7 @@ SUFFIXES = (".png", ".npy", ".npz", ".h5", ".json")  # suffixes of files with st
 
 @dataclass(frozen=True)
 class Case:
-    """A picture in which methods find strokes."""
+    """A picture in which methods are to find strokes."""
 
     scene: Scene
     look: str  # clean or hard
@@ -51,7 +51,7 @@ class Case:
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     """Paint, find strokes, and write ``paintings/``, ``figures.csv``, ``summary.md`` and plots into the folder."""
     (folder / PAINTINGS).mkdir(exist_ok=True)
-    seen = (*SEEN, *families_learnt(cfg.weights))
+    seen = (*SEEN, *trained_families(cfg.weights))
     scenes = list_scenes(choose_kinds(cfg, seen), cfg.counts, cfg.repeats)
     methods = choose_methods(cfg)
     rows: list[Row] = []
@@ -70,7 +70,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def choose_kinds(cfg: DictConfig, seen: Collection[str]) -> list[str]:
-    """Choose the requested kinds of paintings, without the ``seen`` kinds if only unseen kinds are requested."""
+    """Choose the requested kinds of paintings, excluding the ``seen`` kinds if only unseen kinds are requested."""
     kinds = cfg.kinds or ([*KINDS, *sorted(find_families())] if cfg.unseen else KINDS)
     chosen = [kind for kind in kinds if not (cfg.unseen and kind in seen)]
     if not chosen:
@@ -119,7 +119,7 @@ def read_strokes_of_others(folder: Path, case: Case) -> Prediction:
 def score_case(
     case: Case, method: str, prediction: Prediction, seconds: float, folder: Path, seen: Collection[str]
 ) -> Row:
-    """Score the strokes of a method and store its regions in a folder; recovery was trained on the kinds ``seen``."""
+    """Score a method's strokes and store its regions in a folder; recovery was trained on the kinds ``seen``."""
     figures = score(case.truth, prediction)
     write_npz(folder / f"{case.name}-{method}.npz", labels=prediction.labels)
     log.info("%s, %s: F1 %.3f in %.1f s", case.name, method, figures["f1"], seconds)

@@ -104,7 +104,7 @@ def recover_picture(image: Array, show: Progress) -> Recovered:
 
 
 def sight_views(cfg: DictConfig, image: Array, name: str, recovered: Recovered) -> Iterator[Sighting]:
-    """Recover the strokes of all views one after another; ``recovered`` has those of the photograph itself."""
+    """Recover the strokes of all views one after another; ``recovered`` holds those of the photograph itself."""
     original, *changes = choose_views(cfg.views, cfg.seed)
     yield sight(image, original, lambda _: recovered)
     if not changes:
@@ -115,7 +115,7 @@ def sight_views(cfg: DictConfig, image: Array, name: str, recovered: Recovered) 
 
 
 def sight_change(image: Array, view: View, number: int, count: int, show: Progress) -> Sighting:
-    """Recover the strokes of one of ``count`` changed views of a photograph."""
+    """Recover the strokes of one of ``count`` altered views of a photograph."""
 
     def show_part(share: float, state: str) -> None:
         show((number + share) / count, f"change {number + 1} of {count}, {state}")
@@ -136,7 +136,7 @@ def compare(cfg: DictConfig, draws: Draws, mm: float | None, name: str) -> Compa
 
 
 def log_figures(folder: Path, paths: Sequence[Path], figures: Mapping[str, Interval], mm: float | None) -> None:
-    """Log the written files and the most informative figures."""
+    """Log the paths of the files and the most informative figures."""
     log.info("%s: %s", as_shown(folder), ", ".join(path.name for path in paths))
     for measure in LOGGED:
         value, low, high = map(format_number, (figures[measure].value, figures[measure].low, figures[measure].high))

@@ -57,7 +57,7 @@ class RecoverTask(Task):
 class MeasureTask(Task):
     """Measure the brushwork of a photograph of a painting: strokes, figures with intervals, a page, tables.
 
-    ``task=analyse`` with a picture is also this task.
+    ``task=analyse`` with a picture runs this task.
     """
 
     module = "brushexp_recovery.tasks.measure"
@@ -153,7 +153,7 @@ class ScoreTask(Task):
 
 @dataclass
 class TrainRecoveryTask(NetworkTask):
-    """Train the models of task=recover on paintings that are made during the training."""
+    """Train the models of task=recover on paintings that are generated during training."""
 
     module = "brushexp_recovery.tasks.train"
     presets: ClassVar[dict[str, str]] = {"trainer": "network"}

@@ -56,7 +56,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Comparison:
-    """The result of a case."""
+    """The result of comparing the strokes of one picture with its marks."""
 
     case: Case
     agreement: Agreement
@@ -121,7 +121,7 @@ def _case_of(truth: Path, strokes: Path) -> Case:
 
 
 def compare(case: Case, folder: Path, page: str) -> Comparison:
-    """Compare the strokes of a case with its marks, and write a page that shows both into a folder."""
+    """Compare the strokes of a case with its marks, and write a page that shows both to a folder."""
     between_people = is_marks(case.strokes)
     marks = [pixels_of_mark(mark, case.size) for mark in case.marks.strokes]
     others = read_marks(case.strokes).strokes if between_people else []
@@ -176,7 +176,7 @@ def _outlines_of_strokes(
 
 
 def _outline_of(pixels: Array, size: tuple[int, int]) -> Array:
-    """Trace the largest part of a region of flat indices as places (P, 2)."""
+    """Trace the largest part of a region of flat indices as points (P, 2)."""
     if not len(pixels):
         return np.empty((0, 2))
     rows, columns = np.divmod(pixels, size[1])

@@ -13,8 +13,8 @@ from brushexp_recovery.model.recovery_model import (
     CHECKPOINTS,
     SHIPPED_WEIGHTS,
     RecoveryModel,
-    families_learnt,
     load_model,
+    trained_families,
 )
 from brushexp_recovery.model.unet import StrokeNetwork
 from brushexp_recovery.synthesis.families.family import find_families
@@ -33,7 +33,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 class RecoveryJob(NetworkJob):
-    """Train a network on paintings that are made during training, then fit the models that judge regions."""
+    """Train a network on paintings generated during training, then fit the models that score regions."""
 
     module: RecoveryModule
     data: RecoveryData
@@ -41,7 +41,7 @@ class RecoveryJob(NetworkJob):
     def __init__(self, cfg: DictConfig, folder: Path, device: torch.device) -> None:
         self.cfg, self.provenance = cfg, provenance_of(cfg)
         self.subjects = pictures_of(PICTURES if cfg.subjects is None else cfg.subjects)
-        learnt_before = () if cfg.start is None else families_learnt(cfg.start)
+        learnt_before = () if cfg.start is None else trained_families(cfg.start)
         families = find_families().keys() - set(cfg.leave_out) if cfg.families else set()
         self.families = sorted(families | set(learnt_before))
         self.data = RecoveryData(

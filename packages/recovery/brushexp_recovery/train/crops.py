@@ -46,7 +46,7 @@ class Crops(NamedTuple):
 
 
 def typical_width(painting: KnownPainting) -> float:
-    """Find the median width in pixels of the strokes that are visible enough."""
+    """Find the median width, in pixels, of the strokes that are sufficiently visible."""
     log_width, visible = painting.geometry[:, StrokeGeometry.LOG_WIDTH], painting.geometry[:, StrokeGeometry.VISIBLE]
     seen = log_width[visible > LEAST_VISIBLE]
     return float(np.exp(np.median(seen))) if len(seen) else TRAINED_WIDTH
@@ -93,7 +93,7 @@ def recolor(image: Array, random: Random) -> Array:
 
 
 def turn_and_mirror(image: Array, labels: Array, geometry: Array, random: Random) -> Crop:
-    """Rotate a square by quarter turns and mirror it, and write the attribute maps of its strokes.
+    """Rotate a square by quarter turns, mirror it, and write the attribute maps of its strokes.
 
     ``image`` is (S, S, 3), ``labels`` (S, S), and ``geometry`` (N, len(StrokeGeometry)) in the same pixels.
     """

@@ -1,4 +1,4 @@
-"""Provide crops of paintings that are made while the network learns from them."""
+"""Provide crops of paintings that are generated while the network learns from them."""
 
 import os
 import subprocess
@@ -31,7 +31,7 @@ WAIT = 0.5  # seconds between checks for paintings that do not exist yet
 
 
 class RecoveryData(L.LightningDataModule):
-    """Crops from a pool of paintings that separate processes keep filling.
+    """Crops from a pool of paintings that separate processes continually fill.
 
     Painting k depends on the seed, k and its family; the crops of a step depend on the seed, the step and the paintings
     that exist.
@@ -49,8 +49,8 @@ class RecoveryData(L.LightningDataModule):
     ) -> None:
         """Use the paintings of ``pictures`` with numbers below ``paintings``, made by ``painters`` processes.
 
-        Half of them are of families of paint, and only those of ``families`` are made and used. Without families,
-        engines make every painting.
+        Half of them use paint families, and only those of ``families`` are made and used. Without families, engines
+        draw every painting.
         """
         super().__init__()
         self.families = frozenset(families)
@@ -134,7 +134,7 @@ class RecoveryData(L.LightningDataModule):
         return is_own and is_made(self.seed, number, self.families)
 
     def _wait(self, paths: Callable[[], list[Path]], count: int) -> None:
-        """Wait for ``count`` paintings; raise UserError if no process makes them any more."""
+        """Wait for ``count`` paintings; raise UserError if no process is making them any more."""
         while len(paths()) < count:
             if self.processes and all(process.poll() is not None for process in self.processes):
                 raise UserError("no paintings can be made for training; the error is reported above")

@@ -1,4 +1,4 @@
-"""Compute losses between the network's maps and the truth about paintings."""
+"""Compute losses between the network's maps and the ground truth of paintings."""
 
 import torch
 from torch import Tensor

@@ -1,4 +1,4 @@
-"""Fit the judges of regions to one painting, using a person's marks in it.
+"""Fit the models that score regions to one painting, using a person's marks in it.
 
 Only the last layers of the perceptrons change, and a penalty keeps them close to their initial weights, because a
 person draws only about twenty marks.
@@ -79,10 +79,10 @@ def choose_scale(model: RecoveryModel, image: Array, marks: Marks) -> float:
 
 
 def fit_judges(model: RecoveryModel, image: Array, marks: Marks, scale: float, seed: int) -> RecoveryModel:
-    """Fit the judges of a copy of a model to the marks in an image (H, W, 3) at a scale.
+    """Fit the region scorers in a copy of a model to the marks in an image (H, W, 3) at a scale.
 
-    The copy is returned if judges fitted to one half of the marks agree better with the other half than the judges of
-    the model; otherwise the model itself is returned.
+    The copy is returned if scorers fitted to one half of the marks agree better with the other half than the model's
+    own scorers; otherwise the model itself is returned.
     """
     parts = segment_marked_parts(model, image, marks, scale)
     if not parts:
@@ -96,7 +96,7 @@ def fit_judges(model: RecoveryModel, image: Array, marks: Marks, scale: float, s
 
 
 def fit_to(model: RecoveryModel, parts: Sequence[MarkedPart], seed: int) -> RecoveryModel:
-    """Fit the judges in a copy of a model to the marked parts of a painting."""
+    """Fit the region scorers in a copy of a model to the marked parts of a painting."""
     fitted, random = copy.deepcopy(model), np.random.default_rng(seed)
     labels = np.concatenate([part.segmented.labels.ravel() for part in parts])
     count = max(len(np.unique(labels[labels >= 0])), 1)

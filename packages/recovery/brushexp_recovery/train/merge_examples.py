@@ -1,4 +1,4 @@
-"""Make training examples for the perceptrons: pairs of regions and nodes of merge trees, with their goals."""
+"""Make training examples for the perceptrons: pairs of regions and nodes of merge trees, with their targets."""
 
 from collections.abc import Iterable
 from typing import Any, NamedTuple
@@ -73,7 +73,7 @@ def segment_part(network: StrokeNetwork, part: PaintingPart) -> SegmentedPart:
 
 
 def pair_examples(part: SegmentedPart, tree: MergeTree, random: Random, knows_ground: bool = True) -> Examples:
-    """Make examples of the pairs that exist at each of the `STAGES` of merging.
+    """Make examples of the pairs present at each of the `STAGES` of merging.
 
     Without ``knows_ground``, -1 in the labels means unknown, and pairs of two unknown regions are excluded.
     """
@@ -83,7 +83,7 @@ def pair_examples(part: SegmentedPart, tree: MergeTree, random: Random, knows_gr
 def _pairs_at(
     part: SegmentedPart, tree: MergeTree, least_chance: float, random: Random, knows_ground: bool
 ) -> Examples:
-    """Make examples of the pairs that remain after all merges with a chance of at least ``least_chance``."""
+    """Make examples of the pairs that remain after all merges with a probability of at least ``least_chance``."""
     graph = merge_superpixels(part.superpixels, roots_at(tree, least_chance))
     stroke, share = majority(graph.region[part.superpixels.labels], part.labels, len(graph.moments))
     first, second = graph.pairs.T
@@ -101,7 +101,7 @@ def _pairs_at(
 
 
 def roots_at(tree: MergeTree, least_chance: float) -> Array:
-    """Find the node of each superpixel (S,) after all merges with a chance of at least ``least_chance``."""
+    """Find the node of each superpixel (S,) after all merges with a probability of at least ``least_chance``."""
     roots = np.arange(len(tree.moments))
     for number in range(len(tree.children) - 1, -1, -1):
         node = tree.leaves + number

@@ -19,7 +19,7 @@ SETTLED = 0.4
 
 
 class RecoveryModule(NetworkModule):
-    """Trains the network until its maps agree with the truth about the paintings."""
+    """Trains the network until its maps agree with the ground truth of the paintings."""
 
     title = "learning strokes"
     clip_norm = 2.0

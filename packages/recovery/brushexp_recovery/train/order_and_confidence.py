@@ -24,7 +24,7 @@ Array = NDArray[Any]
 
 
 class LabelledRegions(NamedTuple):
-    """N regions found in a painting and P pairs of regions that meet, with the truth about both."""
+    """N regions found in a painting and P pairs of touching regions, with the ground truth for both."""
 
     confidence: Array  # (N, len(ConfidenceFeature))
     is_stroke: Array  # (N,)

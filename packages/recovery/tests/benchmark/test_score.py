@@ -27,7 +27,7 @@ def scene() -> tuple[Truth, np.ndarray]:
     return draw_truth(curve[order], np.array([6.0, 6, 6, 6]), color[order], SIZE, np.ones(3))
 
 
-def as_found(truth: Truth, **changes) -> Prediction:
+def spell_paths(truth: Truth, **changes) -> Prediction:
     """Predict the known strokes with some changes."""
     found = Prediction(truth.labels, truth.curve, truth.width, truth.seen, truth.area)
     return replace(found, **changes)
@@ -39,7 +39,7 @@ def test_the_truth_itself_has_no_errors():
     assert truth.pairs.tolist() == [[0, 3]]
     assert truth.share[1:] == pytest.approx([1, 1, 1])
     np.testing.assert_allclose(image[10, 30], [1, 0, 0])
-    figures = score(truth, as_found(truth, confidence=np.full(4, 0.9)))
+    figures = score(truth, spell_paths(truth, confidence=np.full(4, 0.9)))
     perfect = {"f1": 1, "recall": 1, "precision": 1, "best_iou": 1, "iou": 1, "split": 1, "joined": 1, "truth": 3}
     errors = dict.fromkeys(("direction_deg", "length_rel", "width_rel", "color_de00", "field_direction_deg"), 0)
     for name, value in (perfect | errors).items():
@@ -85,7 +85,7 @@ def test_errors_are_measured_in_degrees_shares_and_ciede2000():
         turned[k] = middle + (turned[k] - middle) @ np.array(
             [[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]
         )
-    figures = score(truth, as_found(truth, curve=turned, width=1.2 * truth.width, color=0.9 * truth.seen))
+    figures = score(truth, spell_paths(truth, curve=turned, width=1.2 * truth.width, color=0.9 * truth.seen))
     assert figures["direction_deg"] == pytest.approx(5)
     assert figures["width_rel"] == figures["width_bias"] == pytest.approx(0.2)
     assert figures["length_rel"] == pytest.approx(np.median(1.2 / (arc_lengths(truth.curve[1:]) + 6)), abs=1e-6)
@@ -111,7 +111,7 @@ def test_nothing_found_and_nothing_to_find_have_figures():
     figures = score(truth, nothing)
     assert (figures["f1"], figures["predicted"]) == (0, 0)
     bare, _ = draw_truth(np.zeros((0, 3, 2)), np.zeros(0), np.zeros((0, 3)), SIZE, np.ones(3))
-    assert score(bare, as_found(truth))["f1"] == 0
+    assert score(bare, spell_paths(truth))["f1"] == 0
 
 
 WRITERS = {

@@ -25,7 +25,7 @@ def test_one_command_paints_looks_and_scores(run_task, tmp_path):
 
 
 def test_only_kinds_that_the_weights_have_not_learnt_from_are_painted(run_task, tmp_path, monkeypatch):
-    monkeypatch.setattr(benchmark, "families_learnt", lambda _: ("washes",))
+    monkeypatch.setattr(benchmark, "trained_families", lambda _: ("washes",))
     words = ("task=benchmark", "counts=[6]", "side=64", "hard=false", "unseen=true", "repeats=2")
     run_task(benchmark, *words, "kinds=[textured,washes,dabs]", "methods=[superpixels]")
     rows = list(csv.DictReader(io.StringIO((tmp_path / "figures.csv").read_text())))

@@ -1,1 +1,1 @@
-"""Test numerical accuracy: draw extreme scenes with each part of the program, and judge the results."""
+"""Test numerical accuracy: draw extreme scenes with each component of the program, and assess the results."""

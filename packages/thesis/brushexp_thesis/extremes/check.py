@@ -81,9 +81,9 @@ class SceneCheck:
     def check(self, blend: Blend, dtype: str) -> Check:
         """Check a blend in one precision.
 
-        In float64, the reference is every stroke at every pixel (``blend=dense``), which shows what a blend leaves out
-        by design. In other precisions, the reference is the same blend in float64 with the strokes rounded to that
-        precision, which shows the error of the arithmetic.
+        In float64, the reference is every stroke at every pixel (``blend=dense``), which reveals what a blend omits by
+        design. In other precisions, the reference is the same blend in float64 with the strokes rounded to that
+        precision, which isolates the error of the arithmetic.
         """
         n = len(self.strokes)
         note = f"{n} of {self.scene.n:,} strokes" if n < self.scene.n else ""
@@ -132,7 +132,7 @@ def check_painting(name: str, renderer: Renderer, scene: Scene, patience: float,
 
 
 def check_of_error(error: Exception) -> Check:
-    """Judge an exception: refused if a user can act on its message, otherwise broken."""
+    """Classify an exception: refused if a user can act on its message, otherwise broken."""
     if isinstance(error, UserError):
         return Check(REFUSED, note=str(error))
     return Check(BROKEN, note=f"{type(error).__name__}: {(str(error).splitlines() or [''])[0]}")

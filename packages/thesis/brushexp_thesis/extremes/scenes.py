@@ -82,7 +82,7 @@ class Scene:
 
 
 def _within_one_pixel(strokes: Strokes) -> Fields:
-    """Place strokes on a canvas of 2 x 3 that are so faint that the bottom stroke stays visible."""
+    """Place strokes on a canvas of 2 x 3 pixels, so faint that the bottom stroke stays visible."""
     n, draw = len(strokes), _uniform(2)
     return {"position": torch.tensor([1.0, 0.0]) + draw(n, 2), "opacity": min(1, 10 / n) * draw(n)}
 

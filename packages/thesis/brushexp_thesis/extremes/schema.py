@@ -11,7 +11,7 @@ from brushexp.contracts.tasks import Task, key
 
 @dataclass
 class ExtremesTask(Task):
-    """Draw and optimise extreme scenes with every renderer, blend and precision, and judge each as exact or broken."""
+    """Draw and optimise extreme scenes with every renderer, blend and precision, and rate each as exact or broken."""
 
     is_research = True
     module = "brushexp_thesis.extremes.task"

@@ -126,7 +126,7 @@ def draw_matrix(cells: Sequence[Cell], title: str, path: Path) -> None:
 
 
 def number_of(cell: Cell) -> str:
-    """Format a cell's error of a pixel or, marked with g, of a gradient if only that is out of bounds."""
+    """Format a cell's pixel error or, marked with g, its gradient error if only that is out of bounds."""
     if cell["picture"] is None:
         return ""
     of_gradient = cell["verdict"] == DEGRADED and cell["picture"] <= PICTURE_BOUNDS[cell["dtype"]]

@@ -41,7 +41,7 @@ def _boxed(valid: Tensor, generator: torch.Generator) -> Tensor:
 
 
 def _enlarged(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """Enlarge a stroke until it leaves the window, or a thousand times farther; the curve keeps its shape."""
+    """Enlarge a stroke until it leaves the window, or a thousand times further; the curve keeps its shape."""
     points, width = valid.split([6, 1], dim=1)
     farthest = INSET + _log_uniform(len(valid), SMALLEST_INTRUSION, FARTHEST_INVALID, generator)
     reach = farthest / points.abs().amax(1, keepdim=True)

@@ -58,13 +58,14 @@ class Discriminated(Loss):
 
     Source: thesis 2020, 6.3 (only mentioned there). The network, a few dense layers, was trained to distinguish strokes
     of `strokes.prior` from corrupted strokes and is frozen here. It receives the shape in the window, that is start,
-    control, end and width, but neither place nor colour. One valid stroke in twenty scores below the threshold, so
-    valid strokes cost almost nothing (0.04, corrupted strokes 160); invalid strokes are pulled back from anywhere in
-    ``strokes.catalogue.FIELDS``.
+    control, end and width, but neither position nor colour. One valid stroke in twenty scores below the threshold, so
+    valid strokes cost almost nothing (0.04, versus 160 for corrupted strokes); invalid strokes are pulled back from
+    anywhere in ``strokes.catalogue.FIELDS``.
 
     Args:
-        weight: factor in the sum of losses. On a portrait, a third of the strokes ended valid with ``mse`` alone, two
-            thirds with the default (at a cost of 0.2 dB), and four fifths with 0.001 (at about the same cost).
+        weight: factor in the sum of losses. On a portrait, a third of the strokes were valid at the end with ``mse``
+            alone, two thirds with the default weight (at a cost of 0.2 dB), and four fifths with a weight of 0.001 (at
+            about the same cost).
         checkpoint: weights from ``task=train_discriminator`` (.safetensors); null = the shipped weights.
     """
 

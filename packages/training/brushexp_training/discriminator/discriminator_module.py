@@ -37,7 +37,7 @@ class ShapeBatch(NamedTuple):
 
 
 class ShapeData(L.LightningDataModule):
-    """Sample ``batch_size`` new strokes of the prior and as many corrupted strokes, seeded by the step's number."""
+    """Sample ``batch_size`` new strokes of the prior and equally many corrupted ones, seeded by the step's number."""
 
     def __init__(self, *, batch_size: int, seed: int) -> None:
         super().__init__()
@@ -119,7 +119,7 @@ def discriminator_figures(network: Discriminator, batch: ShapeBatch) -> dict[str
 
 
 def save_discriminator(network: Discriminator, path: Path, seed: int, training: dict[str, Any]) -> dict[str, object]:
-    """Set the threshold to the `THRESHOLD_QUANTILE` of valid scores, measure, save with a recipe; return figures."""
+    """Set the threshold to the `THRESHOLD_QUANTILE` of valid scores, measure, save with a recipe, return figures."""
     network.eval()
     with torch.no_grad():
         scores = network(held_out_shapes(seed, Split.VALIDATION).valid.to(network.threshold.device))

@@ -1,6 +1,6 @@
 """Simulate the bristles of a brush by position-based dynamics (Mueller et al., 2007), compiled.
 
-Arrays of vertices are (V, N), with one row per place along a bristle, so that loops over bristles become SIMD code.
+Arrays of vertices are (V, N), with one row per position along a bristle, so that loops over bristles become SIMD code.
 Lengths are in units of the canvas (a window is `UNITS` wide), z points up from the canvas, and a step is one frame.
 """
 
@@ -118,10 +118,10 @@ def move(p, velocity, before, q, roots, x, y, scale, stiffness, gravity, damping
 def settle(begin, end, scales, roots, splay, stiffness, gravity, damping, iterations, frames, approach, out):  # type: ignore[no-untyped-def]
     """Let brushes ``begin`` to ``end`` come to rest on the canvas, trailing behind their motion.
 
-    Otherwise a stroke would begin with a smear. For the first half of the ``frames`` the brush moves to the right, by
-    ``approach`` brush scales per frame; then it stands still. Brushes have radii ``scales`` (B,), ``roots`` (B, 2, N),
-    ``splay`` (B, N), the direction in which each bristle falls, and ``stiffness`` (B, N). Positions around the handle,
-    in brush scales, are written to ``out`` (B, 3, V, N).
+    Without this, a stroke would begin with a smear. For the first half of the ``frames`` the brush moves to the right,
+    by ``approach`` brush scales per frame; then it stands still. Brushes have radii ``scales`` (B,), ``roots`` (B, 2,
+    N), ``splay`` (B, N), the direction in which each bristle falls, and ``stiffness`` (B, N). Positions around the
+    handle, in brush scales, are written to ``out`` (B, 3, V, N).
     """
     for b in range(begin, end):
         scale = scales[b]

@@ -18,13 +18,13 @@ MOST_SPLATS = 8  # maximum number per segment of a bristle, as in Fluid Paint; f
 
 @inline
 def _at(a):  # type: ignore[no-untyped-def]
-    """Return an index that is provably not negative, so that loops over it become SIMD code."""
+    """Return an index that is provably nonnegative, so that loops over it become SIMD code."""
     return np.uint64(a)
 
 
 @inline
 def _deposit(grid, side, ix, iy, fx, fy, paint, push_x, push_y):  # type: ignore[no-untyped-def]
-    """Share paint and momentum among the four cells around a point at offset (fx, fy) from the cell (ix, iy)."""
+    """Distribute paint and momentum among the four cells around a point at offset (fx, fy) from the cell (ix, iy)."""
     at = _at(iy * side + ix)
     for corner in range(4):
         wx = fx if corner & 1 else F(1) - fx
@@ -37,7 +37,7 @@ def _deposit(grid, side, ix, iy, fx, fy, paint, push_x, push_y):  # type: ignore
 
 @function
 def _splat(p, before, velocity, scale, opacity, drag, side, grid, area):  # type: ignore[no-untyped-def]
-    """Add up the capsules that the touching parts of all bristles sweep in one frame.
+    """Add up the capsules swept in one frame by the touching parts of all bristles.
 
     Each capsule's paint and momentum are spread evenly along its path and shared by the four nearest cells, so that
     they are conserved however thin the capsule is; the source draws capsules pixel by pixel and loses paint between
@@ -117,7 +117,7 @@ def _widen(grid, scratch, side, area, radius):  # type: ignore[no-untyped-def]
 
 @function
 def _lay(grid, state, side, area):  # type: ignore[no-untyped-def]
-    """Move the splats of a frame from ``grid`` to the canvas: coverage 1 - (1 - c) exp(-sum), height and velocity."""
+    """Add the splats of a frame from ``grid`` to the canvas: coverage 1 - (1 - c) exp(-sum), height and velocity."""
     u, v, cover, height = state[0], state[1], state[2], state[3]
     for y in range(area[0], area[1] + 1):
         for x in range(area[2], area[3] + 1):
@@ -192,7 +192,7 @@ def _advect(state, new, side, area, fluidity):  # type: ignore[no-untyped-def]
 
 @function
 def _set_down(curve, scale, hind, pose, roots, p, turned):  # type: ignore[no-untyped-def]
-    """Set a resting brush down at the start of a curve, turned along it; write ``p`` and the ``turned`` roots."""
+    """Set a resting brush down at the start of a curve, rotated along it; write ``p`` and the ``turned`` roots."""
     cosine, sine = _tangent(curve, F(0))
     x, y = curve[0] + hind * cosine, curve[1] + hind * sine
     for i in range(roots.shape[1]):
@@ -206,7 +206,7 @@ def _set_down(curve, scale, hind, pose, roots, p, turned):  # type: ignore[no-un
 
 @function
 def _handle(curve, t, hind, fore):  # type: ignore[no-untyped-def]
-    """Place the handle at t, ahead of the curve by as much as the brush trails."""
+    """Place the handle for t, ahead of the curve by the distance that the brush trails."""
     w = F(1) - t
     x = w * w * curve[0] + F(2) * t * w * curve[2] + t * t * curve[4]
     y = w * w * curve[1] + F(2) * t * w * curve[3] + t * t * curve[5]
@@ -217,7 +217,7 @@ def _handle(curve, t, hind, fore):  # type: ignore[no-untyped-def]
 
 @function
 def _tangent(curve, t):  # type: ignore[no-untyped-def]
-    """Return the unit tangent at t; the chord's direction where the velocity is 0, or the right without a chord."""
+    """Return the unit tangent at t; the chord's direction where the velocity is 0, or rightwards without a chord."""
     sx, sy, cx, cy, ex, ey = curve[0], curve[1], curve[2], curve[3], curve[4], curve[5]
     w = F(1) - t
     dx, dy = w * (cx - sx) + t * (ex - cx), w * (cy - sy) + t * (ey - cy)

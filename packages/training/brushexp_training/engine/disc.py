@@ -25,8 +25,8 @@ class Disc(Engine):
     """Paint a smooth tube of 100 discs along a Bezier curve (Learning to Paint: Huang et al., 2019, arXiv:1903.04411).
 
     The discs are painted on a canvas of twice the resolution and averaged. Alpha, which is also the height, is the
-    covered share of a pixel. Nothing is random. A curve much longer than the window falls apart into single discs, as
-    in the source, whose last disc also lies at t = 0.99. Coordinates are clamped to 4 half-windows.
+    covered share of a pixel. Nothing is random. As in the source, a curve much longer than the window breaks up into
+    single discs, and the last disc lies at t = 0.99. Coordinates are clamped to 4 half-windows.
 
     Differs from the source: thickness and colour are the same at both ends; the control point is absolute instead of
     relative to the end points; discs are not rounded to whole pixels.
@@ -54,7 +54,7 @@ class Disc(Engine):
 
 @function
 def _paint(begin, end, curve, radius, alpha):  # type: ignore[no-untyped-def]
-    """Write the share of each pixel covered by the discs of strokes ``begin`` to ``end`` to ``alpha`` (n, S, S).
+    """Write, for strokes ``begin`` to ``end``, the share of each pixel that their discs cover to ``alpha`` (n, S, S).
 
     Start, control and end (n, 6) and ``radius`` (n,) are in pixels of the canvas.
     """

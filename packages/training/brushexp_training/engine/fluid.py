@@ -30,8 +30,8 @@ class Fluid(Engine):
     """Bristles dragged through wet paint (Fluid Paint: Li, 2016; SPIRAL: Ganin et al., 2018): streaks, ragged ends.
 
     Bristles follow position-based dynamics. Each splats paint and momentum where it touches the canvas, a fluid solver
-    carries both, and the height of the paint is lit. Lengths are computed in 256ths of the window, as the source gives
-    its constants, so that a stroke looks the same in every window.
+    carries both, and the height of the paint is lit. Lengths are in 256ths of the window, as in the source's constants,
+    so that a stroke looks the same in every window.
 
     Differs from the source: thin splats keep their amount of paint on a coarse grid; the brush turns with the stroke,
     as in a hand, and begins at rest, trailing, with its bristles spread in individual directions; the handle runs ahead
@@ -114,7 +114,7 @@ class Fluid(Engine):
         return Simulated(torch.from_numpy(images), torch.from_numpy(heights))
 
     def _draw_brushes(self, seed: int) -> None:
-        """Draw the places of bristles on a jittered sunflower, their stiffness, and their directions of fall."""
+        """Draw the positions of bristles on a jittered sunflower, their stiffness, and the directions they fall in."""
         n = self.bristles
         sources = (np.random.Philox(key=np.array([seed, brush], np.uint64)) for brush in range(self.brushes))
         words = np.stack([source.random_raw(4 * n).reshape(4, n) for source in sources])

@@ -51,7 +51,7 @@ class Wash(Engine):
         return Simulated(torch.cat([color, alpha[:, None]], dim=1), (alpha > 0).float())
 
     def _coverage(self, parameters: Tensor, seed: int, number: int) -> Tensor:
-        """Compute the coverage (1, S, S) of one stroke (1, 10) separately, so that its bits do not depend on others."""
+        """Compute the coverage (1, S, S) of one stroke (1, 10) alone, so that no bit depends on other strokes."""
         strokes, pixel = strokes_of(parameters), torch.arange(self.window) + 0.5 - 0.5 * self.window
         points = torch.stack(torch.meshgrid(pixel, pixel, indexing="xy"), dim=-1).reshape(-1, 2)
         curve = torch.stack([strokes.start, strokes.control, strokes.end], dim=1).clamp(-FARTHEST_POINT, FARTHEST_POINT)
@@ -68,7 +68,7 @@ class Wash(Engine):
 
 
 def _look_up(noise: Tensor, place: Tensor) -> Tensor:
-    """Interpolate periodic noise (PERIOD, PERIOD) smoothly at places (P, 2) in cells."""
+    """Interpolate periodic noise (PERIOD, PERIOD) smoothly at points (P, 2) in cells."""
     cell = place.floor()
     share = 0.5 - 0.5 * torch.cos(math.pi * (place - cell))
     column, row = cell.long().unbind(-1)

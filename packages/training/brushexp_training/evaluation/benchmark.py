@@ -94,7 +94,7 @@ class ExtremeDrawings(NamedTuple):
 
 @torch.no_grad()
 def draw_extremes(renderer: Renderer, engine: Engine, seed: int) -> ExtremeDrawings:
-    """Draw the strokes `EXTREMES`, and the nearest strokes with the engine, whose brushes are drawn by a seed."""
+    """Draw the strokes `EXTREMES`, and the nearest strokes with the engine, whose brushes are determined by a seed."""
     chosen = [{**ORDINARY, **changes} for changes in EXTREMES.values()]
     values = {name: torch.tensor([stroke[name] for stroke in chosen]) for name in ORDINARY}
     side, strokes = engine.window, replace(strokes_of(torch.zeros(len(chosen), 10)), **values)

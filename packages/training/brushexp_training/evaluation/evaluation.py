@@ -1,4 +1,4 @@
-"""Judge the pictures of a renderer by errors of strokes, distances of sample sets, and contact sheets."""
+"""Assess the pictures of a renderer by errors of strokes, distances between sample sets, and contact sheets."""
 
 import math
 import warnings
@@ -45,12 +45,12 @@ def premultiply(images: Tensor) -> Tensor:
 
 
 def squared_error(images: Tensor, truth: Tensor) -> Tensor:
-    """Compute L2 of pictures (..., 4, H, W): the mean squared difference of the four premultiplied channels."""
+    """Compute L2 of pictures (..., 4, H, W): the mean squared difference over the four premultiplied channels."""
     return (premultiply(images) - premultiply(truth)).square().mean()
 
 
 def fine_detail(planes: Tensor) -> Tensor:
-    """Subtract from planes (..., H, W) the mean of 5 x 5 pixels; bristles in windows of 64 pixels remain."""
+    """Subtract the mean of 5 x 5 pixels from planes (..., H, W), which leaves the bristles in windows of 64 pixels."""
     with torch.autocast(planes.device.type, enabled=False):  # 16 bits would lose small differences
         rows, columns = (_mean_of_five(side, planes) for side in planes.shape[-2:])
         return planes - rows @ planes @ columns.T
@@ -148,7 +148,7 @@ class FeatureDistance:
         return {f"fid_{self.name}": fid, f"kid_{self.name}": kid}
 
     def by_number(self) -> list[dict[str, object]]:
-        """Tabulate FID and KID for 64 strokes, twice as many, and so on.
+        """Tabulate FID and KID for 64 strokes, for 128, and so on, doubling each time.
 
         A row has ``n``, the number of disjoint ``sets`` of n strokes, the mean and standard deviation of the distances
         over these sets, and the bias: the mean FID from one set of true strokes to the next.
@@ -191,9 +191,9 @@ def effl0_distance(device: torch.device) -> FeatureDistance:
 def inception_distance(path: Path, device: torch.device) -> FeatureDistance:
     """Make the `FeatureDistance` "inception", which gives the published FID and KID in 2048 features of Inception v3.
 
-    ``path`` is the network as TorchScript, such as inception-2015-12-05.pt of StyleGAN2-ADA; it takes bytes
-    (n, 3, H, W) and ``return_features=True``. An FID of fewer than 2048 strokes is too low. Raises UserError for other
-    files. torch deprecates TorchScript; without it (2.13 has it), ``task=evaluate`` loses the key ``inception``.
+    ``path`` is the network as TorchScript, such as inception-2015-12-05.pt of StyleGAN2-ADA; it takes bytes (n, 3, H,
+    W) and ``return_features=True``. An FID from fewer than 2048 strokes is too low. Raises UserError for other files.
+    torch deprecates TorchScript; without it (2.13 has it), ``task=evaluate`` loses the key ``inception``.
     """
     if not path.is_file():
         raise UserError(f"inception={path}: there is no such file; give inception-2015-12-05.pt, or null")
@@ -231,7 +231,7 @@ def stroke_sheet(images: Tensor, columns: int) -> Tensor:
 
 
 class HeldOutSheet(L.Callback):
-    """Draws held-out strokes beside true strokes at every validation: validation.png, pictures/epoch_XXX.png."""
+    """Draws held-out strokes next to true strokes at every validation: validation.png, pictures/epoch_XXX.png."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

@@ -88,7 +88,7 @@ def train_network(
 
 
 class MovingAverage(WeightAveraging):
-    """Validate an exponential moving average of the weights, which replaces the weights at the end or at a failure.
+    """Validate an exponential moving average of the weights, which replaces the weights at the end or after a failure.
 
     Each step keeps a share ``decay`` < 1 of the old average; early averages, mostly of random weights, forget faster.
     """
@@ -116,7 +116,7 @@ class MovingAverage(WeightAveraging):
 
 
 class Stopwatch(Timer):
-    """Time a training and end it after its minutes; a subclass, because a Trainer takes only one callback per class."""
+    """Time a training and end it at its time limit; a subclass, because a Trainer takes only one callback per class."""
 
 
 def _check_validations(options: DictConfig, batches: int) -> None:
@@ -139,7 +139,7 @@ def fit_network(
     callbacks: Sequence[L.Callback] = (),
     checkpoint: Path | None = None,
 ) -> BaseException | None:
-    """Train until the first limit of the config, then validate the network unless it already was; see `fit`."""
+    """Train until the first limit of the config, then validate the network unless that has been done; see `fit`."""
     batches = len(data.train_dataloader())
     _check_validations(cfg.trainer, batches)
     options = {"log_every_n_steps": min(cfg.trainer.log_every_n_steps, batches)}
@@ -168,7 +168,7 @@ def renderer_settings(cfg: DictConfig) -> RendererSettings:
 
 
 def training_recipe(module: NetworkModule, cfg: DictConfig, provenance: Mapping[str, Any]) -> dict[str, object]:
-    """Describe for the recipe how a network was trained: settings, all of ``trainer.*``, and provenance."""
+    """Describe how a network was trained, for its recipe: settings, all of ``trainer.*``, and provenance."""
     recipe: dict[str, object] = {key: cfg[key] for key in ("batch_size", "lr", "epochs", "minutes", "ema", "seed")}
     recipe |= {"precision": cfg.trainer.precision, "steps": module.global_step, "seconds": module.seconds}
     trainer = OmegaConf.to_container(cfg.trainer, resolve=True, enum_to_str=True)
@@ -186,7 +186,7 @@ def save_renderer(
 ) -> str:  # fmt: skip
     """Write a trained renderer, and return the hash of its weights.
 
-    ``options`` of the plugin override those of the config; where the config says null, the first checkpoint decides.
+    ``options`` of the plugin override those of the config; where the config has null, the first checkpoint decides.
     ``training`` is added to the settings of the training in the recipe.
     """
     chosen: Any = OmegaConf.to_container(cfg.renderer, resolve=True, enum_to_str=True)

@@ -92,15 +92,15 @@ class NetworkModule(L.LightningModule):
         weights = [weight for group in optimizer.param_groups for weight in group["params"]]
         norm = nn.utils.get_total_norm([weight.grad for weight in weights if weight.grad is not None])
         longest = gradient_clip_val or self.clip_norm
-        if not self.goes_well(norm) and self.stop:
+        if not self.check_is_finite(norm) and self.stop:
             optimizer.zero_grad(set_to_none=True)  # no weights move without gradients
         elif gradient_clip_algorithm == "value":
             self.clip_gradients(optimizer, longest, gradient_clip_algorithm)
         elif longest:
             nn.utils.clip_grads_with_norm_(weights, longest, norm)
 
-    def goes_well(self, norm: Tensor) -> bool:
-        """Check whether the gradient's norm and the losses are finite; if not, end the training with this step."""
+    def check_is_finite(self, norm: Tensor) -> bool:
+        """Check whether the gradient's norm and the losses are finite; if not, end the training after this step."""
         well = bool(torch.stack([norm, *self.terms.values()]).isfinite().all())
         if not well and not self.trouble and getattr(self.trainer.precision_plugin, "scaler", None) is None:
             wrong = next((name for name, term in self.terms.items() if not term.isfinite()), None)

@@ -48,8 +48,8 @@ def relativistic_loss(above: Tensor, below: Tensor) -> Tensor:
     """Compute the RaSGAN loss, which is small if ``above`` scores higher than ``below``.
 
     It is -E[log sigma(D(a) - E D(b))] - E[log(1 - sigma(D(b) - E D(a)))] of scores (n,) and (m,) before any sigmoid
-    (Jolicoeur-Martineau, 2018, arXiv:1807.00734), computed with softplus to stay finite. Differs from the thesis (4.6
-    to 4.10), in which a bracket is misplaced.
+    (Jolicoeur-Martineau, 2018, arXiv:1807.00734), computed with softplus to stay finite. Differs from the thesis, whose
+    equations 4.6 to 4.10 misplace a bracket.
     """
     return functional.softplus(below.mean() - above).mean() + functional.softplus(below - above.mean()).mean()
 
@@ -186,11 +186,11 @@ class RendererModule(NetworkModule):
         self.critic_optimizer.zero_grad(set_to_none=True)
         loss.backward()
         self.terms["loss/critic"] = loss.detach()
-        if self.goes_well(nn.utils.clip_grad_norm_(critic.parameters(), self.clip_norm)):
+        if self.check_is_finite(nn.utils.clip_grad_norm_(critic.parameters(), self.clip_norm)):
             self.critic_optimizer.step()
 
     def _ask_critic(self, critic: Critic, drawn: Tensor, truth: Tensor, error: Tensor) -> tuple[Tensor, Tensor]:
-        """Compute the renderer's adversarial loss, and the gradient of the pictures by error and critic."""
+        """Compute the renderer's adversarial loss, and the gradient of the pictures due to error and critic."""
         critic.requires_grad_(False)
         loss = relativistic_loss(critic(drawn), critic(truth))
         (pull,) = torch.autograd.grad(loss, drawn)
@@ -208,9 +208,9 @@ def balance(push: Tensor, pull: Tensor, weight: float) -> Tensor:
 
 
 class FreshStart(L.Callback):
-    """Replaces the weights of a network that draws every stroke alike with those of ``fresh()``.
+    """Replaces the weights of a network that draws all strokes alike with those of ``fresh()``.
 
-    Such a network cannot learn, because its slopes vanish. It is replaced at most ``most`` times.
+    Such a network cannot learn, because its gradients vanish. It is replaced at most ``most`` times.
     """
 
     def __init__(self, fresh: Callable[[], nn.Module], most: int = MOST_STARTS) -> None:
@@ -243,9 +243,9 @@ class FreshStart(L.Callback):
 
 
 def share_drawn(drawn: Tensor, true: Tensor) -> float | None:
-    """Compute the variance of alpha among drawn strokes (n, 4, S, S), averaged over pixels, as a share of the true one.
+    """Compute the variance of alpha among drawn strokes (n, 4, S, S), averaged over pixels, relative to the true value.
 
-    For a single stroke it is None.
+    The result is None for a single stroke.
     """
     ours, theirs = (float(pictures[:, 3].float().var(0, unbiased=False).mean()) for pictures in (drawn, true))
     return ours / theirs if theirs else None

@@ -59,8 +59,9 @@ class InverseVGG(PatchRenderer):
             size (`stroke_planes`), so that the network only has to learn the look of paint, not its position.
         tint: whether the stroke's colour is added to the output, so that the network only has to learn the light on it.
         noise: initial strength of the noise added to every convolution, learned per channel (Karras et al., 2019,
-            arXiv:1812.04948, who begin at 0); 1 is about as strong as the signal; 0 = none. It is new at each training
-            step, and the same for every stroke in painting. Differs from the source: all channels share one plane.
+            arXiv:1812.04948, who start at 0); 1 is about as strong as the signal; 0 = none. It is drawn anew at each
+            training step, and is the same for every stroke in painting. Differs from the source: all channels share one
+            plane.
         activation: activation after every layer but the last: relu, leaky_relu, elu, gelu or silu.
         normalisation: normalisation of every convolution but the last: none, or over batch, group (of channels) or
             instance.

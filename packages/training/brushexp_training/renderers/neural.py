@@ -43,8 +43,8 @@ class Neural(Renderer):
     length, bend, thickness, direction and colour (for the light), and of the brush in the data set, represented by a
     learned code and by learned maps at every size of the texture. Kernels look the texture up at the pixels of the
     canvas, so a stroke is as sharp as its texture at any size of the picture. The colour of a texel is the stroke's
-    colour, mixed with white or black. In painting, the texture follows the stroke, but gradients treat it as constant
-    and flow through the texture coordinates, which matter far more.
+    colour, mixed with white or black. During painting, the texture follows the stroke, but gradients treat it as
+    constant and flow through the texture coordinates, which matter far more.
 
     Args:
         window: side in pixels of the training pictures; textures are averaged for smaller windows of strokes.
@@ -118,7 +118,7 @@ class Neural(Renderer):
         )
 
     def textures(self, parameters: Tensor, brush: Tensor) -> Tensor:
-        """Draw opacity in [0, 1] and tone in [-1, 1], (n, 2, rows, columns), of strokes (n, 10) by ``brush`` (n,)."""
+        """Draw opacity in [0, 1] and tone in [-1, 1], (n, 2, rows, columns), for strokes (n, 10) of ``brush`` (n,)."""
         weight = self.last.weight
         shapes = shape_numbers(parameters).to(weight.dtype)
         chunks = zip(shapes.split(CHUNK), brush.split(CHUNK), strict=True) if len(shapes) else ()

@@ -16,7 +16,7 @@ MULTIPLE = 8  # widths stay multiples of this number of channels, which CPUs com
 
 
 def prune(renderer: InverseVGG, ratio: float, batches: Iterable[StrokeBatch]) -> InverseVGG:
-    """Copy the network without the share ``ratio`` of every layer's channels on which its pictures depend least.
+    """Copy the network without the share ``ratio`` of each layer's channels that affects its pictures least.
 
     The remaining widths are rounded to multiples of `MULTIPLE`. torch-pruning (Fang et al., 2023, arXiv:2301.12900)
     groups channels that are used together and ranks them by the first-order change of the loss on ``batches`` if their

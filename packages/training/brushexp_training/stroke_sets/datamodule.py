@@ -51,7 +51,7 @@ class StrokeLoader:
         return {"epoch": self.position[0], "batch": self.position[1]}
 
     def load_state_dict(self, state: dict[str, int]) -> None:
-        """Continue after the last returned batch."""
+        """Continue after the last batch that was returned."""
         epoch, batch = state["epoch"], state["batch"]
         self.next = self.position = (epoch, batch) if batch < self.length else (epoch + 1, 0)
 
@@ -71,7 +71,7 @@ class StrokeData(L.LightningDataModule, ABC):
 
     @abstractmethod
     def size(self, split: Split) -> int:
-        """Count the strokes of a split; for training, the strokes of an epoch."""
+        """Count the strokes of a split; for training, count those of an epoch."""
 
     @abstractmethod
     def batches(self, split: Split, epoch: int, first: int) -> Iterator[StrokeBatch]:
@@ -194,7 +194,7 @@ def require_compatible(sets: Sequence[StrokeSet]) -> None:
 
 
 def shuffle_groups(places: Numbers, blocks: Numbers, random: np.random.Generator) -> list[Numbers]:
-    """Shuffle places (n,): first the order of blocks, then the places within each group of whole blocks."""
+    """Shuffle positions (n,): first the order of blocks, then the positions within each group of whole blocks."""
     parts = np.split(places, 1 + np.flatnonzero(np.diff(blocks)))
     order = random.permutation(len(parts))
     groups = (order[k : k + GROUP] for k in range(0, len(order), GROUP))

@@ -1,7 +1,7 @@
 """Read a set of simulated strokes, a folder of shards (HDF5 files, docs/formats.md), block by block.
 
 Blocks of 16 strokes are the chunks on disk; the number of a block alone determines its split. A set therefore keeps its
-splits when it grows, and reading one split decompresses nothing of another. With 5 % for test, a set of 50,000 has
+splits when it grows, and reading one split does not decompress any of another. With 5 % for test, a set of 50,000 has
 enough test strokes (2500) for an FID of 2048 features.
 """
 

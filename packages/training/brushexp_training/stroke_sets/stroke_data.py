@@ -73,7 +73,7 @@ def origin_for(cfg: DictConfig) -> tuple[Origin, list[int]]:
 
 
 def engine_node(cfg: DictConfig) -> DictConfig:
-    """Return the engine of the config; options that are not typed come from the training of a measured renderer."""
+    """Return the engine of the config; options not set by the user come from the training of a measured renderer."""
     plugin, (trained, _) = plugin_of(cfg.engine), training_of(cfg)
     if trained is None or trained.engine != plugin.name:
         return cfg.engine

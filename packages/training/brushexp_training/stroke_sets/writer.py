@@ -1,6 +1,7 @@
 """Write a set of strokes shard by shard; each shard is moved to its place when it is complete.
 
-The folder therefore always holds a valid, smaller set, and grows to the same strokes however often it is interrupted.
+The folder therefore always holds a valid, possibly smaller set, and ends with the same strokes however often the
+simulation is interrupted.
 """
 
 import io
@@ -52,8 +53,9 @@ Rows = dict[str, NDArray[Any]]  # arrays of some strokes by name of the dataset
 def simulate_set(path: Path, engine: Engine, origin: Origin, seed: int, n: int, *, wait: bool = False) -> int:
     """Simulate the missing strokes of a set of ``n``, with a progress bar, and return their number.
 
-    With ``wait``, wait for another process that makes the same set instead of raising an error. Raises UserError for a
-    set that is larger or was made differently. Ctrl-C stops after the current batch and keeps all simulated strokes.
+    With ``wait``, wait for another process that is making the same set instead of raising an error. Raises UserError
+    for a set that is larger or was made differently. Ctrl-C stops after the current batch and keeps all simulated
+    strokes.
     """
     with _locked(path, wait):
         for rest in path.glob(TEMPORARY):  # left by a killed process

@@ -71,7 +71,7 @@ class RendererJob(NetworkJob):
 
 
 def renderer_words(node: DictConfig, weights: Path) -> str:
-    """Write the words that set a renderer's weights and the options that differ from their defaults."""
+    """Write the arguments that set a renderer's weights and those of its options that differ from their defaults."""
     defaults = OmegaConf.structured(plugin_of(node).config)
     chosen = {str(key): value for key, value in {**node, "checkpoint": str(weights)}.items() if value != defaults[key]}
     typed = {key: value if isinstance(value, str) else json.dumps(value, default=list) for key, value in chosen.items()}

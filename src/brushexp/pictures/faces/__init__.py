@@ -1,1 +1,1 @@
-"""Find faces, and eyes of animals, with a small frozen network that is loaded when needed."""
+"""Find faces, and eyes of animals, with a small frozen network that is loaded on demand."""

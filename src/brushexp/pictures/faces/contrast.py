@@ -1,4 +1,4 @@
-"""Give eyes and mouths back the forms that a palette flattened."""
+"""Restore the shape of eyes and mouths that a reduced palette has flattened."""
 
 from collections.abc import Sequence
 
@@ -18,7 +18,7 @@ Place = tuple[float, float, float]  # x, y and radius in pixels
 
 
 def restore_forms(target: Tensor, picture: Tensor, places: Sequence[Place]) -> Tensor:
-    """Return a ``target`` (3, H, W), a ``picture`` in a palette, with the picture's own forms in round places.
+    """Restore the forms of ``picture`` in round areas of ``target`` (3, H, W), its version in a reduced palette.
 
     A form is the difference of CIELAB from its blur. Lightness keeps the blur of the target and gets the forms of the
     picture, as strong as the target's or as the picture's own, whichever is stronger. Colours change only in

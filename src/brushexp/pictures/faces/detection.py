@@ -38,10 +38,10 @@ def find_faces(picture: Tensor, least: float = LEAST_SCORE) -> list[Face]:
 
 
 def find_faces_and_heads(picture: Tensor) -> tuple[list[Face], list[Face]]:
-    """Find the faces in a picture as `find_faces`, and, if there are none, the heads of animals.
+    """Find the faces in a picture like `find_faces`; if there are none, find the heads of animals.
 
-    The network doubts the heads of animals, and its landmarks miss their eyes, but it sees them at several sizes and
-    tilts, which it seldom does where there is none.
+    The network detects the heads of animals with low confidence, and its landmarks miss their eyes. It detects them at
+    several sizes and tilts, however, which is rare for false detections.
     """
     looks = search(picture, HEAD_SEEN_SCORE)
     faces = faces_among(looks, LEAST_SCORE)
@@ -49,7 +49,7 @@ def find_faces_and_heads(picture: Tensor) -> tuple[list[Face], list[Face]]:
 
 
 def search(picture: Tensor, least: float) -> list[list[Face]]:
-    """Search a picture (3, H, W) at several sizes and tilts; list the candidates of at least ``least`` of each look."""
+    """Search a picture (3, H, W) at several sizes and tilts; list, by search, candidates scoring ``least`` or more."""
     if min(picture.shape[1:]) < SMALLEST_SIDE:
         return []
     longer = max(picture.shape[1:])
@@ -67,7 +67,7 @@ def search(picture: Tensor, least: float) -> list[list[Face]]:
 
 
 def faces_among(looks: Sequence[Sequence[Face]], least: float) -> list[Face]:
-    """Choose the faces among the candidates of several looks, most certain first."""
+    """Choose the faces among the candidates of several searches, most certain first."""
     found, again = [], min(least, SEEN_AGAIN_SCORE)
     for look in looks:
         others = [face for other in looks if other is not look for face in other if face.score >= again]
@@ -79,7 +79,7 @@ def faces_among(looks: Sequence[Sequence[Face]], least: float) -> list[Face]:
 
 
 def heads_among(looks: Sequence[Sequence[Face]]) -> list[Face]:
-    """Choose the heads of animals among the candidates of several looks, most certain first."""
+    """Choose the heads of animals among the candidates of several searches, most certain first."""
     heads: list[Face] = []
     for head in distinct([face for look in looks for face in look]):
         times = sum(any(is_at_one_place(head, other) for other in look) for look in looks)
@@ -90,7 +90,7 @@ def heads_among(looks: Sequence[Sequence[Face]]) -> list[Face]:
 
 
 def distinct(faces: list[Face]) -> list[Face]:
-    """Keep the face with the highest score at each place by greedy suppression; return the highest scores first."""
+    """Keep the face with the highest score at each position by greedy suppression; return the highest scores first."""
     kept: list[Face] = []
     for face in sorted(faces, key=lambda face: -face.score):
         if not any(is_at_one_place(face, other) for other in kept):
@@ -106,12 +106,12 @@ def is_at_one_place(one: Face, other: Face) -> bool:
 @torch.no_grad()
 def _search(picture: Tensor, zoom: float, tilt: float, least: float) -> list[Face]:
     """Search a picture (3, h, w) turned by ``tilt``; return faces in pixels of the picture enlarged by ``zoom``."""
-    candidates: Candidates = open_network()(turned(picture, tilt))
+    candidates: Candidates = open_network()(rotate(picture, tilt))
     height, width = picture.shape[1:]
     found = []
     for number in (candidates.score >= least).nonzero()[:, 0].tolist():
         middle = candidates.middle[number]
-        places = turned_back(torch.cat([middle[None], candidates.landmarks[number]]), tilt, (height, width))
+        places = rotate_back(torch.cat([middle[None], candidates.landmarks[number]]), tilt, (height, width))
         (x, y), landmarks = (zoom * places[0]).tolist(), (zoom * places[1:]).double().numpy()
         if 0 <= x <= zoom * width and 0 <= y <= zoom * height:
             side = zoom * math.sqrt(float(candidates.size[number].prod()))
@@ -119,20 +119,20 @@ def _search(picture: Tensor, zoom: float, tilt: float, least: float) -> list[Fac
     return found
 
 
-def turned(picture: Tensor, tilt: float) -> Tensor:
-    """Rotate a picture (3, H, W) clockwise by ``tilt`` radians on a black canvas that contains all of it."""
+def rotate(picture: Tensor, tilt: float) -> Tensor:
+    """Rotate a picture (3, H, W) clockwise by ``tilt`` radians onto a black canvas large enough for all of it."""
     if not tilt:
         return picture
     height, width = picture.shape[1:]
     down, across = _canvas_of((height, width), tilt)
     y, x = torch.meshgrid(torch.arange(down) + 0.5, torch.arange(across) + 0.5, indexing="ij")
-    places = turned_back(torch.stack([x, y], -1).reshape(-1, 2), tilt, (height, width))
+    places = rotate_back(torch.stack([x, y], -1).reshape(-1, 2), tilt, (height, width))
     grid = (2 * places / torch.tensor([width, height]) - 1).reshape(1, down, across, 2)
     return functional.grid_sample(picture[None], grid, align_corners=False)[0]
 
 
-def turned_back(places: Tensor, tilt: float, size: tuple[int, int]) -> Tensor:
-    """Map points (N, 2: x, y) in the result of `turned` back to the original picture of ``size`` (H, W)."""
+def rotate_back(places: Tensor, tilt: float, size: tuple[int, int]) -> Tensor:
+    """Map points (N, 2: x, y) in the result of `rotate` back to the original picture of ``size`` (H, W)."""
     if not tilt:
         return places
     height, width = size

@@ -60,7 +60,7 @@ class YuNet(nn.Module):
         return network.eval().requires_grad_(False)
 
     def forward(self, picture: Tensor) -> Candidates:
-        """Score every place of a picture (3, H, W), sRGB in [0, 1]; most candidates score near 0."""
+        """Score every position of a picture (3, H, W), sRGB in [0, 1]; most candidates score near 0."""
         height, width = picture.shape[1:]
         largest = STRIDES[-1]
         padded = functional.pad(255 * picture.flip(0), (0, -width % largest, 0, -height % largest))  # its input is BGR

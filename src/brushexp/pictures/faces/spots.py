@@ -72,7 +72,7 @@ def find_spots(picture: Tensor, attended: Tensor, scales: Sequence[float] = SIGM
 
 
 def find_eyes(picture: Tensor, heads: Sequence[Face]) -> list[Spot]:
-    """Find the darkest spots, up to `MOST_SPOTS` each, in the first heads of animals in a picture (3, H, W)."""
+    """Find the darkest spots in each of the first animal heads in a picture (3, H, W), up to `MOST_SPOTS` per head."""
     height, width = picture.shape[1:]
     eyes = []
     for head in heads[:MOST_HEADS]:

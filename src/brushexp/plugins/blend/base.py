@@ -32,7 +32,7 @@ class Blend(ABC):
         return {"cost": cls.cost, "exact": cls.exact, "runs on": cls.runs_on}
 
     def check(self, count: int, size: Size) -> None:  # noqa: B027  (most hold anything)
-        """Refuse (UserError) ``count`` strokes on a canvas of ``size`` (H, W) that need too much memory."""
+        """Raise a UserError if ``count`` strokes on a canvas of ``size`` (H, W) need too much memory."""
 
     @abstractmethod
     def __call__(
@@ -52,7 +52,7 @@ class Blend(ABC):
     def importance(
         self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor, weight: Tensor
     ) -> Tensor | None:
-        """Compute by how much (N,) the squared error grows without each stroke; None if there is no fast method.
+        """Compute how much (N,) the squared error grows when each stroke is removed; None if there is no fast method.
 
         The arguments are those of ``__call__``; ``weight`` (H, W) weights the error at each pixel.
         """

@@ -1,4 +1,4 @@
-"""Blend every stroke at every pixel, as a reference."""
+"""Blend every stroke at every pixel, as a reference implementation."""
 
 import torch
 from torch import Tensor

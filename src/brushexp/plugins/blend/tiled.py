@@ -33,7 +33,7 @@ class Tiled(Blend):
     """Blends the strokes that touch each 8 x 8 tile, front to back, in one fused kernel; exact except for ``opaque``.
 
     Args:
-        opaque: largest transmitted fraction of light, over the pixels of a tile, at which deeper strokes are skipped;
+        opaque: deeper strokes are skipped when no pixel of a tile transmits more than this fraction of light;
             the picture changes by at most this. 0 skips none.
         kernel: numba (compiled, float32, CPU), triton (compiled, float32, CUDA), torch (everything, slower), or auto,
             the compiled kernel of the device if there is one.
@@ -67,7 +67,7 @@ class Tiled(Blend):
     def _rasterizer(
         self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor
     ) -> tuple[Rasterizer | None, tuple[Tensor, ...]]:
-        """Choose kernels, and list the tensors in which they are differentiable; None if PyTorch has to draw."""
+        """Choose kernels, and list the tensors they can differentiate; None if PyTorch has to draw."""
         device, single = layers.color.device.type, layers.color.dtype == torch.float32
         kernel = {"cpu": "numba", "cuda": "triton"}.get(device, "torch") if self.kernel == "auto" else self.kernel
         draw = _drawer(kernel) if single and (kernel != "numba" or device == "cpu") else None
@@ -77,13 +77,13 @@ class Tiled(Blend):
         if self.kernel in CURES:
             raise UserError(f"blend.kernel={kernel} {CURES[kernel]}; use blend.kernel=auto")
         if self.kernel == "auto" and device == "cpu":
-            tell_slow(layers.color.dtype)
+            log_slow_kernel(layers.color.dtype)
         return None, ()
 
 
 @cache
 def _drawer(kernel: str) -> Callable[..., Rasterizer | None] | None:
-    """Find the function that makes the rasteriser for a kernel of this program or of a package."""
+    """Find the function that makes the rasteriser for a kernel of the core or of a package."""
     if kernel == "numba":
         return Rasterization
     point = published(KERNELS).get(kernel)
@@ -91,8 +91,8 @@ def _drawer(kernel: str) -> Callable[..., Rasterizer | None] | None:
 
 
 @cache
-def tell_slow(dtype: torch.dtype) -> None:
-    """Log once why no compiled kernel draws the strokes."""
+def log_slow_kernel(dtype: torch.dtype) -> None:
+    """Log once why no compiled kernel can draw the strokes."""
     reason = "their renderer has no kernel, or its weights are trainable; renderer.requires_grad_(False) freezes them"
     reason = reason if dtype == torch.float32 else f"they are {dtype}, but kernels need float32"
     log.warning("PyTorch draws the strokes, many times slower than compiled kernels: %s", reason)

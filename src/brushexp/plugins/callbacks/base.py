@@ -13,7 +13,7 @@ if TYPE_CHECKING:  # Lightning takes seconds to import; --help should not
 class Callback(ABC):
     """A Lightning callback that acts during a painting or the training of a network.
 
-    It may use every hook of https://lightning.ai/docs/pytorch/stable/extensions/callbacks.html. The module has
+    It may use any hook of https://lightning.ai/docs/pytorch/stable/extensions/callbacks.html. The module has
     ``progress`` (0 to 1), ``state_line()`` and ``global_step``; the module of a painting also has ``latest()``, which
     returns the picture.
 
@@ -25,4 +25,4 @@ class Callback(ABC):
 
     @abstractmethod
     def open(self, folder: Path) -> L.Callback:
-        """Make the callback of a run; it may write into the run's folder only."""
+        """Create the callback of a run; it may write only to the run's folder."""

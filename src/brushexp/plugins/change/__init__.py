@@ -1,1 +1,1 @@
-"""Changes make one painting differ from others; choose several with ``'change=[wet,guides]'``."""
+"""Changes vary how a painting is made; choose several with ``'change=[wet,guides]'``."""

@@ -48,7 +48,7 @@ class PaintingState:
 
 
 class Change:
-    """Changes how one painting is made; a painting may have several changes. All methods are optional.
+    """Changes how a painting is made; a painting may have several changes. All methods are optional.
 
     The painter calls, in this order:
 
@@ -79,7 +79,7 @@ class Change:
         return cfg
 
     def check(self, cfg: DictConfig, size: tuple[int, int]) -> None:
-        """Refuse (UserError) settings that do not fit this change for a picture of ``size`` (H, W)."""
+        """Raise a UserError for settings that do not fit this change for a picture of ``size`` (H, W)."""
 
     def target(self, picture: Tensor) -> Tensor:
         """Return the target (3, H, W) in [0, 1] for a picture in the colours of its palette."""
@@ -104,7 +104,7 @@ class Change:
     def limit(self, strokes: Strokes, before: Strokes | None, rows: Tensor | None, state: PaintingState) -> Strokes:
         """Bring A strokes, ``rows`` (A,) of all N, within limits; ``rows`` is None for all strokes.
 
-        ``before`` are the same strokes before the step; None without a step. Strokes that are already within the limits
+        ``before`` holds these strokes before the step; None without a step. Strokes that are already within the limits
         change only by rounding.
         """
         return strokes
@@ -114,7 +114,7 @@ class Change:
         return strokes, front_to_back
 
     def enlarge(self, strokes: Strokes) -> Strokes:
-        """Return the N finished strokes, which were scaled from the target to the pixels of the painting."""
+        """Return the N finished strokes after they were scaled from the target to the pixels of the painting."""
         return strokes
 
     def state_dict(self) -> dict[str, Any]:

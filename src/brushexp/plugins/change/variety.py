@@ -1,4 +1,4 @@
-"""Vary the colours of finished strokes, as if a painter mixed the paint anew for each stroke."""
+"""Vary the colours of finished strokes, as if a painter mixed new paint for each stroke."""
 
 import logging
 import math
@@ -42,7 +42,7 @@ PALE, PALE_SLOPE = 85.0, 0.05  # L* above which colours vary less, and the decre
 class Variety(Change):
     """Varies the colour of each finished stroke ("broken colour"), warmer in the light and cooler in the shade.
 
-    Goals such as psnr= refer to the steps; this change then costs some of the PSNR.
+    Goals such as psnr= apply during the steps; this change then lowers the PSNR somewhat.
 
     Args:
         amount: variation from the best-fitting colour towards warm and cool, 0 to 1.

@@ -1,1 +1,1 @@
-"""Colour spaces are where paint is composited; choose one with ``color=rgb``."""
+"""Colour spaces in which paint is composited; choose one with ``color=rgb``."""

@@ -9,10 +9,10 @@ from torch import Tensor
 class ColorSpace(ABC):
     """A space in which paint is composited: out = sum_n a_n c_n prod_{i above n} (1 - a_i) in each channel.
 
-    Colours of strokes are encoded in C channels, and the finished picture is decoded from them; everything between is
-    the same for every space. Black is 0 and white is 1 in each channel, so mixing a colour with white or black, as
-    textured strokes do, works in every space. Both functions are differentiable and inverses of each other, so that
-    opaque paint keeps its colour.
+    Stroke colours are encoded in C channels, and the finished picture is decoded from them; everything in between works
+    alike in every space. Black is 0 and white is 1 in each channel, so mixing a colour with white or black, as textured
+    strokes do, works in every space. Both functions are differentiable and inverses of each other, so that opaque paint
+    keeps its colour.
 
     >>> import torch
     >>> class Squared(ColorSpace):

@@ -1,4 +1,4 @@
-"""Mix paint in the space of picture files."""
+"""Mix paint in the colour space of picture files."""
 
 from torch import Tensor
 
@@ -8,7 +8,7 @@ from brushexp.registry import register
 
 @register("color", "rgb")
 class Rgb(ColorSpace):
-    """Mixes the numbers of the picture file (sRGB), like most programs."""
+    """Mixes the values of the picture file (sRGB), like most programs."""
 
     cost, mixes, is_rgb = "1", "grey", True
 

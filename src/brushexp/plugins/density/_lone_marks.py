@@ -1,4 +1,4 @@
-"""Find isolated marks, which differ from everything around them and belong to no line or group of marks."""
+"""Find isolated marks: marks that differ from their surroundings and belong to no line or group of marks."""
 
 import numpy as np
 import torch
@@ -22,13 +22,13 @@ CROWD = 5  # smallest number of marks in a line, foliage or hatching
 
 
 def find_lone_marks(strokes: Strokes, image: Tensor, target: Tensor, least: float) -> Tensor:
-    """Find strokes (N,) that stand alone in a picture (3, H, W) without a cause in the ``target`` (3, H, W).
+    """Find strokes (N,) that stand alone in a picture (3, H, W) where the ``target`` (3, H, W) does not justify them.
 
     The contrast of a stroke is the median difference between its colour and the pixels around it. A stroke stands out
-    if it is visible, not broad, away from the edges of the picture, and at most 40 % of the pixels around it differ by
+    if it is visible, not broad, not at the edge of the picture, and if at most 40 % of the pixels around it differ by
     less than half of its contrast. It stands alone if fewer than five such strokes lie close together, as in a spot or
-    tick. The target is a cause if it differs there from its surroundings by at least ``least`` (0 to 1), in the same
-    direction of colour.
+    tick. The target justifies a stroke if it differs there from its surroundings by at least ``least`` (0 to 1), in the
+    same direction of colour.
     """
     painting, aim = (picture.detach().cpu().double().numpy() for picture in (image, target))
     curve = (strokes.position[:, None] + shape_of(strokes)).detach().cpu().double()
@@ -72,13 +72,13 @@ def _ring(curve: Tensor, half: Tensor) -> Array:
 
 
 def _sample(picture: Array, places: Array) -> Array:
-    """Look up the colours (P, N, 3) of a picture (3, H, W) at places (P, N, 2)."""
+    """Look up the colours (P, N, 3) of a picture (3, H, W) at points (P, N, 2)."""
     x, y = places.reshape(-1, 2).T
     return sampled_at(picture, x, y).T.reshape(*places.shape[:2], 3)
 
 
 def _size_of_groups(points: Array, color: Array, reach: float) -> Array:
-    """Count the marks (n,) in the group of each mark.
+    """Count the marks (n,) in each mark's group.
 
     Marks belong to a group if their points (P, n, 2) lie within ``reach`` pixels and their colours (n, 3) are alike.
     """

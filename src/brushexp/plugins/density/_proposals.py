@@ -32,7 +32,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Patches:
-    """M rectangles of one colour each, and the gain of each: the decrease in squared error."""
+    """M rectangles, each of one colour and with a gain: the decrease in squared error."""
 
     top: Array  # (M,) first row; all in pixels
     bottom: Array  # (M,) first row below the patch
@@ -70,7 +70,7 @@ def patches_of(target: Array, error: Array, weight: Array, most: int, least: flo
     """Find the best patches of each size with a gain above ``least``, at most one per cell of a lattice.
 
     A patch of the target's mean colour replaces the error (H, W), a sum over channels, by the variance of the target
-    (C, H, W), both weighted by (H, W). So the gain follows from sums over rectangles, which a summed-area table
+    (C, H, W), both weighted by (H, W). The gain therefore follows from sums over rectangles, which a summed-area table
     provides (Crow, 1984). Each size is tried at the points of a lattice with a spacing of `STRIDE` sides.
     """
     size = target.shape[1:]

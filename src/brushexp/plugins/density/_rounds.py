@@ -1,4 +1,4 @@
-"""Add and remove strokes in rounds; a policy decides what to add and what to replace."""
+"""Add and remove strokes in rounds; a policy decides which to add and which to replace."""
 
 import math
 from abc import abstractmethod
@@ -19,10 +19,10 @@ TOP = 0.3  # share of the rounds after which the surplus of strokes is largest
 
 @dataclass(kw_only=True)
 class Rounds(Density):
-    """Starts with fewer strokes; each round drops useless strokes, adds new ones and moves the weakest.
+    """Starts with fewer strokes; each round drops useless strokes, adds new ones and relocates the weakest.
 
     A stroke is useless if removing it increases the squared error by no more than ``tolerance`` at one pixel. With a
-    ``surplus``, there are more strokes in between than at the end, and later rounds drop the least important.
+    ``surplus``, the number of strokes temporarily exceeds the final number, and later rounds drop the least important.
     """
 
     start: Annotated[float, between(MIN_SHARE, 1)] = 0.7
@@ -36,14 +36,14 @@ class Rounds(Density):
     uses_importance = True
 
     @abstractmethod
-    def replaced(self, state: DensificationState, missing: int, weakest: Tensor) -> tuple[Strokes, int]:
-        """Return new strokes, at most ``missing`` plus those replaced, and how many of the weakest they replace.
+    def replacements(self, state: DensificationState, missing: int, weakest: Tensor) -> tuple[Strokes, int]:
+        """Return new strokes, at most ``missing`` plus the number replaced, and how many of the weakest they replace.
 
         ``weakest`` (M,) holds the importance of the strokes that may be replaced, least important first.
         """
 
     def is_good_enough(self, state: DensificationState) -> bool:
-        """Return whether to skip a round because the picture is good enough."""
+        """Return whether to skip a round because the picture is already good enough."""
         return False
 
     def first(self, budget: int, steps: int) -> int:
@@ -80,12 +80,12 @@ class Rounds(Density):
         rest = int(keep.sum())
         missing, moved = max(0, goal - rest), max(0, min(round(self.moved * n), rest - 1))
         weakest = ranks[spare : spare + moved]
-        new, gone = self.replaced(state, missing, importance[weakest])
+        new, gone = self.replacements(state, missing, importance[weakest])
         keep[weakest[:gone]] = False
         return DensificationUpdate(keep, new) if len(new) or not keep.all() else None
 
     def _goal(self, current: int, rounds: int, budget: int) -> int:
-        """Return the number of strokes that are allowed after a round."""
+        """Return the number of strokes allowed after a round."""
         most = max(self._first, round((1 + self.surplus) * budget))
         top = round(TOP * rounds) if self.surplus else rounds
         if current <= top:

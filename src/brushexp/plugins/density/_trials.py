@@ -1,4 +1,4 @@
-"""Test whether a painting that is good enough needs fewer strokes."""
+"""Test whether a painting that is good enough can do with fewer strokes."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -17,10 +17,10 @@ MOST_FAILURES = 4  # largest number of consecutive trials that may fail
 
 @dataclass
 class Trials:
-    """Leaves out strokes as a trial, and restores the best painting so far if the others do not make up for them.
+    """Removes strokes on trial, and restores the best painting so far if the others do not make up for them.
 
-    The best painting is good enough with the fewest strokes: ``strokes`` (N,), bottom stroke first, and the
-    ``importance`` (N,) of each; both are None before any painting is good enough.
+    The best painting is the one that is good enough with the fewest strokes: ``strokes`` (N,), bottom stroke first, and
+    the ``importance`` (N,) of each; both are None before any painting is good enough.
     """
 
     strokes: Strokes | None = field(default=None)
@@ -52,7 +52,7 @@ class Trials:
         )
 
     def _from_best(self, state: DensificationState, slack: float, steps: int | None) -> DensificationUpdate | None:
-        """Store a painting that is good enough, and leave out the least important strokes."""
+        """Store a painting that is good enough, and remove its least important strokes on trial."""
         importance, n = state.importance(), len(state.strokes)
         upward = torch.arange(n) if state.front_to_back is None else state.front_to_back.flip(0)
         self.strokes, self.importance = state.strokes[upward].map(Tensor.clone), importance[upward]
@@ -83,5 +83,5 @@ class Trials:
 
 
 def _count(n: int, failures: int) -> int:
-    """Return how many of ``n`` strokes a trial leaves out after some ``failures``."""
+    """Return how many of ``n`` strokes to remove in a trial after ``failures`` failed trials."""
     return max(1, round(LEAST_SHARE * n), round(FIRST_SHARE * n / 2**failures))

@@ -28,13 +28,13 @@ class Adaptive(Rounds):
     replace strokes after their final number is reached.
 
     Args:
-        start: initial share of the strokes, above 0 to 1.
+        start: initial share of the strokes, above 0 and at most 1.
         rounds: number of times that strokes are added and removed, at least 8 steps apart.
         until: share of the steps after which no strokes are added or removed.
         moved: share of the strokes that each round moves elsewhere, 0 to 0.5.
         size: size of new strokes, in pitches (mean distances between strokes).
         tolerance: error (root mean square over a stroke, 0 to 1) below which a place needs no more strokes.
-        surplus: share of extra strokes in between, 0 to 3; the least important are removed before the end.
+        surplus: share of temporary extra strokes, 0 to 3; the least important are removed before the end.
         psnr: PSNR in dB above which no strokes are added; null for none.
     """
 
@@ -45,6 +45,6 @@ class Adaptive(Rounds):
         wanted = 0.0 if self.psnr is None else 10 ** (-self.psnr / 10)  # mean squared error
         return bool((state.image - state.target).square().mean() <= wanted)
 
-    def replaced(self, state: DensificationState, missing: int, weakest: Tensor) -> tuple[Strokes, int]:
+    def replacements(self, state: DensificationState, missing: int, weakest: Tensor) -> tuple[Strokes, int]:
         new = new_strokes(state, missing + len(weakest), self.size, self.tolerance)
         return new, max(0, len(new) - missing)

@@ -12,10 +12,10 @@ from brushexp.strokes.catalogue import Strokes
 
 @dataclass(frozen=True)
 class DensificationState:
-    """The whole painting after a step, at ``zoom`` times its size: pictures, strokes and importance are as small.
+    """The whole painting after a step, with pictures, strokes and importance all at ``zoom`` times its size.
 
-    ``importance()`` measures by how much the squared error, summed over pixels and channels and weighted by the focus,
-    would grow without each stroke (N,). It takes as long as about five steps.
+    ``importance()`` measures how much the squared error, summed over pixels and channels and weighted by the focus,
+    grows when each stroke is removed (N,). It takes as long as about five steps.
     """
 
     image: Tensor  # (3, H, W) as last painted, display-referred RGB in [0, 1]
@@ -35,7 +35,7 @@ class DensificationState:
 
 @dataclass(frozen=True)
 class DensificationUpdate:
-    """A change of the set of strokes: which current strokes to keep (N,), bool, and which to add, at the state's zoom.
+    """A change to the set of strokes: which strokes to keep (N,), bool, and which to add, at the state's zoom.
 
     ``steps`` is the new total number of steps, if the change alters the plan.
     """
@@ -74,7 +74,7 @@ class Density(ABC):
         return ""
 
     def zoom(self, n: int, size: tuple[int, int], psnr: float | None) -> float:
-        """Choose the size of the picture that the next step of ``n`` strokes looks at, relative to a canvas (H, W).
+        """Choose the size of the picture for the next step of ``n`` strokes, relative to a canvas (H, W).
 
         ``psnr`` is the goal in dB, or None.
         """

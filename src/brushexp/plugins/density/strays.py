@@ -1,4 +1,4 @@
-"""Remove hairlines, strokes that cross all their neighbours, and isolated marks."""
+"""Remove hairlines, strokes that run across all their neighbours, and isolated marks."""
 
 import math
 from dataclasses import dataclass, field
@@ -22,17 +22,16 @@ MIN_COHERENCE = 0.5  # shortest mean direction of the neighbours; ten random dir
 @register("density", "strays")
 @dataclass(kw_only=True)
 class Strays(Density):
-    """Removes hairlines, strokes that cross all their neighbours, and isolated marks, if the picture hardly needs them.
+    """Removes hairlines, strokes that cross all their neighbours, and isolated marks that the picture hardly needs.
 
-    This happens once, before the last steps, which then close the gaps. The need for a stroke is the growth of the
-    squared error without it, relative to the stroke's area. An isolated mark, such as a spot or a tick, stays if it
-    lies in the focus, or where the picture itself differs from its surroundings. Strokes that draw eyes and mouths
-    stay.
+    This happens once, before the last steps, which then close the gaps. The need for a stroke is the increase in
+    squared error when it is removed, relative to its area. An isolated mark, such as a spot or a tick, stays if it lies
+    in the focus, or where the picture itself differs from its surroundings. Strokes that draw eyes and mouths stay.
 
     Args:
         after: share of the steps after which strays are removed.
         thin: thickness in pixels below which a stroke is a hairline.
-        askew: angle in degrees to the mean direction of its ten nearest strokes above which a stroke crosses them.
+        askew: a stroke crosses its ten nearest if its angle to their mean direction exceeds this, in degrees.
         missed: root mean square error, 0 to 1, that the removal of a stray may add to its area.
         lone: smallest difference of the picture from its surroundings, 0 to 1, that justifies an isolated mark; 0 keeps
             all marks.
@@ -76,7 +75,7 @@ class Strays(Density):
 
 
 def _in_focus(strokes: Strokes, focus: Tensor | None) -> Tensor:
-    """Find strokes (N,) that lie where a ``focus`` (H, W) is closer to its maximum than to its minimum."""
+    """Find the strokes (N,) at positions where ``focus`` (H, W) is closer to its maximum than to its minimum."""
     if focus is None:
         return torch.zeros_like(strokes.opacity, dtype=torch.bool)
     return _at_places(strokes, focus) > (focus.min() + focus.max()) / 2

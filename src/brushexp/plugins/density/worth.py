@@ -167,11 +167,11 @@ class Worth(Density):
         return self._rest >= 0
 
     def _enlarge(self, halvings: int) -> None:
-        """Begin to grow strokes on a larger picture."""
+        """Start adding strokes on a larger picture."""
         self._halvings, self._idle, self._cost, self._rest = halvings, 0, math.inf, REST
 
     def _falls(self, state: DensificationState, share: float) -> bool:
-        """Check whether distortion + price * rate is lower by a ``share`` than at any round before."""
+        """Check whether distortion + price * rate is lower by a ``share`` than in any earlier round."""
         cost = _total_error(state) / state.zoom**2 + BITS * self.price * len(state.strokes)
         is_lower = cost <= (1 - share) * self._cost
         self._cost = min(self._cost, cost)
@@ -222,7 +222,7 @@ class Worth(Density):
         return DensificationUpdate(keep, Strokes.none(state.strokes.position))
 
     def conclude(self, state: DensificationState) -> None:
-        """Measure the worth of the least important strokes and the gain of a hundred more."""
+        """Measure the worth of the least important strokes and the gain from a hundred more."""
         n, values = len(state.strokes), state.target.numel()
         mean, ranked = _mean_error(state), state.importance().clamp_min(0).sort().values.cumsum(0)
         _, gain = proposals(state, HUNDRED, 0.0)
@@ -302,7 +302,7 @@ def _allowed(state: DensificationState, psnr: float) -> float:
 
 
 def _worth_more(importance: Tensor, price: float) -> Tensor:
-    """Return which strokes (N,) are worth more than their price; the most important one always is."""
+    """Return which strokes (N,) are worth more than their price; the most important one always counts."""
     keep = importance > price
     if len(keep):
         keep[importance.argmax()] = True

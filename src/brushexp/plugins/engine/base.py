@@ -19,7 +19,7 @@ class Engine(ABC):
     """Simulates the mark of one stroke on an empty canvas.
 
     Points of the curve are in half-windows from the window's centre (-1 and 1 are its edges); the width is in windows.
-    So an engine with a larger window draws the same strokes larger.
+    An engine with a larger window therefore draws the same strokes larger.
 
     >>> from brushexp.registry import build_named
     >>> from brushexp.strokes.prior import parameters_of, sample_prior
@@ -41,7 +41,7 @@ class Engine(ABC):
 
     @abstractmethod
     def __call__(self, parameters: Tensor, *, seed: int, first: int = 0) -> Simulated:
-        """Paint strokes number ``first`` to ``first + n - 1``.
+        """Simulate the strokes numbered ``first`` to ``first + n - 1``.
 
         Stroke i depends only on its parameters, ``seed`` and its own number, and not on n or the number of threads.
         ``parameters`` (n, 10) in [-1, 1] have the format of `strokes.prior.parameters_of`, but all finite values are

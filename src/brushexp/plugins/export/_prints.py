@@ -55,7 +55,7 @@ class PrintExporter(Exporter):
         return self.dpi or (None if self.size_cm is None else DPI)
 
     def scale_to_paper(self, job: ExportJob) -> ExportJob:
-        """Scale the painting to its print size; refuse (UserError) too many pixels."""
+        """Scale the painting to its print size; raise a UserError if that has too many pixels."""
         if self.size_cm is None:
             return job
         width, height = (float(side) for side in self.size_cm.split("x"))
@@ -68,7 +68,7 @@ class PrintExporter(Exporter):
 
 @dataclass(frozen=True)
 class Sheet:
-    """A picture's place on its paper, in pixels."""
+    """The position of a picture on its paper, in pixels."""
 
     job: ExportJob  # draws the picture at its print size, including any part that is cropped
     shown: tuple[int, int]  # height and width of the visible part, the middle of the picture
@@ -110,7 +110,7 @@ class SheetExporter(PrintExporter):
         return super().density or (DPI if self.margin or self.bleed else None)
 
     def sheet(self, job: ExportJob) -> Sheet:
-        """Lay out the painting on its paper; refuse (UserError) a layout without a picture or with too many pixels."""
+        """Lay out the painting on its paper; raise a UserError if no picture fits or there are too many pixels."""
         dpi = self.density or DPI
         margin, bleed = (round(length * dpi / MM) for length in (self.margin, self.bleed))
         if self.size_cm is not None and (self.fill or margin):

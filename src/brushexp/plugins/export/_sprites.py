@@ -1,4 +1,4 @@
-"""Draw a bitmap of every stroke with its renderer, and find the place of each on the canvas."""
+"""Draw a bitmap of every stroke with its renderer, and find its position on the canvas."""
 
 import math
 from collections.abc import Iterator
@@ -29,7 +29,7 @@ class Sprites:
     zoom: float  # pixels of the sheet per pixel of the canvas
 
     def bitmaps(self, number: Array | None = None) -> Iterator[tuple[int, tuple[int, int], Array]]:
-        """Yield index, place and pixels (h, w, 4) of each visible stroke, of all or of ``number`` (n,), in order."""
+        """Yield index, position and pixels (h, w, 4) of each visible stroke, of all or of ``number`` (n,), in order."""
         row = {stroke: k for k, stroke in enumerate(self.number.tolist())}
         for stroke in row if number is None else number.tolist():
             if stroke in row:
@@ -45,7 +45,7 @@ def has_sprites(job: ExportJob) -> bool:
 
 @torch.no_grad()
 def draw_sprites(job: ExportJob) -> Sprites:
-    """Draw every stroke once, in a single pass of a blend; they do not touch, so the blend does not mix them.
+    """Draw every stroke once, in a single pass of a blend; the strokes do not touch, so they do not mix.
 
     On black, a blend shows the contribution of a stroke; on white, also the light that it transmits. Strokes are drawn
     at a smaller size if the sheet would exceed ``MOST_PIXELS``.

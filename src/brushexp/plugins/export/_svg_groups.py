@@ -1,4 +1,4 @@
-"""Divide the strokes of an SVG into layers, and each layer into colours, for the layer lists of design programs."""
+"""Divide the strokes of an SVG into layers, and each layer into colours, to suit the layer lists of design programs."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ class Group:
 
 
 def stroke_groups(job: ExportJob, layers: int, colors: int) -> Iterator[Group]:
-    """Yield groups of all strokes, bottom first: layers with equal numbers of strokes, divided by colour, dark first.
+    """Yield groups of all strokes, bottom first: layers of equal numbers of strokes, divided by colour, dark first.
 
     ``colors`` is the number of k-means clusters in sRGB over all strokes; 0 leaves layers undivided and keeps the order
     of the strokes.

@@ -21,9 +21,9 @@ def hexadecimal(color: Tensor) -> list[str]:
 
 
 def gradients(profile: Profile, number: Tensor, digits: int) -> Iterator[tuple[str, str]]:
-    """Yield the linear gradient of each stroke whose colour drifts, and the name of its paint.
+    """Yield the linear gradient of each stroke whose colour drifts, and the name by which its paint refers to it.
 
-    The gradient is the best linear fit in the plane to 2 t - 1 along the curve.
+    The gradient is the best linear fit, over the plane, to 2 t - 1 along the curve.
     """
     if not profile.drifts:
         yield from (("", paint) for paint in hexadecimal(profile.color))
@@ -99,7 +99,7 @@ def outline_paths(profile: Profile, middle: Tensor, offset: Tensor, digits: int)
 
 
 def sharpest_bend(curve: Tensor, half: Tensor) -> tuple[Tensor, Tensor]:
-    """Find the parameter (N,) of the sharpest bend of curves (N, 3, 2), and whether it is tighter than ``half``."""
+    """Find the parameter (N,) of the sharpest bend of curves (N, 3, 2), and whether its radius is below ``half``."""
     start, control, end = curve.unbind(1)
     bend, forward = start - 2 * control + end, control - start
     at = -(forward * bend).sum(1) / bend.square().sum(1).clamp_min(torch.finfo(curve.dtype).tiny)

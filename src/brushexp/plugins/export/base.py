@@ -65,11 +65,11 @@ class ExportJob:
         return replace(self, light=UNLIT, paper=None)
 
     def at_most(self, side: int) -> "ExportJob":
-        """Return the job shrunk to at most ``side`` pixels on the longer side."""
+        """Return the job reduced to at most ``side`` pixels on the longer side."""
         return self if side >= max(self.size) else self.scaled(side / max(self.size))
 
     def scaled(self, zoom: float) -> "ExportJob":
-        """Return the job scaled by ``zoom``; it scales strokes instead of pixels, so the picture stays crisp."""
+        """Return the job scaled by ``zoom``; strokes rather than pixels are scaled, so the picture stays sharp."""
         return self.at_size((max(1, round(self.size[0] * zoom)), max(1, round(self.size[1] * zoom))), zoom)
 
     def at_size(self, size: tuple[int, int], zoom: float | None = None) -> "ExportJob":
@@ -87,8 +87,8 @@ class ExportJob:
     def bands(self, flat: Tensor | None = None) -> Iterator[tuple[int, Tensor]]:
         """Paint from top to bottom under the lamp; yield the first row and pixels (3, h, W) in [0, 1] of each band.
 
-        This needs little more memory than the pixels of the picture. ``job.bare()`` paints the colours alone; ``flat``
-        (3, H, W) are these colours if they have been painted already.
+        This needs little more memory than the pixels of the picture. ``job.bare()`` paints only the colours; ``flat``
+        (3, H, W) holds these colours if they have already been painted.
         """
         if self.light.depth:
             painting = self._lit(flat)
@@ -103,7 +103,7 @@ class ExportJob:
         return with_progress(painting, self.size[0], "drawing", lambda item: item[1].shape[1])
 
     def alpha(self, top: int = 0, rows: int | None = None) -> np.ndarray | None:
-        """Compute alpha (rows, W, 1) uint8 from row ``top`` on; None if the painting is opaque."""
+        """Compute alpha (rows, W, 1) uint8, starting at row ``top``; None if the painting is opaque."""
         if self.saved.alpha is None:
             return None
         height, width = self.size
@@ -156,7 +156,7 @@ class ExportJob:
 
     @cached_property
     def _places(self) -> tuple[Tensor, Tensor | None]:
-        """Compute the rank (N,) of each stroke, 0 for the top one, and the rows (N, 2) that it may touch, if known."""
+        """Compute each stroke's rank (N,), 0 for the top one, and the rows (N, 2) that it may touch, if known."""
         return self.bottom_up.flip(0).argsort(), self.renderer.rows(self.strokes)
 
 
@@ -187,13 +187,13 @@ class Exporter(ABC):
         return "to" if plugin is None else plugin.path
 
     def check(self, count: int, size: tuple[int, int]) -> None:  # noqa: B027  (most hold anything)
-        """Refuse (UserError) ``count`` strokes on a canvas of ``size`` (H, W) if the format cannot hold them."""
+        """Raise a UserError if the format cannot hold ``count`` strokes on a canvas of ``size`` (H, W)."""
 
     @abstractmethod
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
         """Write one or more files into ``folder`` and return their paths, main file first.
 
         Nothing else is written, the job is not changed, and the same job gives the same bytes (for a video, the same
-        frames). A painting without strokes is written as well. A UserError explains why the format cannot represent a
+        frames). A painting without strokes is also written. A UserError explains why the format cannot represent a
         painting.
         """

@@ -26,8 +26,8 @@ class Csv(Exporter):
     ``red``, ``green``, ``blue`` (sRGB) and ``opacity`` from 0 to 1; ``softness_px``, how much wider its edge is than
     its renderer's; ``widening``, the share by which it is thicker at its end and thinner at its start; ``red_drift``,
     ``green_drift`` and ``blue_drift``, added to its colour at its end and subtracted at its start; ``length_px`` along
-    the curve; ``direction_deg`` from start to end, clockwise: 0 is to the right, 90 down, -90 up; empty if both are one
-    point. Numbers have seven digits, the precision of float32. In a painting by gradient descent, lengths and widths
+    the curve; ``direction_deg`` from start to end, clockwise: 0 is to the right, 90 down, -90 up; empty if the two
+    coincide. Numbers have seven digits, the precision of float32. In a painting by gradient descent, lengths and widths
     come from ``init``.
     """
 
@@ -49,7 +49,7 @@ def _lines(job: ExportJob) -> Iterator[str]:
 
 
 def heading_degrees(curve: Tensor) -> Tensor:
-    """Compute clockwise angles (N,) in (-180, 180] from start to end of curves (N, 3, 2); NaN for a point."""
+    """Compute clockwise angles (N,) in (-180, 180] from start to end of curves (N, 3, 2); NaN if these coincide."""
     x, y = (curve[:, 2] - curve[:, 0]).unbind(1)
     angle = torch.atan2(y, x).rad2deg()
     return torch.where((x == 0) & (y == 0), torch.nan, torch.where(angle == -180, 180.0, angle)) + 0.0  # no -0

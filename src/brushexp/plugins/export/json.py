@@ -14,8 +14,8 @@ from brushexp.system.files import write_text
 class Json(Exporter):
     """Writes ``strokes.json``: the whole catalogue as editable text, one stroke per line, for catalogue=strokes.json.
 
-    It contains exactly the data of ``catalogue.h5``, in the units that it names. Strokes are numbered by line.
-    ``depth`` ranks them, 0 at the bottom; if no stroke has it, the first stroke is at the bottom.
+    It contains exactly the data of ``catalogue.h5``, in the units stated in the file. Each line is one stroke.
+    ``depth`` ranks them, 0 at the bottom; if no stroke has a ``depth``, the first stroke is at the bottom.
     """
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:

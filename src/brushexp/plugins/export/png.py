@@ -14,9 +14,9 @@ from brushexp.system.files import replacing
 @register("to", "png")
 @dataclass(kw_only=True)
 class Png(SheetExporter):
-    """Writes ``painting.png``, crisp at any ``resolution``, because it scales strokes instead of pixels.
+    """Writes ``painting.png``, sharp at any ``resolution``, because strokes rather than pixels are scaled.
 
-    It is painted and packed in bands, so memory does not grow with the picture. For print, set
+    It is painted and compressed in bands, so memory does not grow with the picture. For print, set
     ``to.png.size_cm=60x40``.
 
     Args:

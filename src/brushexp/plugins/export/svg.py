@@ -51,13 +51,14 @@ class Svg(Exporter):
 
     A path is a curve with a width and round ends, or a filled outline if the thickness changes along the stroke. Sizes
     are pixels of the canvas. Viewers draw sharper edges than the renderer's soft edge; two ``outlines`` come close to
-    it, and strokes with their own softness have more. A stroke thinner than its edge is drawn wider and fainter, as the
+    it, and strokes with their own softness use more. A stroke thinner than its edge is drawn wider and fainter, as the
     renderer draws it. A drifting colour becomes a linear gradient. An invisible stroke (no width, no opacity) has no
     path; a stroke without length is a dot.
 
     Textured strokes are bitmaps with transparency, one image per stroke, coarser than the picture if the file would be
     too large; strokes of a slow renderer (``neural``) are paths without texture. The last image, ``light``, holds the
-    lamp (``light.*``) and the paper: black over darkened areas, ground over areas that the paint skips.
+    effect of the lamp (``light.*``) and the paper: black over darkened areas, the ground colour over areas that the
+    paint skips.
 
     Args:
         digits: number of decimals of coordinates and widths.
@@ -161,7 +162,7 @@ class Svg(Exporter):
         yield "</g>\n" * bool(layer)
 
     def _drawn_strokes(self, number: Tensor, profile: Profile, sprites: Sprites | None) -> Iterator[str]:
-        """Draw strokes ``number`` (n,) in this order."""
+        """Draw strokes ``number`` (n,) in the given order."""
         if sprites is not None:
             yield from self._bitmaps(sprites, number)
             return
@@ -237,7 +238,7 @@ def _href(pixels: np.ndarray) -> str:
 
 @torch.no_grad()
 def profile_of(job: ExportJob) -> tuple[Profile, bool]:
-    """Approximate strokes by profiles, and return whether the renderer draws exactly these."""
+    """Approximate strokes by profiles, and return whether these match what the renderer draws."""
     strokes = job.strokes
     if isinstance(job.renderer(strokes[:0]), Profile):  # checked without drawing strokes
         profile = job.renderer(strokes)
@@ -249,11 +250,11 @@ def profile_of(job: ExportJob) -> tuple[Profile, bool]:
 def soft_edge(half: Tensor, opacity: Tensor, soft: Tensor, count: int) -> tuple[Tensor, Tensor, Tensor]:
     """Choose stacked strokes with hard edges that together cover the same area as a stroke with a soft edge.
 
-    A single stroke has the same opacity in the middle as the soft stroke, C(0) of `Profile`, and covers the same share
+    A single stroke has the same opacity in the middle as the soft stroke, C(0) of `Profile`, and blocks the same amount
     of light across it, so it is wider if the stroke is thinner than the edge. Several strokes have the half widths at
-    which C(d) passes (k + 1/2) / count of C(0), moved together so that, smoothed by a pixel, their edge is as soft as
-    that of C, whose variance is ``soft``^2 / 20 for a wide stroke. ``half`` (N,) and the edge widths ``soft`` (N,) are
-    in pixels.
+    which C(d) passes (k + 1/2) / count of C(0), moved closer together so that, after smoothing by a pixel, their edge
+    is as soft as that of C, whose variance is ``soft``^2 / 20 for a wide stroke. ``half`` (N,) and the edge widths
+    ``soft`` (N,) are in pixels.
 
     Returns:
         Half width of a single stroke (N,); offsets to add to it (N, K), widest first; opacities (N, K).

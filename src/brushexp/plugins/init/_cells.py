@@ -28,7 +28,7 @@ class CellInitializer(Initializer):
 
     Args:
         orient: structure (along the picture's edges, filling the cell) or random (as in the thesis: points drawn from
-            N(0, 0.1) half-windows, with the smallest width; the optimiser does the rest).
+            N(0, 0.1) half-windows, with the smallest width; the optimiser then adjusts them).
         length: stroke length, in sides of its cell (structure only).
         width: stroke width, in sides of its cell (structure only).
         opacity: stroke opacity, 0 to 1.
@@ -72,7 +72,7 @@ class CellInitializer(Initializer):
 
 
 def merge_smallest(labels: Array, n: int) -> Array:
-    """Keep the ``n`` largest cells of a partition (H, W), and merge each other cell into the nearest of them."""
+    """Keep the ``n`` largest cells of a partition (H, W), and merge each other cell into the nearest of these."""
     flat = labels.ravel()
     centre, _, area = _moments(_coordinates(*labels.shape), flat, int(flat.max()) + 1)
     largest = np.sort(np.argsort(-area, kind="stable")[:n])
@@ -132,7 +132,7 @@ def _direction(picture: Array, flat: Array, n: int, covariance: Array) -> Array:
     """Compute the direction (n,), in radians, in which the picture changes least around each cell.
 
     The direction is a sum of double angles: of the structure tensor (Bigun and Granlund, 1987), averaged over the cell
-    and divided by its trace, and of the cell's own elongation with a small weight, which decides in flat regions.
+    and divided by its trace, and of the cell's own elongation, with a small weight that matters only in flat regions.
     """
     tensor = cell_means(structure_tensor(picture, 1.0).reshape(3, -1), flat, n)
     strength = tensor[0] + tensor[2] + MIN_GRADIENT_POWER

@@ -19,14 +19,14 @@ class Initializer(ABC):
 
     @abstractmethod
     def __call__(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None = None) -> Strokes:
-        """Map a target (3, H, W) in [0, 1] to exactly ``n`` (1 to H * W) strokes, float32 on the CPU.
+        """Place exactly ``n`` (1 to H * W) strokes, float32 on the CPU, on a target (3, H, W) in [0, 1].
 
         All randomness comes from ``generator``. ``focus`` (H, W) holds weights of the pixels, of mean 1; an initialiser
         may ignore it.
         """
 
     def nearer(self) -> "Initializer":
-        """Return the initialiser for a face that keeps its detail while ``abstraction`` simplifies the rest."""
+        """Return the initialiser for a face that keeps its detail while ``abstraction`` simplifies all else."""
         return self
 
     def details(self) -> "Initializer | None":

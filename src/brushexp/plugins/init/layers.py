@@ -34,22 +34,22 @@ SWELLS, SWING = 4, 0.26  # pitches between turns of the calm direction; its devi
 @register("init", "layers")
 @dataclass(kw_only=True)
 class InLayers(Initializer):
-    """Places layers of strokes, large to small, each only where the layer below lacks detail; strokes follow the form.
+    """Places layers of strokes that follow the form, large to small, each only where the layer below lacks detail.
 
-    Source: Hertzmann (1998). Each layer follows the picture blurred by its brush size, where this differs most from the
-    layer below. Strokes bend along the direction of least change and end where the picture no longer has their colour.
-    Differs from the source: the number of strokes is exact, strokes are quadratic curves, and nothing is painted in
-    between, because each layer is assumed to reproduce its blurred picture.
+    Source: Hertzmann (1998). Each layer follows the picture blurred by the layer's brush size, and covers the areas
+    where this differs most from the layer below. Strokes bend along the direction of least change and end where the
+    picture no longer has their colour. Differs from the source: the number of strokes is exact, strokes are quadratic
+    curves, and nothing is painted between layers, because each layer is assumed to reproduce its blurred picture.
 
     Args:
         layers: number of layers, from large strokes to small ones.
-        ratio: stroke size of a layer over that of the layer below, 0.2 to 1.
+        ratio: ratio of a layer's stroke size to that of the layer below, 0.2 to 1.
         cover: share of the area of the layer below that a layer covers; the rest keeps the larger strokes.
         length: stroke length, in the layer's mean stroke spacing.
         width: stroke width, in the layer's mean stroke spacing.
         calm: weight of a nearly horizontal direction, relative to the mean structure of the picture; it keeps strokes
             in a sky from circling distant objects.
-        shadows: dependence of differences on brightness, from none (0) to Weber's law (1).
+        shadows: how colour differences depend on brightness, from not at all (0) to Weber's law (1).
         edges: colour difference from the picture at which a stroke ends, 0 to 1; smaller values follow edges more
             closely.
         underpainting: whether the lowest layer hides the ground with broader strokes that do not stop at edges.
@@ -163,7 +163,7 @@ def _places(detail: Array, cells: int, n: int) -> Array:
 
 
 def _spread_to_edges(places: Array, side: float, size: Sequence[int]) -> Array:
-    """Stretch places (n, 2: x, y) so that places half a ``side`` from the edges of the canvas move onto the edges."""
+    """Stretch positions (n, 2: x, y) so that those half a ``side`` from the edges of the canvas move onto the edges."""
     middle = np.array(size) / 2
     return middle + (places - middle) * (middle / np.maximum(middle - side / 2, 1))
 

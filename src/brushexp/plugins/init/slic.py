@@ -42,7 +42,7 @@ class Slic(CellInitializer):
 
 
 def superpixels(target: Tensor, n: int, compactness: float) -> np.ndarray:
-    """Assign each pixel (H, W) to one of about ``n`` superpixels, or to a lattice if they have few pixels."""
+    """Assign each pixel (H, W) to one of about ``n`` superpixels, or to a lattice if they would have few pixels."""
     from skimage.segmentation import slic  # noqa: PLC0415  (slow to import)
 
     _, height, width = target.shape
@@ -63,9 +63,9 @@ def superpixels(target: Tensor, n: int, compactness: float) -> np.ndarray:
 def refine_cells(labels: np.ndarray, n: int, picture: np.ndarray, focus: np.ndarray | None = None) -> np.ndarray:
     """Split cells (H, W) into exactly ``n``, starting with the largest area times standard deviation of colour.
 
-    Area times variance, the squared error, improves PSNR no more and leaves flat regions visibly too coarse. If there
-    are more than ``n`` cells, the smallest are merged into others. The mean ``focus`` (H, W) of a cell multiplies its
-    weight.
+    Area times variance, the squared error, does not give a higher PSNR, and leaves flat regions visibly too coarse. If
+    there are more than ``n`` cells, the smallest are merged into their neighbours. The mean ``focus`` (H, W) of a cell
+    multiplies its weight.
     """
     height, width = labels.shape
     if labels.max() >= n:
@@ -86,8 +86,8 @@ def refine_cells(labels: np.ndarray, n: int, picture: np.ndarray, focus: np.ndar
 def _pieces(weight: np.ndarray, area: np.ndarray, n: int) -> np.ndarray:
     """Choose the number of pieces of each cell, ``n`` in total, none smaller than a pixel.
 
-    A colour ramp cut into p pieces leaves each 1 / p of the area and 1 / p of the deviation, so 1 / p^2 of the weight;
-    the cell whose pieces have the largest weight is split next.
+    If a colour ramp is cut into p pieces, each has 1 / p of its area and 1 / p of its deviation, and so 1 / p^2 of its
+    weight; the cell whose pieces have the largest weight is split next.
     """
     pieces = np.ones(len(area), np.int64)
     heap = [(-value if size > 1 else 0.0, cell) for cell, (value, size) in enumerate(zip(weight, area, strict=True))]

@@ -17,7 +17,7 @@ if TYPE_CHECKING:  # Lightning takes seconds to import; --help should not
 
 @dataclass(frozen=True)
 class Run:
-    """The description of a run: folder and settings at its start, everything at its end."""
+    """The description of a run: folder and settings at the start, and all results at the end."""
 
     folder: Path  # folder in which a logger writes
     name: str = ""  # number of the job in a sweep
@@ -66,4 +66,4 @@ class Logger(ABC):
         """Return the Lightning logger for the curves; it is finalised after `finish`."""
 
     def finish(self, run: Run) -> None:  # noqa: B027
-        """Record the results of the run; called once, however the run ended, even if `open` or a curve failed."""
+        """Record the results of the run; called exactly once, even if the run, `open` or a curve failed."""

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from brushexp.bounds import at_least
-from brushexp.pictures.focus import resized
+from brushexp.pictures.focus import resample_weights
 from brushexp.pictures.region import Region
 from brushexp.strokes.catalogue import Strokes
 
@@ -41,7 +41,7 @@ class PaintedView:
 
     def weights(self, values: Tensor) -> Tensor | None:
         """Resample ``focus`` (h, w) to the size of values (..., h, w), such as features; None for equal weights."""
-        return None if self.focus is None else resized(self.focus, (values.shape[-2], values.shape[-1]))
+        return None if self.focus is None else resample_weights(self.focus, (values.shape[-2], values.shape[-1]))
 
     def mean(self, values: Tensor) -> Tensor:
         """Average values (..., h, w) of pixels or features, weighted by ``focus``; 0 if there are no values."""
@@ -90,7 +90,7 @@ class Surroundings:
 
 
 class Loss(nn.Module, ABC):
-    """A term of the objective; class attributes hold the facts that help users choose.
+    """A term of the objective; class attributes hold facts that help users choose a loss.
 
     >>> import torch
     >>> from brushexp.strokes.catalogue import Strokes
@@ -160,7 +160,7 @@ class StyleLoss(Loss):
 
     @abstractmethod
     def check(self, size: tuple[int, int]) -> int:
-        """Return the longer side of the style picture for a canvas of ``size`` (H, W), or refuse it (UserError)."""
+        """Return the longer side of the style picture for a canvas of ``size`` (H, W), or raise a UserError."""
 
     @abstractmethod
     def picture(self, target: Tensor) -> Tensor:
@@ -175,7 +175,7 @@ class BrushworkLoss(Loss):
     """A loss that compares the strokes of a painting with those of another painting."""
 
     @abstractmethod
-    def arranged(self, strokes: Strokes, size: tuple[int, int], generator: torch.Generator) -> Strokes:
+    def arrange(self, strokes: Strokes, size: tuple[int, int], generator: torch.Generator) -> Strokes:
         """Give initial strokes, on a canvas of ``size`` (H, W), the shapes of the other painting's strokes."""
 
 
@@ -191,7 +191,7 @@ def restore(losses: Mapping[str, Loss], state: Mapping[str, Mapping[str, Any]]) 
 
 
 def weighted_sum(losses: Mapping[str, Loss], view: PaintedView) -> tuple[Tensor, dict[str, Tensor]]:
-    """Compute the objective, which is the weighted sum of the losses, and each loss unweighted."""
+    """Compute the objective, which is the weighted sum of the losses, and each unweighted loss."""
     terms, weighted = {}, []
     for name, loss in losses.items():
         wider = view.around(loss.context, loss.grid)

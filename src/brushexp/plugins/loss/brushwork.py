@@ -1,7 +1,7 @@
-"""Transfer brushwork with a loss on lengths, widths, curvatures and directions, and by reshaping initial strokes.
+"""Transfer brushwork: a loss on lengths, widths, curvatures and directions, and reshaped initial strokes.
 
-Sizes are in pitches, sqrt(pixels of the canvas / number of strokes), so that strokes cover another picture as densely
-as their own.
+Sizes are in pitches, sqrt(pixels of the canvas / number of strokes), so that strokes cover the new picture as densely
+as their original.
 """
 
 from dataclasses import dataclass, replace
@@ -35,7 +35,7 @@ class BrushworkTransfer(BrushworkLoss):
 
     The loss sums, over these four measures (``strokes.measures``, reported by `task=analyse`), the squared
     2-Wasserstein distance between their distributions in both paintings, in units of the variance in the reference. It
-    uses all strokes at every step; strokes too faint or too thin to see do not count and have no gradient.
+    uses all strokes at every step; strokes too faint or too thin to be visible are ignored and get no gradient.
     ``style.brushwork`` adds this loss and shapes the initial strokes accordingly.
 
     Args:
@@ -60,7 +60,7 @@ class BrushworkTransfer(BrushworkLoss):
         size = (view.whole_target.shape[1], view.whole_target.shape[2])
         return distances(strokes, size, self.reference).sum()
 
-    def arranged(self, strokes: Strokes, size: tuple[int, int], generator: torch.Generator) -> Strokes:
+    def arrange(self, strokes: Strokes, size: tuple[int, int], generator: torch.Generator) -> Strokes:
         return strokes if self.reference is None else with_brushwork(strokes, self.reference, size, generator)
 
 
@@ -95,7 +95,7 @@ def load_brushwork(path: Path, option: str = OPTION) -> Brushwork:
 
 @torch.no_grad()
 def brushwork_of(strokes: Strokes, size: tuple[int, int]) -> Brushwork:
-    """Measure the brushwork of the visible strokes on a canvas (H, W); refuse (UserError) fewer than `MIN_STROKES`."""
+    """Measure the brushwork of visible strokes on a canvas (H, W); raise a UserError for fewer than `MIN_STROKES`."""
     pitch = pitch_of(strokes, size)
     counted = strokes[is_visible(strokes, pitch)]
     if len(counted) < MIN_STROKES:
@@ -150,11 +150,11 @@ def distances(strokes: Strokes, size: tuple[int, int], reference: Brushwork) -> 
 def with_brushwork(
     strokes: Strokes, reference: Brushwork, size: tuple[int, int], generator: torch.Generator
 ) -> Strokes:
-    """Give strokes the lengths, widths, bends and directions of a reference, keeping place, colour and opacity.
+    """Give strokes the lengths, widths, bends and directions of a reference, keeping position, colour and opacity.
 
     Each stroke gets the shape of one reference stroke; all reference strokes are used equally often, as far as
     possible. Larger shapes go where ``strokes`` are larger. Directions are relative to the mean direction of the
-    neighbours, and a stroke bends to the side to which that direction turns along it.
+    neighbours, and each stroke bends towards the side to which that direction turns along it.
     """
     if not len(strokes):
         return strokes

@@ -19,8 +19,9 @@ class Curvature(Loss):
     point along a straight line.
 
     Args:
-        weight: factor in the sum of losses; the source's 4 is for other units. On a portrait, the mean was 1.26 rad
-            with ``mse`` alone, 0.48 with the default of this loss (costing 0.1 dB), and 0.25 with 0.0005 (0.3 dB).
+        weight: factor in the sum of losses; the source's 4 applies to other units. On a portrait, the mean was 1.26 rad
+            with ``mse`` alone, 0.48 with this loss at its default weight (costing 0.1 dB), and 0.25 with a weight of
+            0.0005 (0.3 dB).
     """
 
     weight = 0.0002

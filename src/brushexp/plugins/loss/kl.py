@@ -1,4 +1,4 @@
-"""Kullback-Leibler divergence between the bends of strokes and those of valid strokes."""
+"""Kullback-Leibler divergence between the distributions of bends of the strokes and of valid strokes."""
 
 from torch import Tensor
 
@@ -20,8 +20,9 @@ class KullbackLeibler(Loss):
     a single stroke or equal strokes; the minimum stays at mu = 0 and S = T. The source prints S and T exchanged.
 
     Args:
-        weight: factor in the sum of losses. 500 wildly bent strokes ended at 51 with ``mse`` alone, at 0.2 with the
-            default of this loss (costing less than 0.1 dB), and at 0.001 with 0.001 (0.1 dB).
+        weight: factor in the sum of losses. For 500 strongly bent strokes, the divergence ended at 51 with ``mse``
+            alone, at 0.2 with this loss at its default weight (costing less than 0.1 dB), and at 0.001 with a weight of
+            0.001 (0.1 dB).
     """
 
     weight = 0.0001

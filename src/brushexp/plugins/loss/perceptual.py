@@ -22,7 +22,7 @@ class Perceptual(Loss):
 
     Source: thesis 2020, eq. 6.23, which uses the fourth block of VGG16 and sums over the C channels of a tap, so it is
     C times as large. Differs from the source: the default network is the bundled ``effl0``; several taps have equal
-    weight; and the picture is jittered, because a network with a stride of two pixels is blind to errors of that period
+    weight; and the picture is jittered, because a network with a stride of two pixels cannot see errors of that period
     (3 pixels of jitter alone gave 1.5 dB more PSNR on two pictures).
 
     Args:

@@ -48,7 +48,7 @@ def waves_for(sample: Tensor) -> Embedding:
 
 
 class FeatureKernel(NamedTuple):
-    """A kernel of features (C, P): its embedding, from a sample of the style, and the sum of k(f, f) over positions."""
+    """A kernel of features (C, P): its embedding, based on a style sample, and the sum of k(f, f) over positions."""
 
     embedding: Callable[[Tensor], Embedding]
     power: Callable[[Tensor], Tensor] = lambda features: features.square().sum()
@@ -63,7 +63,7 @@ KERNELS = {
 
 
 class TapStyle(NamedTuple):
-    """The style at one tap: its mean embedding, and its mean k(f, f) as unit."""
+    """The style at one tap: its mean embedding, and its mean k(f, f) as the unit."""
 
     kernel: str
     embed: Embedding
@@ -76,7 +76,7 @@ class TapStyle(NamedTuple):
         return torch.cat([total.new_full((1,), features.shape[1]), total])
 
     def discrepancy(self, sums: Tensor) -> Tensor:
-        """Compute the squared distance between the mean embeddings of the style and of a picture with some ``sums``."""
+        """Compute the squared distance between the mean embeddings of the style and of a picture, given ``sums``."""
         ours, theirs = sums[1:] / sums[0], self.mean
         if self.kernel == "meanstd":
             ours, theirs = (self._mean_and_deviation(moments) for moments in (ours, theirs))
@@ -89,7 +89,7 @@ class TapStyle(NamedTuple):
 
 @register("loss", "style")
 class Style(StyleLoss):
-    """Style loss against a style picture, by Gram matrices and other kernels (Gatys et al., Li et al.).
+    """Style loss relative to a style picture, by Gram matrices and other kernels (Gatys et al., Li et al.).
 
     The loss is |E phi(f) - E phi(f_style)|^2 / E k(f_style, f_style), averaged over the taps, where E is the mean over
     the positions of a picture, f a feature vector (C,) and phi the embedding of the kernel. This is the squared maximum
@@ -199,7 +199,7 @@ class Style(StyleLoss):
 
     @torch.no_grad()
     def _turn_to(self, around: Surroundings, styles: list[TapStyle]) -> None:
-        """Update the sums over the canvas, and subtract the sums over the region of the next steps."""
+        """Update the sums over the canvas, and subtract those over the region of the next steps."""
         last = self._surroundings
         if last is None or last.picture is not around.picture or last.target is not around.target:
             self._canvas = around.picture.clone()
@@ -218,7 +218,7 @@ class Style(StyleLoss):
         return [style.sums(features[tap][0].flatten(1)) for style, tap in zip(styles, self.taps, strict=True)]
 
     def _tiled_sums(self, styles: list[TapStyle], picture: Tensor) -> list[Tensor]:
-        """Compute the `_sums` of a picture of any size in the memory of one tile."""
+        """Compute the `_sums` of a picture of any size within the memory of a single tile."""
         tiles = self.network.tiled(picture, self.taps)
         sums = ([style.sums(part) for style, part in zip(styles, tile, strict=True)] for tile in tiles)
         return [torch.stack(parts).sum(0) for parts in zip(*sums, strict=True)]

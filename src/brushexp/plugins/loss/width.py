@@ -10,7 +10,7 @@ from brushexp.system.precision import at_least_single
 
 @register("loss", "width")
 class Width(Loss):
-    """Mean of max(0, 1.4 w - |s - e|); keeps strokes as long as valid ones of their width (thesis 2020, eq. 6.24).
+    """Mean of max(0, 1.4 w - |s - e|), which penalises strokes too short for their width (thesis 2020, eq. 6.24).
 
     Thickness and length are fractions of the window's side; ``start`` and ``end`` are in half-windows, so |s - e| is
     half of their distance. Differs from the source, which uses 2 w: ``prior.INSET`` = 0.7 shrinks the points of valid
@@ -19,7 +19,7 @@ class Width(Loss):
 
     Args:
         weight: factor in the sum of losses. For 500 thick strokes, the mean was 0.2 with ``mse`` alone, and 0.0004 with
-            the default of this loss (costing less than 0.1 dB); 0.1 cost 0.1 dB.
+            this loss at its default weight (costing less than 0.1 dB); a weight of 0.1 cost 0.1 dB.
     """
 
     weight = 0.01

@@ -1,1 +1,1 @@
-"""Metrics judge a finished painting by a number; choose several with ``'metric=[psnr,ssim]'``."""
+"""Metrics rate a finished painting by a number; choose several with ``'metric=[psnr,ssim]'``."""

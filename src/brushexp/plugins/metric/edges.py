@@ -8,7 +8,7 @@ from brushexp.registry import register
 
 @register("metric", "edges")
 class EdgeError(Metric):
-    """Mean absolute error (L1) of the differences between neighbouring pixels, a measure of how sharp edges stay.
+    """Mean absolute error (L1) of the differences between neighbouring pixels, which measures how well edges are kept.
 
     It is undefined for a picture of one pixel.
     """

@@ -1,4 +1,4 @@
-"""Measure the distance between pictures in the features of the bundled network."""
+"""Measure the distance between pictures in the feature space of the bundled network."""
 
 from brushexp.features.distance import perceptual_distance
 from brushexp.plugins.metric.base import Comparison, Metric
@@ -7,7 +7,7 @@ from brushexp.registry import register
 
 @register("metric", "perceptual")
 class PerceptualDistance(Metric):
-    """Perceptual distance in the features of a small bundled network; 0 is identical."""
+    """Perceptual distance in the feature space of a small bundled network; 0 for identical pictures."""
 
     title = "perceptual distance"
     higher_is_better = False

@@ -22,7 +22,7 @@ LIBRARIES = {"torch": "torch.optim", "pytorch_optimizer": "pytorch_optimizer"}  
 
 @register("optimizer", "torch")
 class TorchOptim(Optimizer):
-    """Any class of torch.optim by name, with a unit per field and a schedule; presets exist for common classes.
+    """Any class of torch.optim by name, with a unit for each field and a schedule; presets exist for common classes.
 
     The compiled blend has no second derivatives, which AdaHessian and SophiaH need. A field of N strokes is a tensor
     (N, 2), (N, 3) or (N,); for classes with a matrix per dimension, set ``options`` that exclude the dimension of N.
@@ -32,7 +32,7 @@ class TorchOptim(Optimizer):
         library: library of the class: torch, or pytorch_optimizer (an extra) with SOAP, Kron, Adan and a hundred more.
         lr: learning rate; ``units`` scales it for each field.
         units: unit of each field. ``lr`` times the unit is about the size of a step of Adam, in half-windows for
-            position and points, and in fractions of the window for width and softness. 0 freezes a field.
+            position and points, and in fractions of the window for width and softness. A unit of 0 freezes a field.
         schedule: schedule after ``hold``: constant, linear (to 0) or cosine (to 0).
         hold: fraction of the steps at the full rate before it falls; at 1 it never falls.
         warmup: fraction of the steps in which the rate first rises from 0.
@@ -93,7 +93,7 @@ class Lbfgs(optim.LBFGS):
 
 
 def class_of(library: str, name: str, options: dict[str, Any]) -> Callable[..., optim.Optimizer]:
-    """Find a class by name in a library; refuse (UserError) options that the library would silently ignore."""
+    """Find a class by name in a library; raise a UserError for options that the library would silently ignore."""
     try:
         module = vars(importlib.import_module(LIBRARIES[library]))
     except ImportError as error:

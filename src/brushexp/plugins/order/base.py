@@ -13,8 +13,8 @@ RENEWED_SHARE = 0.5  # default share of a stage's steps after which the order is
 class Order(ABC):
     """Decides which stroke lies on top. Depth is not a parameter: it is computed and has no gradient.
 
-    After the fraction ``until`` of a stage's steps, the order is fixed, because strokes that change their rank late do
-    not recover (a loss of up to 1.4 dB in a run of 60 steps).
+    After the fraction ``until`` of a stage's steps, the order is fixed, because strokes whose rank changes late do not
+    recover (a loss of up to 1.4 dB in a run of 60 steps).
 
     >>> class Brightest(Order):
     ...     every, until = 10, 0.5
@@ -34,7 +34,7 @@ class Order(ABC):
 
     @abstractmethod
     def depth(self, strokes: Strokes, accuracy: Tensor | None) -> Tensor:
-        """Compute the height (N,) of each stroke: higher strokes lie on top; of equal strokes, the later does.
+        """Compute the height (N,) of each stroke: higher strokes lie on top; among equals, the later stroke does.
 
         ``accuracy`` (N,) is 1 - (sum over pixels of alpha |color - target|^2) / (sum of alpha), where alpha is the
         stroke's own, hidden or not. It is None before the first step or if it is not needed.

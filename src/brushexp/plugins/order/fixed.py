@@ -1,4 +1,4 @@
-"""Keep the order of the catalogue."""
+"""Keep the stroke order of the catalogue."""
 
 import torch
 from torch import Tensor
@@ -10,7 +10,7 @@ from brushexp.strokes.catalogue import Strokes
 
 @register("order", "fixed")
 class FixedOrder(Order):
-    """Keeps the order of the catalogue, its last stroke on top."""
+    """Keeps the stroke order of the catalogue, with its last stroke on top."""
 
     every = 2**31  # never again
 

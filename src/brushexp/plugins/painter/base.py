@@ -15,7 +15,7 @@ from brushexp.strokes.catalogue import Strokes
 
 @dataclass(frozen=True)
 class PaintRequest:
-    """The task given to a painter."""
+    """The request to a painter: the target, the number of strokes and the settings of the painting."""
 
     target: Tensor  # (3, H, W) in [0, 1], display-referred RGB
     n: int  # largest number of strokes, 1 to H * W
@@ -51,8 +51,8 @@ class PaintState:
 class Painter(ABC):
     """Paints a picture from the bare canvas to the last stroke.
 
-    The program shows, films, measures and saves the painter's states, and can end the run only between two states (for
-    Ctrl-C, ``seconds=``, ``psnr=`` or a signal), so yield a state every few hundredths of the work.
+    The program displays, films, measures and saves the painter's states, and can end the run only between two states
+    (for Ctrl-C, ``seconds=``, ``psnr=`` or a signal), so yield a state every few hundredths of the work.
 
     >>> from brushexp.strokes.prior import sample_prior
     >>> class Careless(Painter):

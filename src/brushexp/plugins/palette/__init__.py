@@ -1,1 +1,1 @@
-"""Palettes turn the colours of a picture into those of the target; choose one with ``palette=muted``."""
+"""Palettes map the colours of a picture to those of the target; choose one with ``palette=muted``."""

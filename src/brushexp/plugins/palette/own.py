@@ -1,4 +1,4 @@
-"""The colours of the picture itself."""
+"""Keep the picture's own colours."""
 
 from torch import Tensor
 

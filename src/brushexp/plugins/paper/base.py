@@ -10,7 +10,7 @@ from torch import Tensor
 
 @dataclass(frozen=True)
 class Rows:
-    """A band of ``count`` rows from row ``top`` of a canvas of ``size`` (H, W) in pixels."""
+    """A band of ``count`` rows, starting at row ``top``, of a canvas of ``size`` (H, W) in pixels."""
 
     top: int
     count: int
@@ -32,7 +32,7 @@ class Rows:
 
 
 class Paper(ABC):
-    """The surface below the strokes; paint skips parts of it, and its relief catches the light.
+    """The surface beneath the strokes; paint skips parts of it, and its relief catches the light.
 
     The surface is the same at every size of the picture and in every band of rows.
 
@@ -53,7 +53,7 @@ class Paper(ABC):
 
     @abstractmethod
     def cover(self, flat: Tensor, bare: Tensor, rows: Rows) -> Tensor:
-        """Map a picture of strokes on a smooth ground of colour ``bare`` (3,) to their appearance on the paper.
+        """Map a picture of strokes on a smooth ground of colour ``bare`` (3,) to its appearance on the paper.
 
         Pictures (3, h, W) in [0, 1] cover ``rows``; the result is differentiable in both colours.
         """

@@ -9,7 +9,7 @@ from brushexp.registry import register
 
 @register("paper", "smooth")
 class Smooth(Paper):
-    """No paper: a smooth ground on which strokes look as painted."""
+    """No paper: a smooth ground that does not change the look of the strokes."""
 
     is_smooth = True
 

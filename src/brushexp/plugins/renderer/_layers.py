@@ -36,8 +36,8 @@ class CoordConv(nn.Module):
 class Noise(nn.Module):
     """Adds one plane of noise times a learned strength per channel (Karras et al., 2019, arXiv:1812.04948).
 
-    During training the noise is fresh; otherwise it is the same for every stroke and call. Differs from the source in
-    the initial strength, which is 0 in the source.
+    During training the noise is drawn anew; otherwise it is the same for every stroke and call. Differs from the
+    source: the initial strength is not 0 by default.
 
     Args:
         channels: number of channels of the input.
@@ -62,18 +62,18 @@ class Noise(nn.Module):
 
 
 def add_noise(x: Tensor, strength: Tensor, grain: Tensor | None) -> Tensor:
-    """Add ``strength`` (C,) times a plane of noise to (n, C, H, W): ``grain`` (1, 1, H, W), or fresh noise if None."""
+    """Add ``strength`` (C,) times a noise plane to (n, C, H, W): ``grain`` (1, 1, H, W), or new noise if None."""
     grain = torch.randn_like(x[:, :1]) if grain is None else grain
     return x + strength[:, None, None] * grain
 
 
 def fixed_grain(side: int) -> Tensor:
-    """Draw the fixed noise (1, 1, side, side) of all paintings."""
+    """Draw the fixed noise (1, 1, side, side) shared by all paintings."""
     return torch.randn(1, 1, side, side, generator=torch.Generator().manual_seed(NOISE_SEED + side))
 
 
 def window_planes(side: int, like: Tensor | None = None) -> Tensor:
-    """Compute x and y, from -1 to 1, of the pixels of a window: (1, 2, side, side), dtype and device as ``like``."""
+    """Compute pixel coordinates x and y in a window, -1 to 1: (1, 2, side, side), with dtype and device of ``like``."""
     like = torch.empty(0) if like is None else like
     line = (torch.arange(side, device=like.device, dtype=like.dtype) + 0.5) * (2 / side) - 1
     return torch.stack([line.expand(side, side), line[:, None].expand(side, side)])[None]

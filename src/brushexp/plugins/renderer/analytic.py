@@ -15,8 +15,8 @@ from brushexp.strokes.catalogue import Strokes
 class Analytic(Renderer):
     """Quadratic Bezier stroke with round ends and a soft edge.
 
-    It draws the ``softness``, ``widening`` and ``drift`` of strokes, which are optimised if ``optimizer.units`` gives
-    them units, as in ``look=plain``.
+    It draws the ``softness``, ``widening`` and ``drift`` of strokes, which are optimised if they have units in
+    ``optimizer.units``, as in ``look=plain``.
 
     Args:
         soft: width of the edge in pixels of the picture, added to each stroke's own softness; wider edges give smoother

@@ -1,4 +1,4 @@
-"""The contract of renderers, which compute what each stroke covers (`Layers`)."""
+"""The contract of renderers, which compute the area that each stroke covers (`Layers`)."""
 
 import time
 from abc import ABC, abstractmethod
@@ -32,7 +32,7 @@ PRECISIONS = ("float32", "bfloat16")  # precisions in which a network paints; we
 
 
 def reach_of(strokes: Strokes, edge: float) -> Tensor:
-    """Bound the distance (N,), in pixels, that strokes paint from their curves; ``edge`` is that of their renderer."""
+    """Bound the distance (N,), in pixels, that paint reaches from a stroke's curve; ``edge`` is the renderer's."""
     return PAINT_REACH * half_width_of(strokes) + 0.5 * softness_of(strokes) + edge
 
 
@@ -56,7 +56,7 @@ class Renderer(nn.Module, ABC):
     """Turns stroke parameters into layers; a subclass defines `forward` and overrides other methods as needed.
 
     A trained renderer has an option ``checkpoint`` and calls `restore` at the end of its ``__init__``.
-    ``tests/dabs.py`` has a renderer with its own layers and compiled kernel.
+    ``tests/dabs.py`` has an example with its own layers and compiled kernel.
 
     >>> from brushexp.registry import build_named
     >>> from brushexp.strokes.prior import sample_prior
@@ -77,8 +77,8 @@ class Renderer(nn.Module, ABC):
     def restore(self, checkpoint: str | None, **options: Any) -> None:
         """Load the trained weights of a checkpoint; None keeps the initial weights.
 
-        The weights depend on ``options``. A checkpoint trained with other options is refused (UserError); an option of
-        None is not compared.
+        The weights depend on ``options``. A checkpoint trained with other options raises a UserError; options of None
+        are not compared.
         """
         plugin = plugin_of_class(type(self))
         name = type(self).__name__ if plugin is None else plugin.name
@@ -100,18 +100,18 @@ class Renderer(nn.Module, ABC):
         """
 
     def clamp(self, strokes: Strokes) -> Strokes:
-        """Clamp strokes to the nearest strokes that this renderer can draw; painters call it after every step."""
+        """Clamp strokes to the nearest strokes that this renderer can draw; painters call this after every step."""
         return strokes
 
     def distil(self, simulate: Callable[[Tensor, int], Simulated]) -> None:
         """Derive parameters directly from strokes of a simulator; called once, before training.
 
-        ``simulate`` paints strokes (n, 10) large enough to show details. Its second argument is the number of the first
-        stroke in the data set, which decides the brushes.
+        ``simulate`` draws strokes (n, 10) large enough to show details. Its second argument is the number of the first
+        stroke in the data set, which determines the brushes.
         """
 
     def convert(self, strokes: Strokes) -> Strokes:
-        """Convert strokes of another renderer to strokes that this one draws best; called once, before the steps."""
+        """Convert another renderer's strokes to the strokes that this one draws best; called once, before the steps."""
         return self.clamp(strokes)
 
     def rows(self, strokes: Strokes) -> Tensor | None:
@@ -137,11 +137,12 @@ class PatchRenderer(Renderer):
     def draw(self, parameters: Tensor) -> Tensor:
         """Draw pictures (n, 4, S, S) of strokes (n, 10) in the format of `strokes.prior.parameters_of`.
 
-        They are RGBA in [0, 1] with straight alpha, opaque where there is paint; stroke opacity is applied later.
+        The pictures are RGBA in [0, 1] with straight alpha, opaque where there is paint; stroke opacity is applied
+        later.
         """
 
     def forward(self, strokes: Strokes) -> Windows:
-        """Draw the windows; with ``project``, strokes outside the range of training are first clamped to it."""
+        """Draw the windows; with ``project``, strokes outside the training range are first clamped to it."""
         parameters = parameters_of(self.clamp(strokes))
         draw: Callable[[Tensor], Tensor] = self.draw if self.training else self._clean
         if not self.training and torch.is_grad_enabled():  # stores pictures and recomputes activations
@@ -152,14 +153,14 @@ class PatchRenderer(Renderer):
         return Windows(images, strokes.position, strokes.scale, strokes.opacity, strokes.color)
 
     def _clean(self, parameters: Tensor) -> Tensor:
-        """Draw without the faint traces that a network leaves everywhere, which would cost time."""
+        """Draw without the faint traces that a network leaves everywhere and that would slow down compositing."""
         with torch.autocast(parameters.device.type, torch.bfloat16, enabled=self.precision == "bfloat16"):
             pictures = self.draw(parameters)
         color, alpha = pictures.to(parameters.dtype).split([3, 1], dim=1)
         return torch.cat([color, torch.where(alpha < LEAST_ALPHA, 0.0, alpha)], dim=1)
 
     def seconds_per_stroke(self) -> float:
-        """Measure the time to draw a stroke with its gradient, from a few strokes."""
+        """Measure the time to draw a stroke and its gradient, from a small sample."""
         parameters, was_training, times = torch.zeros(SAMPLE_STROKES, 10, requires_grad=True), self.training, []
         self.eval()  # the mode in which it paints
         for _ in range(2):  # the first call includes one-time work
@@ -185,7 +186,7 @@ class PatchRenderer(Renderer):
 
 
 def check_trained(renderer: Renderer, choice: str) -> None:
-    """Refuse (UserError) a renderer that needs trained weights and has none; ``choice`` is its typed name.
+    """Raise a UserError if a renderer lacks the trained weights it needs; ``choice`` is the name the user typed.
 
     The attribute ``weights`` of a renderer states whether it has to be trained.
     """

@@ -42,9 +42,9 @@ class Textured(Renderer):
     A stroke's brush decides which of several textures it has and whether the texture is flipped. Textures do not
     stretch with the stroke: the lengths of the start and the end are proportional to the stroke's thickness, and longer
     strokes repeat the middle more often. A texture finer than the pixels is looked up at a smaller size, so that small
-    strokes neither flicker nor have wild gradients. A stroke thinner than a pixel fades.
+    strokes neither flicker nor have erratic gradients. A stroke thinner than a pixel fades.
 
-    The colour varies between bristles but contains no light. Light is computed from the height of the finished paint,
+    The colour varies between bristles but includes no shading. Light is computed from the height of the finished paint,
     which is also stored in the textures (`shading`). During painting (with frozen weights), textures have 8 bits.
 
     Args:
@@ -55,7 +55,7 @@ class Textured(Renderer):
             textures.
         fullness: amount of paint on the brush, as a number of equal strokes on top of each other; more paint closes the
             gaps between bristles.
-        checkpoint: trained weights: a .safetensors file, or the name of one that comes with the program; null for
+        checkpoint: trained weights: a .safetensors file, or the name of a bundled one; null for
             random bristles.
     """
 
@@ -95,11 +95,11 @@ class Textured(Renderer):
 
     @property
     def levels(self) -> int:
-        """Number of sizes of a texture in which all its pieces have whole columns."""
+        """Number of sizes of a texture at which all its pieces have an integral number of columns."""
         return min(LEVELS, 1 + (self.loop.begin & -self.loop.begin).bit_length(), self.textures.shape[2].bit_length())
 
     def _repeats(self, curve: Tensor, half: Tensor) -> Tensor:
-        """Count the repeats (N,) of the loop that keep texels at about their natural length in each stroke."""
+        """Count the repeats (N,) of the loop for which each stroke's texels keep about their natural length."""
         start, control, end = curve.unbind(1)
         velocity = (2 * ((1 - t) * (control - start) + t * (end - control)) for t, _ in NODES)
         length = sum((w * v.norm(dim=1) for v, (_, w) in zip(velocity, NODES, strict=True)), torch.zeros_like(half))
@@ -110,7 +110,7 @@ class Textured(Renderer):
 
     @torch.no_grad()
     def distil(self, simulate: Callable[[Tensor, int], Simulated]) -> None:
-        """Read the textures from straight strokes, each painted with a different brush."""
+        """Extract the textures from straight strokes, each painted with a different brush."""
         rows, columns = self.textures.shape[2:]
         long = columns + columns // 2
         width = STRETCH * rows / (2 * SPREAD * TEXEL_ASPECT) / (0.5 * long - cap_of(rows))  # in sides of the window
@@ -178,7 +178,7 @@ def drop_middle(texels: Tensor, columns: int, loop: Loop) -> Tensor:
 
 
 def close_loop(texels: Tensor, loop: Loop) -> Tensor:
-    """Make the ``loop`` of texels (..., columns) repeat, and the end follow the beginning, without a seam.
+    """Make the ``loop`` of texels (..., columns) repeat without a seam, and the end follow the beginning without one.
 
     The second half of the loop fades into the texels before the loop, and the texels after it begin like the loop. (The
     beginning must be as long as half of the loop, the end as long as the rest.)
@@ -200,7 +200,7 @@ def close_loop(texels: Tensor, loop: Loop) -> Tensor:
 def weights_of_texels(texels: Tensor) -> Tensor:
     """Convert coverage and height (2, rows, columns) to weights (3, rows, columns) before sigmoid, tanh and sigmoid.
 
-    Where there is more paint than nearby, bristles hold more pigment and are paler; elsewhere they are darker.
+    Bristles with more paint than their surroundings hold more pigment and are paler; the others are darker.
     """
     astray = texel_distances(*texels.shape[1:])[1:-1, 1:-1]
     coverage, height = texels.clamp_min(0) * ((HAIR_REACH[1] - astray) / (HAIR_REACH[1] - HAIR_REACH[0])).clamp(0, 1)
@@ -218,9 +218,9 @@ def weights_of_texels(texels: Tensor) -> Tensor:
 def double_textures(textures: Tensor, loop: Loop) -> Tensor:
     """Double the size of textures (V, 3, rows, columns) of opacity, tone and height, and add finer detail.
 
-    The finest detail in the middle of a loop is repeated at half its size, with its local strength, because a brush has
-    finer hairs in a closer view. This detail was not simulated. The mean of four new texels is about the old texel.
-    Heights stay smooth, so that the slopes of a painting do not depend on its size.
+    The finest detail in the middle of a loop is repeated at half its size, with its local strength, because a closer
+    view of a brush shows finer hairs. This detail was not simulated. The mean of four new texels is about the old
+    texel. Heights stay smooth, so that the slopes of a painting do not depend on its size.
     """
     rows, columns = textures.shape[2:]
     larger = partial(functional.interpolate, scale_factor=2, mode="bilinear")

@@ -15,9 +15,9 @@ from brushexp.strokes.catalogue import Strokes
 class View:
     """The batch of a painting: the region and the strokes of a step.
 
-    ``region`` is the part of the canvas that the step renders and compares, the whole canvas if ``active`` is None. The
-    step moves the strokes ``active`` (A,), int64, or all strokes for None, and also draws the strokes ``ring`` (R,). A
-    coarse step compares the whole canvas at ``zoom`` times its size, below 1.
+    ``region`` is the part of the canvas that the step renders and compares, or the whole canvas if ``active`` is None.
+    The step moves the strokes ``active`` (A,), int64, or all strokes for None, and also draws the strokes ``ring``
+    (R,). A coarse step compares the whole canvas at ``zoom`` (below 1) times its size.
     """
 
     def __init__(

@@ -1,1 +1,1 @@
-"""Baselines for comparison with recovery, each of which finds strokes in a picture."""
+"""Baselines for comparison with recovery: methods that find strokes in a picture."""

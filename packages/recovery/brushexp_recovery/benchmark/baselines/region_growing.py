@@ -55,7 +55,7 @@ def _grow_regions(lab, order, largest):
 
 @inline
 def _grow(lab, row, column, mark, labels, state, queue):
-    """Grow a region from one pixel; write its places into ``queue`` and its number ``mark`` into ``state``."""
+    """Grow a region from one pixel; write its pixels into ``queue`` and its number ``mark`` into ``state``."""
     height, width, _ = lab.shape
     total = np.zeros(3)
     head, tail = 0, 1
@@ -82,7 +82,7 @@ def _grow(lab, row, column, mark, labels, state, queue):
 
 @function
 def _ellipticity(places):
-    """Compute the share of places (n, 2) inside the ellipse with the same moments, which is 1 for an ellipse."""
+    """Compute the share of points (n, 2) inside the ellipse with the same moments, which is 1 for an ellipse."""
     n = len(places)
     my = mx = 0.0
     for k in range(n):

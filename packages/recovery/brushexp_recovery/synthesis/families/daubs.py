@@ -1,4 +1,4 @@
-"""Large opaque daubs on a coarse canvas, in even and sometimes dark colours, with bristle marks inside."""
+"""Large opaque daubs on a coarse canvas, in even and sometimes dark colours, with visible bristle marks."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ from brushexp_recovery.synthesis.sheets import COLUMNS, Sheet, draw_bristles, dr
 
 
 class Daubs(PaintFamily):
-    """Wide strokes of few paints that must not be divided along bristle marks or canvas threads."""
+    """Wide strokes in few colours that must not be divided along bristle marks or canvas threads."""
 
     depth = (0.3, 3.0)
     lit_share = 0.8

@@ -29,7 +29,7 @@ UNEVEN = 0.3  # maximum relative change of the light within a picture
 
 
 class PaintFamily(ABC):
-    """The paint of one painting: how strokes are laid, drawn, mixed and lit, chosen from a wide prior.
+    """The paint of one painting: how strokes are placed, drawn, mixed and lit, chosen from a wide prior.
 
     Each subclass is in a separate file of this folder; the family has the file's name.
     """
@@ -43,11 +43,11 @@ class PaintFamily(ABC):
 
     @abstractmethod
     def choose_hand(self) -> Hand:
-        """Choose the hand that lays the strokes."""
+        """Choose the hand that places the strokes."""
 
     @abstractmethod
     def draw(self, length: float) -> Sheet:
-        """Draw a straight stroke of this length in widths."""
+        """Draw a straight stroke whose length is given in widths."""
 
     def mix(self, count: int) -> Mixing:
         """Choose how the paint of ``count`` strokes mixes with the paint below."""
@@ -71,7 +71,7 @@ class PaintFamily(ABC):
 
 @dataclass(frozen=True)
 class FamilyPainting:
-    """A painting of a family, with all data from which its truth is computed."""
+    """A painting of a family, with all data needed to compute its ground truth."""
 
     image: Array  # (H, W, 3) in [0, 1]
     layout: StrokeLayout

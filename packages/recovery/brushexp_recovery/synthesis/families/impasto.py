@@ -1,4 +1,4 @@
-"""Thick paint in rows of one hue, where only the light on ridges, not the colour, separates neighbouring strokes."""
+"""Thick paint in rows of one hue, whose neighbouring strokes can be told apart only by the light on their ridges."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Wet paint dragged into its neighbour: each bristle takes up the colours that it passes and deposits them again."""
+"""Wet paint dragged into adjacent paint: each bristle picks up the colours it passes and deposits them again."""
 
 from dataclasses import replace
 
