@@ -1,1 +1,1 @@
-"""Media: papers, palettes, marks of brushes and chalk, dots and drawn lines, for ``look=watercolour`` and others."""
+"""Media for looks such as ``look=watercolour``: papers, palettes, brush and chalk marks, dots and drawn lines."""

@@ -1,4 +1,4 @@
-"""Purity of the strokes' colours as a loss."""
+"""Penalise strokes in impure colours."""
 
 from typing import Annotated
 
@@ -11,12 +11,13 @@ from brushexp.contracts.strokes import at_least_single
 
 @register("loss", "chroma")
 class Chroma(Loss):
-    """Mean of max(0, least - C)^2 over the strokes, C the largest minus the smallest part of RGB: no paint is grey.
+    """Mean of max(0, least - C)^2 over the strokes, where C is the range of a colour's RGB values; avoids grey paint.
 
-    With `blurred`, neighbours of a colour that is less pure go apart in hue, and their mean is that colour.
+    Together with `blurred`, neighbouring strokes reproduce a less pure colour by different hues whose mean is that
+    colour.
 
     Args:
-        least: chroma from which on a colour is pure enough, 0 to 1.
+        least: chroma above which a colour counts as pure, 0 to 1.
     """
 
     weight = 0.02

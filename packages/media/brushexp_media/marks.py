@@ -1,4 +1,4 @@
-"""Draw strokes with the marks of chalk, brushes, palette knives, washes and dabs: formulas, and scans of strokes."""
+"""Draw strokes with the marks of chalk, brushes, palette knives, washes and dabs, from formulas and scanned strokes."""
 
 from functools import lru_cache
 from typing import Annotated
@@ -24,12 +24,12 @@ from brushexp_media.picture.noise import fractal_noise, gradient_noise
 
 VARIANTS, LEVELS, ROWS, COLUMNS = 16, 6, 128, 192
 WITH_DRY_ENDS = ("flat", "loaded", "knife")  # kinds whose last variants have dry ends
-DRY = 4  # the last variants of these kinds
-RUN_OUT = 5.0  # widths of a stroke after which its paint has run out
-FULL_SCAN = 0.93  # share of the middle of a scan that paint covers, from which on it has full ends
-DRY_SCAN = 0.6  # share that paint covers at least in a scan with a dry end
-RUBBED = 4  # the last variants of chalk, which are rubbed in
-THIN = 0.5  # pixels: strokes do not get thinner than about twice this, but fainter
+DRY = 4  # number of these variants
+RUN_OUT = 5.0  # stroke widths after which the paint has run out
+FULL_SCAN = 0.93  # covered share of the middle of a scan above which it has full ends
+DRY_SCAN = 0.6  # least covered share of a scan with a dry end
+RUBBED = 4  # number of rubbed-in variants of chalk, which come last
+THIN = 0.5  # pixels: below about twice this, strokes fade instead of becoming thinner
 KINDS = ("chalk", "flat", "loaded", "knife", "wash", "dab")
 
 
@@ -37,8 +37,8 @@ KINDS = ("chalk", "flat", "loaded", "knife", "wash", "dab")
 class Marks(Renderer):
     """Bezier stroke with the mark of a tool: chalk, a flat or a loaded brush, a palette knife, a wash, a dab.
 
-    Textures are the same every time; nothing is trained. Those of brushes and knives have the outlines and the dry ends
-    of scanned strokes, and formulas fill them. A stroke has a dry end only if it is longer than five of its widths.
+    Textures are deterministic, and nothing is trained. Textures of brushes and knives have the outlines and the dry
+    ends of scanned strokes, filled in by formulas. A stroke has a dry end only if it is more than five widths long.
 
     Args:
         kind: chalk, flat, loaded, knife, wash or dab.
@@ -80,20 +80,20 @@ def _sheets(kind: str, device: torch.device) -> Sheets:
 
 
 def _grid() -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Return of each texel: across, how far from the nearer end inside the stroke, t, and along, all in half widths."""
+    """Return, for each texel: offset across, distance from the nearer end, t, and offset along, all in half widths."""
     across, t, before, beyond = (part[1:-1].double() for part in coordinates_of(ROWS, COLUMNS))
     outside = (beyond - before)[None].expand(ROWS, -1)  # beyond the ends
     along = (LENGTH * t + before + beyond)[None].expand(ROWS, -1)
     return across[:, None].expand(-1, COLUMNS), outside, t[None].expand(ROWS, -1), along
 
 
-LENGTH = 5.0  # half widths: length of the stroke for which grain is as long as wide
+LENGTH = 5.0  # half widths: length of the stroke for which the grain is isotropic
 
 
 def chalk(variant: int) -> Tensor:
-    """Draw the side of a stick of chalk: broken by grain, most at its edges and ends; some press harder than others.
+    """Draw the side of a stick of chalk, broken by grain, most at its edges and ends; pressure varies between variants.
 
-    The last `RUBBED` are rubbed in by a finger: soft, and without grain.
+    The last `RUBBED` variants are rubbed in by a finger: soft, and without grain.
     """
     across, outside, t, along = _grid()
     if variant >= VARIANTS - RUBBED:
@@ -102,7 +102,7 @@ def chalk(variant: int) -> Tensor:
         return torch.stack([(inside / 0.7).clamp(0, 1), 0.3 * uneven, 0.3 + 0 * t])
     grain = fractal_noise(along / 0.34, across / 0.34, 100 + variant, 3)
     streaks = gradient_noise(along / 6, across / 0.3, 200 + variant)
-    inside = torch.minimum(1.0 - across.abs(), 0.55 - outside)  # half widths to the edge
+    inside = torch.minimum(1.0 - across.abs(), 0.55 - outside)  # distance to the edge in half widths
     press = 0.5 * (2 * (3 * variant % VARIANTS) / (VARIANTS - 1) - 1.2)
     opacity = (inside / 0.36).clamp(-1, 1) * 0.7 + 0.55 * grain + 1.1 * streaks + press - 0.02
     opacity = opacity.mul(1.6).add(0.5).clamp(0, 1)
@@ -113,7 +113,7 @@ def chalk(variant: int) -> Tensor:
 
 @lru_cache(maxsize=1)
 def _scans() -> tuple[Tensor, Tensor]:
-    """Read the coverage (M, 1, rows, columns), 0 to 1, of scanned strokes with full ends and of those with dry ends."""
+    """Read the coverage (M, 1, rows, columns), 0 to 1, of scanned strokes with full ends and with dry ends."""
     scans = torch.from_numpy(read_scans().copy()).double()[:, None] / 255
     inner = scans[:, 0, :, SCAN_COLUMNS // 4 : -SCAN_COLUMNS // 4]
     filled, end = inner.mean((1, 2)), inner[:, SCAN_ROWS // 2 :].mean((1, 2))
@@ -133,7 +133,7 @@ def _scan(variant: int, seed: int) -> Tensor:
 
 
 def flat(variant: int) -> Tensor:
-    """Draw a flat brush full of body colour: even paint within the outline of a scanned stroke, and its hairs."""
+    """Draw a flat brush full of body colour: even paint, with hair marks, within the outline of a scanned stroke."""
     across, _, _, along = _grid()
     hairs = gradient_noise(along / 40, across / 0.13, 300 + variant)
     hairs = hairs + gradient_noise(along / 25, across / 0.3, 400 + variant)
@@ -143,12 +143,12 @@ def flat(variant: int) -> Tensor:
 
 
 def loaded(variant: int) -> Tensor:
-    """Draw a brush full of paste: set down bluntly, lifted to a point, with a few furrows and paint pushed aside."""
+    """Draw a brush full of paste: a blunt start, a pointed end, a few furrows, and paint pushed aside."""
     across, outside, t, along = _grid()
     furrows = gradient_noise(along / 30, across / 0.34, 1000 + variant)
     furrows = furrows + 0.6 * gradient_noise(along / 14, across / 0.15, 1100 + variant)
     rough = fractal_noise(along / 0.8, across / 0.25, 1200 + variant, 2)
-    lifted = (0.15 + 0.5 * (5 * variant % VARIANTS) / (VARIANTS - 1)) * t**2  # of half the width, by how it is lifted
+    lifted = (0.15 + 0.5 * (5 * variant % VARIANTS) / (VARIANTS - 1)) * t**2  # in half widths, varying between lifts
     inside = 0.99 - lifted + 0.03 * rough + 0.06 * furrows - torch.hypot(across, outside)
     dry = (1 + 2 * (_scan(variant, 1010) - 0.5)).clamp(0, 1) if variant >= VARIANTS - DRY else 1.0 + 0 * t
     tone = 0.22 * furrows + 0.04 * rough + 0.05 * across * (1 if variant % 2 else -1)
@@ -157,13 +157,13 @@ def loaded(variant: int) -> Tensor:
 
 
 def knife(variant: int) -> Tensor:
-    """Draw a palette knife: a smooth slab, paint heaped at one side and where the blade is lifted, and torn drags."""
+    """Draw a palette knife: a smooth slab, paint heaped on one side and where the blade lifts, and torn drags."""
     across, _, t, along = _grid()
     beyond = along - LENGTH
     drag = gradient_noise(along / 30, across / 0.6, 600 + variant)
     wavy = fractal_noise(along / 2.5, 0 * across + variant, 700 + variant, 2)
     hand = torch.rand(3, generator=torch.Generator().manual_seed(620 + variant)).tolist()
-    slant = (0.5 * hand[0] - 0.25) * across  # the blade is set down and lifted askew
+    slant = (0.5 * hand[0] - 0.25) * across  # the blade is set down and lifted at an angle
     side = ((0.98 + 0.04 * wavy + 0.04 * drag - across.abs()) / 0.05).clamp(0, 1)
     start = ((0.3 + 0.3 * hand[1] + slant + 0.08 * drag + along) / 0.1).clamp(0, 1)
     end = ((0.2 + 0.3 * hand[2] + slant + 0.12 * drag - beyond) / 0.1).clamp(0, 1)
@@ -177,7 +177,7 @@ def knife(variant: int) -> Tensor:
 
 
 def wash(variant: int) -> Tensor:
-    """Draw a loaded round brush on wet paper: a flat tint whose edge runs, and no height."""
+    """Draw a loaded round brush on wet paper: a flat tint with a running edge and no height."""
     across, outside, t, along = _grid()
     runs = 0.15 * fractal_noise(along / 1.1, across / 1.1, 800 + variant, 2)
     inside = 0.92 + runs - torch.hypot(across, outside)

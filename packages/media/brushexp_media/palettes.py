@@ -1,4 +1,4 @@
-"""Palettes: how a medium has the tones and colours of a picture."""
+"""Palettes: map the tones and colours of a picture to those of a medium."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,7 +17,7 @@ Array = np.ndarray
 
 
 def grouped(lightness: Array, values: int, blend: float) -> Array:
-    """Draw lightness (0 to 100) towards the nearest of ``values`` even tones; ``blend`` 0 keeps it, 1 replaces it."""
+    """Move lightness (0 to 100) towards the nearest of ``values`` even tones; ``blend`` 0 keeps it, 1 replaces it."""
     if values == 0:
         return lightness
     steps = lightness / 100 * values
@@ -26,9 +26,10 @@ def grouped(lightness: Array, values: int, blend: float) -> Array:
 
 
 def spread_out(lightness: Array, share: float) -> Array:
-    """Draw lightness (0 to 100) apart until all tones are as frequent; ``share`` 0 leaves it, 1 is all.
+    """Equalise lightness (0 to 100) until all tones are equally frequent; ``share`` 0 leaves it, 1 is full strength.
 
-    Source: contrast-limited histogram equalisation (Zuiderveld, 1994). Differs: the histogram is that of the picture.
+    Source: contrast-limited histogram equalisation (Zuiderveld, 1994). Differs from the source: the histogram is that
+    of the whole picture.
     """
     if share == 0:
         return lightness
@@ -40,16 +41,17 @@ def spread_out(lightness: Array, share: float) -> Array:
 
 
 def limited(chroma: Array, most: Array) -> Array:
-    """Bend chroma so that it stays below ``most``: half of that is left as it is."""
+    """Compress chroma so that it stays below ``most``; chroma up to half of that is unchanged."""
     half = most.clip(1e-6) / 2
     bent: Array = np.minimum(chroma, half) + half * (1 - np.exp(-(chroma - half).clip(0) / half))
     return bent
 
 
 def harmonised(ab: Array, hues: int, share: float) -> Array:
-    """Draw a* and b* (H, W, 2) towards the nearest of ``hues`` colours, found by k-means; the chroma stays.
+    """Shift a* and b* (H, W, 2) towards the nearest of ``hues`` colours, found by k-means; the chroma stays.
 
-    What is far from all of them, a small accent, keeps its hue; roots of areas count, so that few are.
+    Colours far from all of these, such as small accents, keep their hue. Areas count by their square root, so that few
+    colours are far from all.
     """
     cells = (ab.reshape(-1, 2) / BIN).round().astype(np.int64)
     lowest, sides = cells.min(0), np.ptp(cells, 0) + 1
@@ -70,25 +72,25 @@ def harmonised(ab: Array, hues: int, share: float) -> Array:
 @register("palette", "toned")
 @dataclass(kw_only=True, eq=False)
 class Toned(Palette):
-    """Lightness between two ends, chroma more or less, values grouped, forms flattened, outlines drawn.
+    """Maps lightness between two ends, scales chroma, groups values, flattens forms and draws outlines.
 
     Args:
         dark: lightness (CIELAB L*) of black.
         light: lightness of white.
-        white: L* of the picture from which on the painting has ``light``; 100 for none.
+        white: L* of the picture above which the painting has ``light``; 100 for none.
         spread: histogram equalisation of tones, with limited contrast, 0 (none) to 1 (full).
-        gamma: power of lightness: below 1 lifts the middle tones, above 1 lowers them.
+        gamma: exponent of lightness: below 1 raises the middle tones, above 1 lowers them.
         chroma: factor of chroma.
-        least_chroma: chroma that colours which have any are raised towards, 0 for none.
-        most_chroma: chroma that colours stay below, the lightest below less, unless they are yellow; 0 for none.
-        hues: number of colours, found in the picture, that its hues are drawn towards; 0 for none.
+        least_chroma: chroma towards which colours other than grey are raised; 0 for none.
+        most_chroma: upper limit of chroma, lower for the lightest colours unless they are yellow; 0 for none.
+        hues: number of colours, found in the picture, towards which hues are shifted; 0 for none.
         harmony: pull of hues towards these colours, 0 to 1.
         values: number of groups of lightness; 0 = not grouped.
         grouping: pull of lightness towards its group, 0 to 1.
         flatness: flattening of forms by total variation, in proportion to the size of the picture; 0 = none.
         irradiation: increase of the contrast of lightness with the surroundings, 0 to 2.
         outlines: strength of outlines, 0 to 1.
-        night: share of their own lightness that the dark places of a night keep, 0 to 1.
+        night: share of their own lightness that dark areas of night scenes keep, 0 to 1.
         warmth: shift of lights to yellow and darks to blue, in units of CIELAB.
     """
 
@@ -128,7 +130,7 @@ class Toned(Palette):
         if self.chroma > 1 or self.least_chroma:
             raised += tint * (NEUTRAL * chroma - raised)
         if self.most_chroma:
-            yellow = (lab[..., 2] / chroma.clip(1e-6)).clip(0) ** 2  # as light as it is, it may be pure
+            yellow = (lab[..., 2] / chroma.clip(1e-6)).clip(0) ** 2  # yellow may be pure even where it is light
             raised = limited(raised, self.most_chroma * np.sqrt(1 - ((1 - yellow) * (2 * tone - 1).clip(0)) ** 2))
         if self.hues:
             lab[..., 1:] = harmonised(lab[..., 1:], self.hues, self.harmony)
@@ -144,10 +146,10 @@ class Toned(Palette):
 
 
 def green_tint(red: Array, chroma: Array, lightness: Array) -> Array:
-    """Compute how far colours are white with a green tint, 0 to 1, from their a*, chroma and L*.
+    """Compute how close colours are to white with a green tint, 0 to 1, from their a*, chroma and L*.
 
-    If such a tint became purer, teeth, eyes and linen would turn green. Faint warm and blue tints, as in clouds, do no
-    harm.
+    If such a tint became purer, teeth, eyes and linen would turn green. Faint warm and blue tints, as in clouds, are
+    harmless.
     """
     green = (-red / chroma.clip(1e-6)).clip(0, 1)
     light = ((lightness - TINTED[0]) / (TINTED[1] - TINTED[0])).clip(0, 1)
@@ -155,7 +157,7 @@ def green_tint(red: Array, chroma: Array, lightness: Array) -> Array:
 
 
 def share_of_night(own: float, toned: float) -> float:
-    """Compute the share of a picture's own lightness, 0 to 1, that a palette keeps so that night stays night.
+    """Compute the share of a picture's own lightness, 0 to 1, that a palette keeps so that night scenes stay dark.
 
     ``own`` and ``toned`` are the mean L* of the picture and of its tones in the palette.
     """
@@ -164,7 +166,7 @@ def share_of_night(own: float, toned: float) -> float:
 
 
 def share_of_dark(lightness: Array) -> Array:
-    """Compute how dark each place is, 0 (lit) to 1, from its L*."""
+    """Compute the darkness of each pixel, 0 (lit) to 1, from its L*."""
     lit = ((lightness - LAMPLIGHT[0]) / (LAMPLIGHT[1] - LAMPLIGHT[0])).clip(0, 1)
     return 1 - lit * lit * (3 - 2 * lit)
 
@@ -176,27 +178,27 @@ def _around(lightness: Array) -> Array:
     return around
 
 
-LEAST_HUE = 8.0  # chroma of a colour whose hue may be raised fully
-TINT = 24.0  # chroma of a green that is no longer a tint of white
-TINTED = 55.0, 85.0  # L* up to which no green is a tint of white, and from which every pale one is
+LEAST_HUE = 8.0  # chroma above which the chroma of a colour may be raised fully
+TINT = 24.0  # chroma of a green above which it is no longer a tint of white
+TINTED = 55.0, 85.0  # L* below which no green is a tint of white, and above which every pale green is
 NEUTRAL = 0.3  # share of its chroma that such a tint keeps where other colours become purer
-NIGHT = 32.0  # mean L* up to which a picture shows the night
-NIGHT_LIFT, TWILIGHT_LIFT = 1.0, 1.5  # L* by which a palette may lighten it, and L* more for each L* above `NIGHT`
-LAMPLIGHT = 28.0, 56.0  # L* up to which places of a night are dark, and from which they are fully lit
-BIN, SOFT = 2.0, 8.0  # CIELAB: sides of the cells in which colours are counted; softness of the borders of hues
-ACCENT = 12.0  # CIELAB: so far from all hues of the picture, a colour is drawn to them by less
-IRRADIATED = 0.02  # longer sides: deviation of the blur with which a place is compared
-TONES, STEEPEST = 64, 2.5  # groups of tones that are counted, and how often one counts at most, over the mean
+NIGHT = 32.0  # mean L* below which a picture is a night scene
+NIGHT_LIFT, TWILIGHT_LIFT = 1.0, 1.5  # L* by which a palette may lighten a night scene, and more per L* above `NIGHT`
+LAMPLIGHT = 28.0, 56.0  # L* below which areas of a night scene are dark, and above which they are fully lit
+BIN, SOFT = 2.0, 8.0  # CIELAB: side of the cells in which colours are counted; softness of the borders between hues
+ACCENT = 12.0  # CIELAB: distance from all hues at which the shift towards them fades
+IRRADIATED = 0.02  # longer sides: standard deviation of the blur with which each pixel is compared
+TONES, STEEPEST = 64, 2.5  # histogram bins for tones, and limit of a bin relative to the mean
 FLAT_AT = 768  # longer side in pixels at which ``flatness`` is the weight of total variation
-CLEAR = 45.0  # chroma from which on a colour does not become white, however light
-PALETTE_SIDE = 512  # longer side in pixels at which another picture's colours are taken
+CLEAR = 45.0  # chroma above which a colour never becomes white, however light
+PALETTE_SIDE = 512  # longer side in pixels at which the colours of another picture are sampled
 OUTLINE = (18.0, 6.0, -28.0)  # L*, a*, b* of outlines: Prussian blue
 
 
 @register("palette", "picture")
 @dataclass(kw_only=True, eq=False)
 class OfPicture(Palette):
-    """The colours of another picture: their mean and covariance.
+    """Takes over the mean and covariance of another picture's colours.
 
     Args:
         image: picture file, or the name of a sample.

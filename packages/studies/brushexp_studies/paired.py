@@ -83,7 +83,7 @@ class Difference:
 
     @property
     def is_no_worse(self) -> bool:
-        """Check whether the interval excludes a loss that matters, and the answer does not depend on the picture."""
+        """Check whether the interval excludes a loss that matters, and the result does not depend on the picture."""
         allows_none = self.low >= -self.quantity.matters
         return len(self.gains) >= LEAST_UNITS and allows_none and self.verdict != "depends"
 

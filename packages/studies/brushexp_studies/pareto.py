@@ -73,7 +73,7 @@ def trade_of(frame: pd.DataFrame, cost: str | None = None, metrics: Sequence[str
 
 
 def front(costs: Any) -> np.ndarray:
-    """Mark the pairs of costs on the Pareto front: no other pair is as low in both and lower in one."""
+    """Mark the pairs of costs on the Pareto front, where no other pair is as low in both and lower in one."""
     costs = np.asarray(costs, float)
     as_low = (costs[:, None] <= costs[None]).all(-1)
     lower = (costs[:, None] < costs[None]).any(-1)
@@ -152,7 +152,7 @@ def _on_a_front(points: pd.DataFrame, trade: Trade, column: str) -> list[tuple[i
 
 
 def _plot(table: pd.DataFrame, trade: Trade, folder: Path) -> Figure:
-    """Draw a row of panels for each image, one per metric, and list the settings on the fronts beside it."""
+    """Draw a row of panels for each image, one per metric, and list the settings on the fronts next to it."""
     images = list(table.groupby("picture", sort=False))[:MOST_IMAGES]
     figure = plotting.new_figure(HEIGHT * len(images))
     n = len(trade.metrics)

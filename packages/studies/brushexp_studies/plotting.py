@@ -84,12 +84,12 @@ def without_math(text: str) -> str:
 
 
 def label_lines(text: str, width: int, most: int = 3) -> str:
-    """Break a label of a plot into at most ``most`` lines of ``width`` letters."""
+    """Break a label of a plot into at most ``most`` lines of ``width`` characters."""
     return wrap_text(without_math(text), width, most)
 
 
 def wrap_text(text: str, width: int, most: int = 3) -> str:
-    """Break text into at most ``most`` lines of ``width`` letters, at spaces, after punctuation, or within words."""
+    """Break text into at most ``most`` lines of ``width`` characters, at spaces, after punctuation, or within words."""
     marked = re.sub(r"(?<=[+,/_])", "\v", text)  # textwrap may break lines at these places
     filled = textwrap.fill(marked, width, max_lines=most, placeholder="...", replace_whitespace=False)
     return filled.replace("\v", "")

@@ -1,1 +1,1 @@
-"""Your own brushes: scanned strokes and the brushes of GIMP, as ``renderer=brush`` and ``brush=stroke.png``."""
+"""Use your own brushes, scanned strokes or GIMP's brushes, as ``renderer=brush`` or ``brush=stroke.png``."""

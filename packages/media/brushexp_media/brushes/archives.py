@@ -1,4 +1,4 @@
-"""Read brushes out of archives: brushes of Procreate (.brush, .brushset) and bundles of Krita (.bundle)."""
+"""Extract brushes from archives: Procreate's brushes (.brush, .brushset) and Krita's bundles (.bundle)."""
 
 import re
 import zipfile
@@ -8,7 +8,7 @@ from pathlib import PurePosixPath
 
 from brushexp.contracts import UserError
 
-SHAPES = {  # ending of an archive -> the files in it that are brushes
+SHAPES = {  # extension of an archive -> the brush files in it
     ".brush": re.compile(r"(?:[^/]+/)?Shape\.png"),
     ".brushset": re.compile(r"[^/]+/Shape\.png"),
     ".bundle": re.compile(r"brushes/(?:[^/]+/)*[^/]+\.(?:gbr|gih|abr|png)", re.IGNORECASE),
@@ -18,9 +18,9 @@ BUILT_IN = "names brushes that are built into its program and brings none; paint
 
 
 def brushes_in(data: bytes, ending: str) -> Iterator[tuple[str, bytes]]:
-    """Yield names and contents of the brushes in an archive, by the ending of its name.
+    """Yield the names and contents of the brushes in an archive, whose type follows from its extension.
 
-    A UserError if it cannot be read, or has no brush.
+    Raises a UserError if the archive cannot be read or contains no brush.
     """
     try:
         with zipfile.ZipFile(BytesIO(data)) as archive:
@@ -36,6 +36,6 @@ def brushes_in(data: bytes, ending: str) -> Iterator[tuple[str, bytes]]:
 
 
 def _short(name: str) -> str:
-    """Name a brush in an archive by its file; all of Procreate's are Shape.png, so by their folders."""
+    """Name a brush in an archive by its file, or by its folder for Procreate, whose files are all called Shape.png."""
     path = PurePosixPath(name)
     return f"{path.parent.name or 'brush'}.png" if path.name == "Shape.png" else path.name

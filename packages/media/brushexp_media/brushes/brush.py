@@ -17,20 +17,20 @@ from brushexp.contracts.strokes import Strokes
 from brushexp_media.brushes.marks import ROWS, Mark, columns_for, read_marks, texture_of
 from brushexp_media.brushes.rule import BRUSH
 
-TONE = 0.25  # share of white in the fullest hair, of black in the barest
-AROUND = 9  # texels over which coverage is compared with that around it
-DRY = (256, 1400)  # rows and columns of the dry brush that stands in where no file is given
+TONE = 0.25  # share of white in the fullest hair, and of black in the barest
+AROUND = 9  # texels of the neighbourhood with which coverage is compared
+DRY = (256, 1400)  # rows and columns of the dry brush that is used without files
 
 
 @register("renderer", "brush")
 class Brush(Renderer):
-    """Bezier stroke with the mark of a brush of one's own: ``brush=stroke.png`` on the command line.
+    """Bezier stroke with the mark of your own brush: ``brush=stroke.png`` on the command line.
 
-    A picture of a stroke is read as coverage: its alpha, or else how far it is from the grey of its border, dark on
-    white or bright on black. It goes from left to right, or from top to bottom. Its beginning, thin or full, and its
-    frayed end keep their shape, and a longer stroke has more of its middle. A brush of GIMP, .gbr or .gih, or of a set,
-    .abr, .brushset or .bundle, is a stamp, and is dragged along a line with its own spacing.
-    ``brushexp brushes stroke.png`` shows what is read.
+    A picture of a stroke is converted to coverage: its alpha, or otherwise its difference from the grey of its border,
+    dark on white or bright on black. The stroke runs from left to right, or from top to bottom. Its start and its end
+    keep their shape, and its middle repeats in longer strokes. A GIMP brush (.gbr, .gih) or a brush from a set (.abr,
+    .brushset, .bundle) is a stamp, which is dragged along a line with its own spacing. ``brushexp brushes stroke.png``
+    shows the result.
 
     Args:
         files: pictures, .gbr, .gih, .abr, .brushset, .bundle, and folders of them, each stroke with one of their marks;
@@ -50,12 +50,12 @@ class Brush(Renderer):
 
 
 def marks_of(files: Sequence[str] | None) -> list[Mark]:
-    """Read the marks of files; without any it is the dry brush."""
+    """Read the marks in files; without files, return the dry brush."""
     return read_marks(files) if files else [Mark("dry brush", dry_brush())]
 
 
 def weights_of(coverage: Tensor) -> Tensor:
-    """Turn coverage (rows, columns) into the weights (3, rows, columns) of textures: full hairs are pale and high."""
+    """Convert coverage (rows, columns) to texture weights (3, rows, columns): hairs full of paint are pale and high."""
     around = functional.avg_pool2d(coverage[None], AROUND, 1, AROUND // 2)[0]
     tone = TONE * torch.tanh(3 * (coverage - around)) * (coverage > FADED)
     height = (0.15 + 0.85 * coverage) * (coverage > FADED)
@@ -65,7 +65,7 @@ def weights_of(coverage: Tensor) -> Tensor:
 
 @lru_cache(maxsize=1)
 def dry_brush() -> np.ndarray:
-    """Draw a dry brush, the same every time: hairs that begin together and run out one by one."""
+    """Draw a deterministic dry brush, whose hairs start together and run out of paint one by one."""
     rows, columns = DRY
     chance = np.random.default_rng(0)
     load, begin = np.repeat(chance.random((2, rows // 4)), 4, axis=1)

@@ -1,4 +1,4 @@
-"""Read brushes of GIMP: .gbr, one stamp, and .gih, several (devel-docs/gbr.txt and gih.txt of GIMP's sources)."""
+"""Read GIMP's brushes: .gbr with one stamp and .gih with several (devel-docs/gbr.txt and gih.txt in GIMP's sources)."""
 
 import struct
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ import numpy as np
 from brushexp.contracts import UserError
 
 MAGIC = b"GIMP"
-BEFORE_NAME = {1: 20, 2: 28}  # bytes of the header by its version; the name follows, to its end
+BEFORE_NAME = {1: 20, 2: 28}  # bytes of the header before the name, by version; the name fills the rest
 LARGEST_SIDE = 4096  # pixels of a side
 MOST_STAMPS = 256
 CURE = "save it anew from GIMP as .gbr or .gih, or as PNG"
@@ -16,10 +16,10 @@ CURE = "save it anew from GIMP as .gbr or .gih, or as PNG"
 
 @dataclass(frozen=True, eq=False)
 class Stamp:
-    """What a brush leaves where it touches the canvas."""
+    """The mark that a brush leaves where it touches the canvas."""
 
     coverage: np.ndarray  # (H, W) float32 in [0, 1]
-    spacing: float  # share of its longer side from one stamp to the next, above 0
+    spacing: float  # distance between stamps relative to the longer side, above 0
 
 
 def read_stamps(data: bytes) -> list[Stamp]:
@@ -38,7 +38,7 @@ def read_stamps(data: bytes) -> list[Stamp]:
 
 
 def is_gbr(data: bytes) -> bool:
-    """Whether a file begins as a .gbr does, of version 1, which has no magic, or 2."""
+    """Check whether a file starts like a .gbr of version 1, which has no magic number, or of version 2."""
     if len(data) < BEFORE_NAME[1]:
         return False
     header, version, _, _, depth = struct.unpack_from(">5I", data)
@@ -46,7 +46,7 @@ def is_gbr(data: bytes) -> bool:
 
 
 def _read_gbr(data: bytes, at: int) -> tuple[Stamp, int]:
-    """Read the stamp that begins at a byte, and say where it ends: numbers are big-endian, a pixmap has its alpha."""
+    """Read the stamp at a byte offset, and return it with its end; numbers are big-endian, and pixmaps have alpha."""
     if not is_gbr(data[at : at + BEFORE_NAME[2]]):
         raise UserError(f"is damaged, or a brush of GIMP of a kind that is not read; {CURE}")
     header, version, width, height, depth = struct.unpack_from(">5I", data, at)

@@ -1,4 +1,4 @@
-"""Marks of brushes: pictures of one stroke, from left to right, as files have them, and textures made of them."""
+"""Marks of brushes: pictures of one stroke from left to right, read from files, and textures made from them."""
 
 import logging
 import os
@@ -23,36 +23,36 @@ from brushexp_media.brushes.photoshop import SPACING, read_abr
 
 log = logging.getLogger(__name__)
 
-PIPES = (".gbr", ".gih")  # files of GIMP: the stamps of one file take turns
-SETS = (".abr",)  # files of Photoshop: each stamp is a brush
+PIPES = (".gbr", ".gih")  # GIMP's files, whose stamps take turns
+SETS = (".abr",)  # Photoshop's files, in which each stamp is a brush
 BRUSHES = (*PIPES, *SETS, *SHAPES)
-ELSEWHERE = {  # files of other programs, and how they become what is read here
+ELSEWHERE = {  # files of other programs, and how to convert them
     ".kpp": "a preset of Krita, whose brush is another file; give that one, a .gbr, .gih or PNG, or a .bundle",
     ".myb": "a brush of MyPaint, a recipe without a picture; paint a stroke with it and save that as PNG",
     ".vbr": "a brush of GIMP that is a formula; paint a stroke with it and save that as PNG",
 }
-MOST_MARKS = 64  # marks of a renderer
-LARGEST_SIDE = 2048  # pixels of the longer side of a picture that is read
-PAPER = 0.1  # share of the contrast below which a scan shows the grain of its paper
-DARKEST = 0.95  # share of a scanned mark that is no darker than full coverage
-ALONG = 8  # heights of a stamp that it is dragged along
-STAMP = 96  # pixels of the longer side of a stamp that is dragged
+MOST_MARKS = 64  # maximum number of marks of a renderer
+LARGEST_SIDE = 2048  # longer side in pixels at which a picture is read
+PAPER = 0.1  # share of the contrast below which a scan shows only the grain of its paper
+DARKEST = 0.95  # share of a scanned mark that is at most as dark as full coverage
+ALONG = 8  # length over which a stamp is dragged, in stamp heights
+STAMP = 96  # longer side, in pixels, of a stamp that is dragged
 ROWS = 128  # texels across a texture
 LENGTHS = (128, 256, 512)  # texels along: 6, 12 or 24 half widths
-OVER = 0.5  # half widths by which a mark begins before the curve and ends behind it
-FULL = 0.3  # share of the fullest row's coverage that belongs to the width of a mark
+OVER = 0.5  # half widths by which a mark extends beyond both ends of the curve
+FULL = 0.3  # coverage, relative to the fullest row, above which a row belongs to the width of a mark
 
 
 @dataclass(frozen=True, eq=False)
 class Mark:
-    """One stroke, from left to right."""
+    """A picture of one stroke, from left to right."""
 
-    name: str  # of its file, with a number where that has several
+    name: str  # file name, numbered if the file has several marks
     coverage: np.ndarray  # (H, W) float32 in [0, 1]
 
 
 def read_marks(paths: Sequence[str]) -> list[Mark]:
-    """Read the marks of files and folders; raise a UserError that names the key to type and what is wrong."""
+    """Read the marks in files and folders; raise a UserError that names the key and the problem."""
     files = [file for path in paths for file in _files_of(path)]
     marks = [mark for file in files for mark in _marks_of(file)]
     if len(marks) > MOST_MARKS:
@@ -61,7 +61,7 @@ def read_marks(paths: Sequence[str]) -> list[Mark]:
 
 
 def _files_of(path: str) -> list[str]:
-    """List what a folder has that is a mark, by name, or the file itself."""
+    """List the mark files in a folder by name, or return the file itself."""
     path = os.path.expanduser(path)
     if not os.path.exists(path):
         near = [f"did you mean {name}? " for name in nearest_files(path)[:1]]
@@ -81,7 +81,7 @@ def _ending(path: str | Path) -> str:
 
 
 def _marks_of(file: str) -> list[Mark]:
-    """Read the marks of a file; of a set of more than ``MOST_MARKS`` brushes the first ones, which is told."""
+    """Read the marks in a file; of a set with more than ``MOST_MARKS`` brushes, read the first ones and log it."""
     name, ending = Path(file).name, _ending(file)
     if (kind := ELSEWHERE.get(ending)) is not None:
         raise UserError(f"brush={file} is {kind}")
@@ -107,7 +107,7 @@ def _mark_of_picture(name: str, file: str) -> Mark:
 
 
 def _marks_in(name: str, ending: str, data: bytes) -> Iterator[Mark]:
-    """Yield the marks of a file of stamps, or of an archive of such files."""
+    """Yield the marks in a file of stamps, or in an archive of such files."""
     if ending in SHAPES:
         for inner, content in brushes_in(data, ending):
             yield from _marks_in(f"{name}: {inner}", _ending(inner), content)
@@ -133,7 +133,7 @@ def _coverage_of_bytes(data: bytes) -> np.ndarray:
 
 
 def coverage_of(color: Tensor, alpha: Tensor) -> np.ndarray:
-    """Compute the coverage (H, W) of a picture (3, H, W): its alpha, or how far it is from the grey of its border."""
+    """Compute the coverage (H, W) of a picture (3, H, W): its alpha, or its difference from the grey of its border."""
     if float(alpha.min()) < 1 - PAPER:
         return alpha.numpy()
     grey = torch.einsum("chw,c->hw", color, torch.tensor(BRIGHTNESS)).numpy()
@@ -146,7 +146,7 @@ def coverage_of(color: Tensor, alpha: Tensor) -> np.ndarray:
 
 
 def shrunk(coverage: np.ndarray, side: int = LARGEST_SIDE) -> np.ndarray:
-    """Average a mark to at most ``side`` pixels a side."""
+    """Downsample a mark to at most ``side`` pixels per side by averaging."""
     shape = np.array(coverage.shape)
     size = tuple(int(one) for one in np.maximum(np.round(shape * min(side / shape.max(), 1)), 1))
     return functional.interpolate(
@@ -155,7 +155,7 @@ def shrunk(coverage: np.ndarray, side: int = LARGEST_SIDE) -> np.ndarray:
 
 
 def cropped(coverage: np.ndarray) -> np.ndarray:
-    """Crop the bare surroundings of a mark; raise a UserError if there is nothing else."""
+    """Crop the empty surroundings of a mark; raise a UserError if the whole mark is empty."""
     rows, columns = (np.flatnonzero((coverage > PAPER).any(axis)) for axis in (1, 0))
     if not len(rows):
         raise UserError("has no mark on it; give a stroke in another brightness than its ground, or transparent around")
@@ -163,13 +163,13 @@ def cropped(coverage: np.ndarray) -> np.ndarray:
 
 
 def lying(coverage: np.ndarray) -> np.ndarray:
-    """Turn a stroke that goes from top to bottom to the left: it then goes from left to right."""
+    """Rotate a stroke that runs from top to bottom anticlockwise, so that it runs from left to right."""
     height, width = coverage.shape
     return np.ascontiguousarray(np.rot90(coverage)) if height > width else coverage
 
 
 def dragged(stamps: Sequence[Stamp]) -> np.ndarray:
-    """Drag stamps, one after the other, along a line: each dab lies over those before it, as in GIMP."""
+    """Drag stamps in turn along a line; each dab lies over the previous ones, as in GIMP."""
     side = max(max(stamp.coverage.shape) for stamp in stamps)
     dabs = [
         shrunk(stamp.coverage, max(1, round(STAMP * max(stamp.coverage.shape) / max(side, STAMP)))) for stamp in stamps
@@ -187,21 +187,21 @@ def dragged(stamps: Sequence[Stamp]) -> np.ndarray:
 
 
 def place_of(coverage: np.ndarray) -> tuple[float, float]:
-    """Find the row of a mark's axis and its half width in pixels; thin starts and stray hairs do not count in it."""
+    """Find the row of a mark's axis and its half width in pixels, ignoring thin starts and stray hairs."""
     full = np.flatnonzero(coverage.mean(1) >= FULL * coverage.mean(1).max())
     middle, half = (full[0] + full[-1] + 1) / 2, (full[-1] + 1 - full[0]) / 2
     return middle, max(half, max(middle, len(coverage) - middle) / (SPREAD * (1 - 4 / ROWS)))
 
 
 def columns_for(marks: Sequence[Mark]) -> int:
-    """Choose how many texels the marks are long, so that they keep about the proportions of the one in the middle."""
+    """Choose the length of the marks in texels so that they roughly keep the proportions of the median mark."""
     lengths = [mark.coverage.shape[1] / place_of(mark.coverage)[1] for mark in marks]
     wanted = float(np.median(lengths)) + 2 * (SPREAD - OVER)
     return min(LENGTHS, key=lambda columns: abs(np.log(columns * TEXEL_ASPECT * 2 * SPREAD / ROWS / wanted)))
 
 
 def texture_of(mark: Mark, columns: int) -> Tensor:
-    """Lay a mark on the texels (rows, columns) of a stroke; beginning and end keep their shape, the middle repeats."""
+    """Map a mark to the texels (rows, columns) of a stroke; start and end keep their shape, and the middle repeats."""
     middle, half = place_of(mark.coverage)
     margin = round((SPREAD - OVER) / (TEXEL_ASPECT * 2 * SPREAD / ROWS))
     height, top = 2 * SPREAD * half, SPREAD * half - middle
@@ -215,5 +215,5 @@ def texture_of(mark: Mark, columns: int) -> Tensor:
 
 
 def loop_of(columns: int) -> Loop:
-    """The columns that a long stroke repeats, as ``renderer=textured`` has them."""
+    """Return the columns that a long stroke repeats, in the same form as for ``renderer=textured``."""
     return Loop(3 * columns // 8, 3 * columns // 8)

@@ -1,8 +1,8 @@
-"""Read sets of brushes of Photoshop, .abr of versions 1, 2, and 6 and up.
+"""Read Photoshop's brush sets: .abr of versions 1, 2, and 6 and later.
 
-Adobe has published no description of brushes; the layout here is that which GIMP (app/core/gimpbrush-load.c) and Krita
-(libs/brush/kis_abr_brush_collection.cpp) read. Numbers are big-endian. Brushes that are formulas (*computed* ones)
-have no picture and are passed over.
+Adobe has published no specification of these files; the layout follows the readers in GIMP (app/core/gimpbrush-load.c)
+and Krita (libs/brush/kis_abr_brush_collection.cpp). Numbers are big-endian. Brushes defined by formulas (*computed*
+brushes) have no picture and are skipped.
 """
 
 import struct
@@ -14,14 +14,14 @@ from brushexp.contracts import UserError
 from brushexp_media.brushes.gimp import LARGEST_SIDE, Stamp
 
 OLD_VERSIONS = (1, 2)
-FIRST_IN_SECTIONS = 6  # version from which a file consists of sections, as those of a .psd
-SAMPLED = 2  # kind of a brush that has a picture, in old versions
-UNNAMED, NAMED = 1, 2  # versions of old files whose brushes have no name, and a name
+FIRST_IN_SECTIONS = 6  # first version in which a file consists of sections, like a .psd
+SAMPLED = 2  # type of a brush with a picture, in old versions
+UNNAMED, NAMED = 1, 2  # old versions in which brushes are unnamed and named
 KEY = 37  # bytes of the key of a brush in a section
-BEFORE_BOUNDS = {1: KEY + 10, 2: KEY + 264}  # bytes of a brush before its bounds, by the minor version
-SPACING = 0.25  # where a file does not tell it beside the brush
+BEFORE_BOUNDS = {1: KEY + 10, 2: KEY + 264}  # bytes of a brush before its bounds, by minor version
+SPACING = 0.25  # default where a file does not store the spacing with the brush
 Samples = np.dtype[np.uint8] | np.dtype[np.uint16]
-DEPTHS: dict[int, tuple[Samples, int]] = {  # bits of a pixel -> its type, and full coverage
+DEPTHS: dict[int, tuple[Samples, int]] = {  # bits per pixel -> dtype, and value of full coverage
     8: (np.dtype("u1"), 255),
     16: (np.dtype(">u2"), 65535),
 }
@@ -29,11 +29,11 @@ CURE = "save the set anew from Photoshop, or its brushes from GIMP or Krita as .
 
 
 class _Damage(Exception):
-    """A brush that ends too early, or says what cannot be."""
+    """A brush that is truncated or has an impossible value."""
 
 
 class _Bytes:
-    """Reads numbers from bytes, one after the other."""
+    """Reads consecutive numbers from bytes."""
 
     def __init__(self, data: bytes) -> None:
         self.data = data
@@ -47,7 +47,7 @@ class _Bytes:
         return part
 
     def number(self, kind: str) -> int:
-        """Read a number: ``b`` of 1 byte, ``h`` of 2 or ``i`` of 4, with a sign; capitals have none."""
+        """Read a number: ``b`` of 1 byte, ``h`` of 2 or ``i`` of 4 bytes; lower case is signed, upper case unsigned."""
         return int(struct.unpack(f">{kind}", self.take(struct.calcsize(f">{kind}")))[0])
 
     @property
@@ -74,7 +74,7 @@ def read_abr(data: bytes) -> list[Stamp]:
 
 
 def _old_brushes(file: _Bytes, version: int, count: int) -> Iterator[Stamp]:
-    """Yield the sampled brushes of a file of version 1 or 2, which counts them."""
+    """Yield the sampled brushes of a file of version 1 or 2, which states their number."""
     for _ in range(count):
         kind = file.number("H")
         brush = _Bytes(file.take(file.number("I")))
@@ -83,13 +83,13 @@ def _old_brushes(file: _Bytes, version: int, count: int) -> Iterator[Stamp]:
         brush.take(4)  # unused
         percent = brush.number("H")
         if version == NAMED:
-            brush.take(2 * brush.number("I"))  # its name, of two bytes a letter
-        brush.take(1 + 8)  # antialiasing, and bounds in short numbers
+            brush.take(2 * brush.number("I"))  # the name, with two bytes per letter
+        brush.take(1 + 8)  # antialiasing flag, and bounds as short integers
         yield _picture(brush, 0, min(max(percent, 1), 1000) / 100)
 
 
 def _brushes_of_sections(file: _Bytes) -> Iterator[_Bytes]:
-    """Yield the brushes of all sections ``samp``; each brush begins at a multiple of four bytes of its section."""
+    """Yield the brushes in all ``samp`` sections; each brush starts at a multiple of four bytes within its section."""
     while file.left >= 12:
         if file.take(4) != b"8BIM":
             raise _Damage("a section does not begin where it should")
@@ -101,7 +101,7 @@ def _brushes_of_sections(file: _Bytes) -> Iterator[_Bytes]:
 
 
 def _picture(brush: _Bytes, before: int, spacing: float) -> Stamp:
-    """Read the picture of a brush, whose bounds come after ``before`` bytes."""
+    """Read the picture of a brush, whose bounds follow after ``before`` bytes."""
     brush.take(before)
     top, left, bottom, right = (brush.number("i") for _ in range(4))
     height, width, depth, is_packed = bottom - top, right - left, brush.number("H"), brush.number("B")

@@ -1,4 +1,4 @@
-"""What the keys that name brushes hold; nothing here is slow to import."""
+"""Validate keys that name brushes, without slow imports."""
 
 from brushexp.contracts import Rule, UserError
 

@@ -1,4 +1,4 @@
-"""``task=brushes`` draws a sheet of brushes: what was read of each file, and strokes with it."""
+"""``task=brushes``: draw a sheet of brushes with the marks read from each file and strokes painted with them."""
 
 import logging
 from collections.abc import Sequence
@@ -15,8 +15,8 @@ from brushexp_media.brushes.brush import Brush, marks_of
 from brushexp_media.brushes.marks import Mark
 
 log = logging.getLogger(__name__)
-HIGH, WIDE, LINE = 128, 384, 18  # pixels of a row, of the mark in it, and of the name above
-STROKES = [  # a long straight one, a curved one, a thin one: three points, width and black, as renderers are trained
+HIGH, WIDE, LINE = 128, 384, 18  # pixels: height of a row, width of the mark in it, height of the name above
+STROKES = [  # a long straight, a curved and a thin stroke: three points, width and black, as in training
     [-0.8, 0, 0, 0, 0.8, 0, 0.6, -1, -1, -1],
     [-0.8, 0.5, 0, -1.0, 0.8, 0.5, 0.0, -1, -1, -1],
     [-0.8, 0.3, 0, 0.1, 0.8, -0.3, -0.9, -1, -1, -1],
@@ -24,7 +24,7 @@ STROKES = [  # a long straight one, a curved one, a thin one: three points, widt
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Write ``brushes.png`` of ``cfg.brushes``."""
+    """Write ``brushes.png`` for ``cfg.brushes``."""
     marks, brush = marks_of(cfg.brushes), Brush(files=[*cfg.brushes]).eval()
     write_picture(path := folder / "brushes.png", sheet_of(marks, brush))
     chosen = f"brush={','.join(cfg.brushes)}" if cfg.brushes else "renderer=brush"
@@ -34,7 +34,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def sheet_of(marks: Sequence[Mark], brush: Brush) -> np.ndarray:
-    """Draw a row for each mark (H, W, 3) uint8: the mark as it was read, and strokes with it."""
+    """Draw a row for each mark, (H, W, 3) uint8: the mark as read, and strokes painted with it."""
     sheet = Image.new("RGB", (WIDE + (len(STROKES)) * HIGH, len(marks) * (HIGH + LINE)), "white")
     for k, mark in enumerate(marks):
         top = k * (HIGH + LINE) + LINE

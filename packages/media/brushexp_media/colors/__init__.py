@@ -1,1 +1,1 @@
-"""Spaces other than RGB in which paint is composited, as members of the family ``color``."""
+"""Colour spaces other than RGB in which paint is composited, as members of the family ``color``."""

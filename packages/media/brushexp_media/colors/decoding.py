@@ -1,6 +1,6 @@
-"""Decode channels into pictures: a curve for each channel, a matrix to linear RGB, and sRGB's curve.
+"""Decode channels to pictures: a curve for each channel, a matrix to linear RGB, and the sRGB curve.
 
-In float32 on the CPU both directions are compiled: PyTorch would go through memory a dozen times.
+For float32 on the CPU, both directions are compiled, because PyTorch would traverse memory a dozen times.
 """
 # mypy: allow-untyped-defs
 
@@ -18,7 +18,7 @@ from brushexp.contracts.machine import share
 F = np.float32
 STEEPEST, KNEE, KNEE_SHOWN = 12.92, 0.0031308, 0.04045  # slope of the curve of displays at black, and where that ends
 GAIN, LIFT, POWER = 1.055, 0.055, 2.4
-BLOCK = 256  # pixels: rows of them stay in the first-level cache
+BLOCK = 256  # pixels per block, whose rows fit into the first-level cache
 CHANNELS = 3
 Part = Callable[..., Any]
 
@@ -35,15 +35,15 @@ def shown_of(light: Tensor) -> Tensor:
 
 
 class Decoder:
-    """Pictures (3, H, W) of channels (C, H, W): shown = clamp(curve of displays(matrix @ rise(channels))).
+    """Decodes channels (C, H, W) to pictures (3, H, W): clamp(display curve(matrix @ rise(channels))).
 
-    Colours that no display shows are brought to the nearest that it does, channel by channel; their gradient is as if
-    they were shown, so that it can lead back.
+    Colours outside the gamut of displays are clamped channel by channel; their gradient ignores the clamping, so that
+    it can lead back into the gamut.
 
     Args:
         matrix: (3, C) float64.
-        rise: the curve from channels to what the matrix takes.
-        compiled: the same of one float32 number, marked `inline`.
+        rise: curve from channels to the input of the matrix.
+        compiled: the same curve for one float32 number, marked `inline`.
         slope: its derivative.
     """
 
@@ -60,7 +60,7 @@ class Decoder:
 
     @cached_property
     def rows(self) -> np.ndarray:
-        """The matrix, as the compiled functions take it."""
+        """The matrix in the form that the compiled functions need."""
         return self.matrix.numpy().astype(F)
 
 
@@ -89,7 +89,7 @@ def _run(compiled: Compiled, picture: Tensor, rows: np.ndarray, *others: Tensor)
 
 
 def _fit_root() -> tuple[float, ...]:
-    """Fit a polynomial in u = light^(1/8) to light^(1 / POWER) above the knee: coefficients, the highest first."""
+    """Fit a polynomial in u = light^(1/8) to light^(1 / POWER) above the knee; return coefficients, highest first."""
     u = np.cos(np.pi * (np.arange(400) + 0.5) / 400) * 0.5 * (1 - KNEE**0.125) + 0.5 * (1 + KNEE**0.125)
     fit = np.polynomial.Chebyshev.fit(u, u ** (8 / POWER), 7).convert(kind=np.polynomial.Polynomial)
     return tuple(fit.coef[::-1].tolist())
@@ -105,7 +105,7 @@ def rise(x):
 
 @inline
 def rise_slope(x):
-    """Part: its slope."""
+    """Part: the slope of that curve."""
 
 
 @inline
@@ -119,7 +119,7 @@ def _root(light):
 
 @inline
 def _gather(picture, rows, block, channels, light):
-    """Bring the curved channels (C, BLOCK) and the linear RGB (3, BLOCK) of a block: its first pixel, and how many."""
+    """Compute curved channels (C, BLOCK) and linear RGB (3, BLOCK) of a block; return its first pixel and size."""
     begin = block * BLOCK
     size = min(BLOCK, picture.shape[1] - begin)
     for c in range(CHANNELS):

@@ -25,7 +25,7 @@ DECODER = Decoder(torch.eye(3, dtype=torch.float64), torch.Tensor.clone, _same, 
 
 @register("color", "linear")
 class Linear(ColorSpace):
-    """As lights and fine dots of ink mix: amounts of red, green and blue light (linear RGB); soft edges are lighter."""
+    """Mixes amounts of light (linear RGB), as lights and fine dots of ink do; soft edges are lighter."""
 
     cost, mixes = "not measured", "light grey"
 

@@ -1,4 +1,4 @@
-"""Mix paint in steps that are even to the eye."""
+"""Mix paint in perceptually uniform steps."""
 # mypy: allow-untyped-defs
 
 import torch
@@ -9,7 +9,7 @@ from brushexp.contracts.families import ColorSpace
 from brushexp.contracts.kernels import inline
 from brushexp_media.colors.decoding import Decoder, F, linear_of
 
-# Response of each kind of cone to linear red, green and blue (Ottosson, 2020).
+# Response of each type of cone to linear red, green and blue (Ottosson, 2020).
 CONES = torch.tensor(
     [
         [0.4122214708, 0.5363325363, 0.0514459929],
@@ -18,7 +18,7 @@ CONES = torch.tensor(
     ],
     dtype=torch.float64,
 )
-TOE = 2e-4  # light that is added before the cube root, whose slope at 0 has no bound
+TOE = 2e-4  # light added before the cube root, whose slope is unbounded at 0
 DARK = TOE ** (1 / 3)
 RANGE = (1 + TOE) ** (1 / 3) - DARK
 
@@ -45,10 +45,11 @@ DECODER = Decoder(torch.linalg.inv(CONES), cone_responses, _cube, _slope)
 
 @register("color", "oklab")
 class Oklab(ColorSpace):
-    """Evenly to the eye: a mixture of two colours looks like their middle (Oklab, Ottosson 2020).
+    """Mixes perceptually evenly: a mixture of two colours looks midway between them (Oklab, Ottosson 2020).
 
-    Channels are the cube roots of what the three kinds of cones see, of which Oklab's lightness and two opponent
-    colours are sums: laying over is the same in both. Differs: a small light (2e-4) is added before the roots.
+    Channels are the cube roots of the responses of the three types of cones. Oklab's lightness and two opponent colours
+    are linear in them, so compositing gives the same result in both. Differs from the source: a small amount of light
+    (2e-4) is added before the roots.
     """
 
     cost, mixes = "not measured", "grey"

@@ -1,4 +1,4 @@
-"""Mix paint as pigments, whose reflectances in seven bands of colour are multiplied, not added."""
+"""Mix paint as pigments, by multiplying rather than adding reflectances in seven spectral bands."""
 # mypy: allow-untyped-defs
 
 import math
@@ -11,8 +11,8 @@ from brushexp.contracts.families import ColorSpace
 from brushexp.contracts.kernels import inline
 from brushexp_media.colors.decoding import Decoder, F, linear_of
 
-# Share of the light that paint of pure colours reflects, in bands from violet to red; white reflects all. Chosen by
-# benchmarks/pigments.py: smooth, and so that mixtures of two paints come near to those that painters know.
+# Share of light reflected by paints of pure colours, in bands from violet to red; white reflects all light. Chosen by
+# benchmarks/pigments.py to be smooth, with mixtures of two paints close to those that painters know.
 REFLECTANCE = torch.tensor(
     [
         [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0],  # white
@@ -29,18 +29,18 @@ PURE = [[1, 1, 1], [0, 1, 1], [1, 0, 1], [1, 1, 0], [1, 0, 0], [0, 1, 0], [0, 0,
 BAND_COLORS = torch.linalg.solve(
     REFLECTANCE, torch.tensor(PURE, dtype=torch.float64)
 ).T  # (3, 7): linear RGB of each band
-DEEPEST = 0.01  # share that the blackest paint reflects: what black does to other paint in a mixture
+DEEPEST = 0.01  # share of light reflected by the blackest paint, which sets the effect of black in mixtures
 DEPTH = math.log((1 + DEEPEST) / DEEPEST)
 
 
 def reflectances_of(channels: Tensor) -> Tensor:
-    """Compute shares of reflected light from channels."""
+    """Compute the reflected shares of light from channels."""
     return (1 + DEEPEST) * (DEPTH * (channels - 1)).exp() - DEEPEST
 
 
 @inline
 def _power(x):
-    """exp(DEPTH (x - 1)) for x in [0, 1]: the 16th power of the first terms of the series of its 16th root."""
+    """Compute exp(DEPTH (x - 1)) for x in [0, 1] as the 16th power of a truncated series of its 16th root."""
     y = (x - F(1)) * F(DEPTH / 16)
     y = F(1) + y * (F(1) + y * (F(1 / 2) + y * (F(1 / 6) + y * (F(1 / 24) + y * (F(1 / 120) + y * F(1 / 720))))))
     y = y * y
@@ -64,13 +64,13 @@ DECODER = Decoder(BAND_COLORS, reflectances_of, _reflect, _slope)
 
 @register("color", "pigment")
 class Pigment(ColorSpace):
-    """As paint mixes: yellow over blue gives green; the weighted geometric mean of reflectances in seven bands.
+    """Mixes like paint (yellow over blue gives green): the weighted geometric mean of reflectances in seven bands.
 
-    A colour is split into white and two of six pure paints, whose reflectances it mixes (Smits, 1999, "An RGB to
-    spectrum conversion for reflectances"); channels are the logarithms. Laying these over each other is the weighted
-    geometric mean, as MyPaint mixes. It is not Kubelka and Munk's theory, where ratios of absorption and scattering
-    are averaged and darker paint counts for more. The bands are chosen for mixtures, not measured; the blackest paint
-    reflects 1 %.
+    A colour is split into white and two of six pure paints, whose reflectances are mixed (Smits, 1999, "An RGB to
+    spectrum conversion for reflectances"); channels are the logarithms of the result. Compositing them gives the
+    weighted geometric mean, as in MyPaint. This differs from the theory of Kubelka and Munk, which averages ratios of
+    absorption to scattering, so that darker paint counts for more. The bands are chosen for mixtures, not measured; the
+    blackest paint reflects 1 %.
     """
 
     cost, mixes = "1.5", "green"
@@ -84,7 +84,7 @@ class Pigment(ColorSpace):
 
 
 def paints(light: Tensor) -> Tensor:
-    """Split linear RGB (..., 3) into amounts (..., 7) of white and pure paints, at most three of them not 0."""
+    """Split linear RGB (..., 3) into amounts (..., 7) of white and pure paints, at most three of which are not 0."""
     white = light.amin(-1)
     red, green, blue = (light - white[..., None]).unbind(-1)
     cyan, magenta, yellow = torch.minimum(green, blue), torch.minimum(red, blue), torch.minimum(red, green)

@@ -1,1 +1,1 @@
-"""Initialisers of media: how a draughtsman, a pastellist or a pointillist lays the first strokes."""
+"""Initialisers for media: place the initial strokes as in drawing, pastel or pointillism."""

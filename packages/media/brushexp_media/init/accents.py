@@ -1,4 +1,4 @@
-"""Draw the last strokes of a painting: lines along edges, in the darkest and lightest colours that are there."""
+"""Draw the last strokes of a painting: lines along edges, in the darkest and lightest colours nearby."""
 
 from dataclasses import replace
 
@@ -10,17 +10,17 @@ from brushexp.contracts.strokes import Strokes
 from brushexp_media.init.drawing import contours
 
 Array = np.ndarray
-DARK, LIGHT = 0.45, 0.6  # means of red, green, blue: lighter places have no dark accents, darker ones no light ones
-AROUND, APART = 0.02, 0.06  # deviation of the blur, longer sides, from which accents differ at least by so much
+DARK, LIGHT = 0.45, 0.6  # mean of RGB above which there are no dark accents, and below which no light ones
+AROUND, APART = 0.02, 0.06  # standard deviation of the blur in longer sides, and least difference of accents from it
 
 
 def accents(
     picture: Array, n: int, length: float, width: float, focus: Array | None, *, dark: bool, toward: Array, share: float
 ) -> Strokes:
-    """Trace n lines at the dark or the light side of edges of a picture (3, H, W); those that are neither are unseen.
+    """Trace n lines on the dark or light side of edges of a picture (3, H, W); lines on neither side stay invisible.
 
-    ``length`` and ``width`` of the strongest are in pixels. A line has the colour of its place, which goes by a
-    ``share`` to the colour ``toward`` (3,).
+    ``length`` and ``width`` of the strongest line are in pixels. A line has the colour of the picture there, shifted by
+    a ``share`` towards the colour ``toward`` (3,).
     """
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
 

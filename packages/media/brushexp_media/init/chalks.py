@@ -1,4 +1,4 @@
-"""Place strokes as in a pastel: masses that are rubbed in, hatchings over them, small forms, and accents."""
+"""Place strokes as in a pastel: rubbed-in masses, hatching over them, small forms, and accents."""
 
 import math
 from dataclasses import dataclass, replace
@@ -19,27 +19,28 @@ from brushexp_media.init.ink import strokes_of
 from brushexp_media.marks import RUBBED, VARIANTS
 
 Array = np.ndarray
-BLUR = 0.004  # deviation of the blur under hatchings, in longer sides
-EDGE_SLOPE = 3.0  # slope of colour, per longer side, at which a hatching ends
-PATCH, LEFT = 0.13, -0.8  # longer sides from one rubbed place to the next; deviations below which none is hatched
-FOLLOWED = 0.6  # of the way from the slant of the hand to the direction of forms
-SWAY = 0.14  # radians by which groups of lines turn
-GROUP = 0.12  # longer sides from one group to the next
-BROKEN, PRESSED = 0.065, 0.25  # deviations of the lightness of hatchings, and of the logarithm of their widths
-FOCUSED = 0.5  # how much sparser hatchings are where one looks first
-LINE_SPACING = 1.5  # widths of a hatching from one line to the next
-SHORTER = 0.6  # strokes of a face that is drawn by itself, over others
-EDGED, LIGHTS = 0.7, 0.2  # width of an accent over that of a hatching; share of accents that are light
-DEEPER, LIGHTER = 0.35, 0.6  # how far dark accents go to black, and light ones to white
+BLUR = 0.004  # standard deviation of the blur under hatching, in longer sides
+EDGE_SLOPE = 3.0  # slope of colour, per longer side, at which hatching ends
+PATCH, LEFT = 0.13, -0.8  # longer sides between rubbed areas; deviations below which there is no hatching
+FOLLOWED = 0.6  # turn from the slant of the hand towards the direction of forms; 1 = all the way
+SWAY = 0.14  # radians by which groups of lines are rotated
+GROUP = 0.12  # longer sides between groups
+BROKEN, PRESSED = 0.065, 0.25  # standard deviations of the lightness of hatching, and of the logarithm of line widths
+FOCUSED = 0.5  # reduction of hatching in areas of attention
+LINE_SPACING = 1.5  # distance between hatching lines in line widths
+SHORTER = 0.6  # length of strokes in a face drawn separately, relative to others
+EDGED, LIGHTS = 0.7, 0.2  # width of an accent relative to hatching; share of accents that are light
+DEEPER, LIGHTER = 0.35, 0.6  # shift of dark accents towards black, and of light ones towards white
 
 
 @register("init", "chalks")
 @dataclass(kw_only=True)
 class Chalks(Initializer):
-    """Broad masses that are rubbed in, hatchings in the slant of a hand, small forms, and accents along edges.
+    """Broad rubbed-in masses, hatching at the slant of a hand, small forms, and accents along edges.
 
-    Hatchings leave some places as they were rubbed, end where colours do, and turn half-way towards forms. Strokes are
-    in this order, which ``order=fixed`` keeps; masses have the soft mark of ``renderer.kind=chalk``, others its grain.
+    Hatching leaves some rubbed areas uncovered, ends at colour edges, and turns half-way towards the direction of
+    forms. Strokes are in this order, which ``order=fixed`` preserves; masses have the soft mark of
+    ``renderer.kind=chalk``, and all others have its grain.
 
     Args:
         layers: number of layers of masses and forms, from the side of the stick to its edge.
@@ -92,7 +93,7 @@ class Chalks(Initializer):
         return replace(strokes, brush=sides + VARIANTS * (number // VARIANTS % 2))
 
     def nearer(self) -> "Chalks":
-        return replace(self, layers=1, hatched=0.0, length=SHORTER * self.length)  # over masses that are there
+        return replace(self, layers=1, hatched=0.0, length=SHORTER * self.length)  # over existing masses
 
     def _hatchings(
         self, picture: Array, weight: Array | None, n: int, thick: float, random: np.random.Generator
@@ -116,7 +117,7 @@ class Chalks(Initializer):
         return strokes_of(curve, width, np.ones(len(curve), bool), color, n)
 
     def _accents(self, picture: Array, weight: Array | None, n: int, thick: float) -> Strokes:
-        """Draw accents along edges, visible only where the focus is at least average; elsewhere they look loose."""
+        """Draw accents along edges, visible only where the focus is at least average; elsewhere they stay loose."""
         lights = round(LIGHTS * n)
         length, width = self.reach * thick, EDGED * thick
         drawn = Strokes.join(

@@ -1,4 +1,4 @@
-"""Ink the eyes and the mouth of a face that is too small for the lines of a drawing."""
+"""Ink the eyes and the mouth of a face that is too small for drawn lines."""
 
 from dataclasses import dataclass
 
@@ -12,16 +12,16 @@ from brushexp_media.init.ink import INKED, rgb_of, strokes_of
 from brushexp_media.init.washes import cleaned, filled
 from brushexp_media.picture.lines import edge_lines
 
-SIDE = 96  # pixels of the longer side at which dark shapes are found
-THICK, FAINT = 20.0, 0.015  # scale of lines, in those of a pen, and the least difference that is one
-DARKER = 0.6  # standard deviations below the mean, of the largest channel, at which a place is inked
+SIDE = 96  # longer side in pixels at which dark shapes are found
+THICK, FAINT = 20.0, 0.015  # scale of lines relative to a pen's, and least difference of a line
+DARKER = 0.6  # standard deviations below the mean of the largest channel at which a pixel is inked
 BROADEST = 0.12  # width of a stroke, in longer sides
 SPECK = 0.002  # share of the target below which a shape is a speck
 
 
 @dataclass(kw_only=True)
 class DarkShapes(Initializer):
-    """Strokes of ink that fill what is darker than its surroundings: lids, pupils, brows, the line of a mouth.
+    """Ink strokes that fill areas darker than their surroundings: lids, pupils, brows, the line of a mouth.
 
     Args:
         color: colour of the ink, as '#rrggbb'.
@@ -34,7 +34,7 @@ class DarkShapes(Initializer):
         size = [max(1, round(zoom * side)) for side in target.shape[1:]]
         large = nn.functional.interpolate(target[None], size, mode="bilinear", align_corners=False)[0]
         picture = large.double().numpy()
-        value = picture.max(0)  # lips are lighter by it than by luma
+        value = picture.max(0)  # lips are lighter in this than in luma
         dark = value < value.mean() - DARKER * value.std()
         shapes = cleaned((edge_lines(picture, THICK, FAINT) > INKED) & dark, SPECK * value.size)
         random = np.random.default_rng(int(torch.randint(2**31, (1,), generator=generator)))

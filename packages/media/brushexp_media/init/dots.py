@@ -1,4 +1,4 @@
-"""Place dots of divided colour: each purer than the picture, and their mean the picture."""
+"""Place dots of divided colour: each is purer than the picture, and their mean matches it."""
 
 from dataclasses import dataclass, replace
 from typing import Annotated
@@ -13,30 +13,28 @@ from brushexp.contracts.pictures import to_lab, to_rgb
 from brushexp.contracts.strokes import Strokes
 
 CALMER = 0.5  # exponent of dot size in the separation of hues: small dots differ less
-DIVISION_CHROMA = 100.0  # chroma by which dots of division 1 leave the colour of their place
+DIVISION_CHROMA = 100.0  # chroma by which dots of division 1 differ from the colour of the picture
 WARM = torch.tensor([0.34, 0.94], dtype=torch.float64)  # direction of orange in a* and b*; that of blue is the opposite
 SHADE = 55.0  # L* below which a place is in shadow
 GREY = 4.0  # chroma of the pair of orange and blue in which greys are divided
-BROAD, LONG, SHIFTED = 2.2, 1.2, 0.2  # width, length and random shift of the touches below, in their spacing
-SHADOW = 56.0  # L* below which a touch is in shadow
-WHITE = 87.0  # L* from which on a touch keeps its colour
+BROAD, LONG, SHIFTED = 2.2, 1.2, 0.2  # width, length and random shift of undertouches, in their spacing
+SHADOW = 56.0  # L* below which an undertouch is in shadow
+WHITE = 87.0  # L* above which an undertouch keeps its colour
 DULL, DUSK, MUTED, COOL = 0.92, 0.15, 0.6, 40.0  # of touches: lightness over the place's, less in shadow; chroma; blue
-OPPOSITE, LIGHT = 0.15, 0.2  # shares of dots of the opposite hue, and of the colour of the light
-OPPOSED, PURER = (
-    0.55,
-    0.55,
-)  # how far dots of the opposite hue go, and those that are merely purer, relative to the light's
-TURNED, UNEVEN = 0.3, 0.08  # standard deviation between dots: of hue in radians, and of L* relative to chroma
+OPPOSITE, LIGHT = 0.15, 0.2  # shares of dots of the complementary hue, and of the colour of the light
+OPPOSED, PURER = 0.55, 0.55  # shift of complementary and of purer dots, relative to those of the light
+TURNED, UNEVEN = 0.3, 0.08  # standard deviation between dots: hue in radians, and L* relative to chroma
 
 
 @register("init", "dots")
 @dataclass(kw_only=True)
 class Dots(Initializer):
-    """Dabs in layers, larger ones everywhere and smaller ones where there is detail, whose hues go apart.
+    """Dabs of divided hues in layers, larger ones everywhere and smaller ones where there is detail.
 
-    Each has the lightness of its place and goes from its hue by ``division``: most to a purer one, some to the colour
-    of the light (orange where it is light, blue in shadow), some to the opposite; greys are orange and blue. Source:
-    Signac (1899), Chevreul (1839); the optimiser then makes their mean the picture (``loss=[blurred,chroma]``).
+    Each dab has the lightness of the picture there, and its hue is shifted by ``division``: mostly towards a purer
+    colour, sometimes towards the colour of the light (orange in light, blue in shadow) or the complementary hue; greys
+    become orange and blue. Source: Signac (1899), Chevreul (1839); the optimiser then makes their mean match the
+    picture (``loss=[blurred,chroma]``).
 
     Args:
         layers: number of layers of dabs, from large to small.
@@ -68,7 +66,7 @@ class Dots(Initializer):
         return Strokes.join(_undertouches(target, under, generator), dots) if under else dots
 
     def _divided(self, strokes: Strokes, generator: torch.Generator, focus: Tensor | None) -> Strokes:
-        """Move the hues of strokes apart, and their lightness hardly, so that no dot is a speck."""
+        """Shift the hues of strokes apart, but hardly their lightness, so that no dot stands out as a speck."""
         n, lab = len(strokes), torch.from_numpy(to_lab(strokes.color.double().numpy()))
         kind, sign = torch.rand(2, n, 1, generator=generator, dtype=torch.float64)
         turn, light = torch.randn(2, n, generator=generator, dtype=torch.float64)
@@ -88,7 +86,7 @@ class Dots(Initializer):
 
 
 def _undertouches(target: Tensor, n: int, generator: torch.Generator) -> Strokes:
-    """Lay broad touches below the dots, duller than the place, and cooler in shadow: no ground is bare."""
+    """Place broad touches below the dots, duller than the picture and cooler in shadow, to cover the bare ground."""
     strokes = InLayers(layers=1, width=BROAD, length=LONG, opacity=1.0, jitter=SHIFTED)(target, n, generator)
     lab = torch.from_numpy(to_lab(strokes.color.double().numpy()))
     shadow = (1 - lab[:, :1] / SHADOW).clamp(0, 1)
@@ -99,6 +97,6 @@ def _undertouches(target: Tensor, n: int, generator: torch.Generator) -> Strokes
 
 
 def _at(weights: Tensor, strokes: Strokes) -> Tensor:
-    """Look up weights (H, W) at the places of strokes, (N,)."""
+    """Look up weights (H, W) at the positions of strokes, (N,)."""
     x, y = (part.long().clamp(0, side - 1) for part, side in zip(strokes.position.T, weights.shape[::-1], strict=True))
     return weights[y, x].double()

@@ -38,51 +38,52 @@ from brushexp_media.picture.noise import fractal_noise
 from brushexp_media.picture.outlines import SPACING, find_outlines, strokes_over
 
 Array = np.ndarray
-ANGLES = (-0.9, -0.7, -0.4)  # radians of the hatchings, the first of the half tones
+ANGLES = (-0.9, -0.7, -0.4)  # angles of hatching in radians, starting with that of the half tones
 BROADEST = 0.06  # width of a wash, in longer sides
-DEPTHS = (0.9, 2.4, 6.5)  # of washes, one over the other: powers of the colour of the first
-LEAST_WASH = 0.003  # share of the picture below which a shape is no wash, and a hole in one is filled
-REED, BLUNT = 0.0065, (2.2, 0.04)  # broadest accent, longer sides; scale and least difference of lines that are accents
-DEEPEST = 0.33  # largest colour channel of a place that gets an accent
+DEPTHS = (0.9, 2.4, 6.5)  # successive washes, as powers of the colour of the first
+LEAST_WASH = 0.003  # share of the picture below which a shape is no wash, and a hole in a wash is filled
+REED, BLUNT = 0.0065, (2.2, 0.04)  # broadest accent in longer sides; scale and least difference of accent lines
+DEEPEST = 0.33  # largest colour channel of a pixel that gets an accent
 FEATURE_BLUR = 0.0016  # standard deviation of the blur under features, in longer sides
 FEATURE_SIZES = ((0.02, 0.15, 0.5), (0.05, 0.3, 0.2))  # breadth, least depth, darkest lightness of features
-SPECK = 1.2e-3  # least accent over what is looked at
-LOOKED_AT = 0.3  # share of the largest focus above which a place counts as looked at
-EDGE, LOST = 0.05, 0.7  # softness of an edge of a wash, and of one that is lost besides, in widths of its strokes
-FOUND = 5.0  # slope of darkness, per longer side, from which on an edge of a wash is crisp
+SPECK = 1.2e-3  # smallest accent relative to the area of attention
+LOOKED_AT = 0.3  # share of the largest focus above which a pixel is in the area of attention
+EDGE, LOST = 0.05, 0.7  # softness of the edge of a wash, and additional softness of a lost edge, in stroke widths
+FOUND = 5.0  # slope of darkness, per longer side, above which the edge of a wash is sharp
 CRISP = 0.3  # sharpness of an edge that gets a full contour, relative to the sharpest
-FRAME = 0.018  # longer sides: nearer to the edge of the picture lines are no contours
-SMOOTH, SMOOTH_WASH = 0.004, 0.008  # deviation of the blur of tones under hatchings and washes, in longer sides
+FRAME = 0.018  # longer sides from the edge of the picture within which lines are no contours
+SMOOTH, SMOOTH_WASH = 0.004, 0.008  # standard deviation of the blur of tones under hatching and washes, in longer sides
 FLAT_AT = 768  # longer side in pixels at which ``flatness`` is the weight of total variation
 MARGIN, WAVER, WAVES = 0.022, 0.35, 0.06  # longer sides that stay bare; deviation of its edge over it; longer sides
-FAINTEST = 0.12  # strength of a line below which none is drawn
-FEATURES = 0.35  # share of contours that draw fine features where one looks first
+FAINTEST = 0.12  # strength below which no line is drawn
+FEATURES = 0.35  # share of contours that are fine lines in areas of attention
 BOLD = 0.35  # share of the other contours that are single strokes, where edges are strong and straight
-SHADED = 0.6  # weakening of outlines where one looks first, lest shades around eyes get one
-FINER = 0.55  # size of fine contours over that of the others
-SPARED = 0.4  # share of darkness that hatching leaves to lines in places that are looked at
+SHADED = 0.6  # weakening of outlines in areas of attention, so that shading around eyes gets none
+FINER = 0.55  # size of fine contours relative to the others
+SPARED = 0.4  # share of darkness that hatching leaves to lines in areas of attention
 SUBTLE = 0.004  # least difference of fine features, relative to the lightness around them
-SPARSE = 0.3  # share of the lines of a hatching that are left where it begins
-GROUPS, SWAY = 0.09, 0.12  # longer sides from one group of lines to the next, by how much they turn, radians
-PRESSED, LONGER = 0.3, 0.45  # deviations of the logarithms of widths and lengths of hatchings
-SHORTEST_LINE = 0.3  # of the full length of lines, below which a contour is no line
-MORE, APART = 3, 0.7  # lines that are traced over those that are drawn; widths between two of these
-FORM, TURN = 0.02, 0.9  # deviation of the blur of forms, longer sides, and by how much hatchings follow them, radians
+SPARSE = 0.3  # share of hatching lines that remain where hatching begins
+GROUPS, SWAY = 0.09, 0.12  # longer sides between groups of lines, and their rotation in radians
+PRESSED, LONGER = 0.3, 0.45  # standard deviations of the logarithms of width and length of hatching lines
+SHORTEST_LINE = 0.3  # share of the full length below which a contour is dropped
+MORE, APART = 3, 0.7  # lines traced per line drawn; least distance between two of them in widths
+FORM, TURN = 0.02, 0.9  # standard deviation of the blur of forms in longer sides; turn of hatching with forms, radians
 WEAK = 0.5  # strength of a form, relative to the mean, below which hatchings follow it less
-EVEN = 0.02  # darkness: so much less counts as dark, too, lest even areas be left out
-TINY = 1e-9  # an even focus is none, nor is an even sharpness
+EVEN = 0.02  # margin of darkness that still counts as dark, so that even areas are not omitted
+TINY = 1e-9  # variation below which focus or sharpness counts as uniform
 INK = Rule(named_color)
 
 
 @register("init", "drawing")
 @dataclass(kw_only=True)
 class Drawing(Initializer):
-    """Washes in the shapes of three tones, hatchings over them, contours that swell with contrast, and dark accents.
+    """Washes in the shapes of three tones, hatching over them, contours that swell with contrast, and dark accents.
 
-    Source: pen-and-ink illustration as Winkenbach and Salesin (1994) describe it: tone by hatchings that are added one
-    after the other, outlines where neighbouring tones do not tell things apart. Differs: hatchings have angles that are
-    fixed but for `TURN` and `SWAY`. Shapes are those of a flattened picture; the focus keeps its forms, has finer
-    contours, fewer hatchings, and small dark shapes (lids, pupils, a mouth) that are filled.
+    Source: pen-and-ink illustration as described by Winkenbach and Salesin (1994): tone is built up by successive
+    layers of hatching, and outlines are drawn where neighbouring tones do not separate objects. Differs from the
+    source: hatching has fixed angles, from which it turns by up to `TURN` where forms are strong. Shapes are those of a
+    flattened picture; in the focus forms are kept, contours are finer, hatching is sparser, and small dark shapes
+    (lids, pupils, a mouth) are filled.
 
     Args:
         contours: share of the strokes that are contours, 0 to 1.
@@ -147,13 +148,13 @@ class Drawing(Initializer):
         return DarkShapes(color=self.color)
 
     def _inked(self, lines: Array, area: Array, n: int, random: np.random.Generator) -> Strokes:
-        """Fill lines (H, W), which are as thick as the picture has them, but for specks beside an ``area`` (H, W)."""
+        """Fill lines (H, W), as thick as in the picture, omitting specks relative to an ``area`` (H, W)."""
         shapes = cleaned(lines > INKED, SPECK * float((area > LOOKED_AT).sum()))
         curve, half = filled(shapes, n, REED * max(lines.shape), random)
         return strokes_of(curve, 2 * half, half > 0, rgb_of(self.color), n)
 
     def _hatching(self, dark: Array, turned: Array, n: int, random: np.random.Generator) -> Strokes:
-        """Lay lines over dark places at the angles, ``turned`` (H, W) by forms, as close as ``n`` lines allow."""
+        """Draw hatching over dark areas at the angles, ``turned`` (H, W) by forms, as densely as ``n`` lines allow."""
         side, tones = max(dark.shape), self._above(self.tones, dark)
         area = sum(float((dark > tone).sum()) for tone in tones)
         gap = max(1.2, area / max(n, 1) / (0.9 * self._longest(side)))
@@ -166,9 +167,9 @@ class Drawing(Initializer):
         return strokes_of(curve, width, darkness > 0, rgb_of(self.color), n)
 
     def _washes(self, dark: Array, steep: Array, n: int, random: np.random.Generator) -> Strokes:
-        """Lay a wash over the shapes of each tone, each darker over the ones before.
+        """Place a wash over the shapes of each tone, each darker than the previous ones.
 
-        An edge is crisp where the picture has one nearby, and lost where forms are soft.
+        An edge is sharp where the picture has an edge nearby, and lost where forms are soft.
         """
         from scipy.ndimage import distance_transform_edt  # noqa: PLC0415  (slow to import)
 
@@ -186,7 +187,7 @@ class Drawing(Initializer):
         return Strokes.join(*parts)
 
     def _above(self, tones: Sequence[float], dark: Array) -> list[float]:
-        """Raise tones where the picture is so dark that too little of the paper would stay white."""
+        """Raise the tone thresholds if the picture is so dark that too little of the paper would stay white."""
         left = [1 - (1 - self.white) / 2**k for k in range(len(tones))]
         return [max(tone, float(np.quantile(dark, share)) - EVEN) for tone, share in zip(tones, left, strict=True)]
 
@@ -198,11 +199,11 @@ class Drawing(Initializer):
 
 
 def contours(picture: Array, n: int, length: float, width: float, color: Array, focus: Array | None = None) -> Strokes:
-    """Draw n contours of a picture (3, H, W): outlines, the longest and clearest first, and fine lines in the focus.
+    """Draw n contours of a picture (3, H, W): single bold lines, outlines, and fine lines in the focus.
 
-    ``length`` and ``width``, in pixels, are the largest of a stroke; an outline is a chain of strokes. With a focus
-    (H, W) a share of the strokes draws faint features where it is more than a share of its largest: eyes and mouths are
-    made of those. Elsewhere blurred edges have no contour.
+    Single lines run along strong straight edges. Outlines, as chains of strokes, follow the other edges, the longest
+    and strongest first. ``length`` and ``width``, in pixels, are the largest of a stroke. With a focus (H, W), a share
+    of the strokes draws faint features there, such as eyes and mouths. Blurred edges have no contour.
     """
     side = max(picture.shape)
     frame = round(FRAME * side)
@@ -267,17 +268,17 @@ def dark_features(lightness: Array) -> Array:
 
 
 def _fine_lines(picture: Array, least: float) -> Array:
-    """Find lines (H, W) of a picture (3, H, W) that are as fine as a pen's, or finer."""
+    """Find the lines (H, W) of a picture (3, H, W) that are at most as thick as a pen line."""
     return np.maximum(*(edge_lines(picture, scale, least) for scale in (FINER, 1.0)))
 
 
 def _traced(
     lines: Array, flow: Array, straight: Array, n: int, length: float, width: float, area: float | None = None
 ) -> tuple[Array, Array]:
-    """Trace at most n lines of a map (H, W) of their strength along a flow (H, W): curves (m, 3, 2), widths (m,).
+    """Trace at most n lines of a strength map (H, W) along a flow (H, W): curves (m, 3, 2), and widths (m,).
 
-    Those in ``straight`` places (H, W) come first. There is at most one in each of the cells that divide an ``area`` in
-    pixels, or all of the map.
+    Those in ``straight`` areas (H, W) come first. There is at most one line in each of the cells that divide an
+    ``area`` in pixels, or the whole map.
     """
     _, x, y = worst_of_cells(lines, max(2, round(0.6 * math.sqrt((area or lines.size) / max(n, 1)))))
     strength = sampled_at(lines, x, y)
@@ -291,7 +292,7 @@ def _traced(
 
 
 def forms(picture: Array) -> Array:
-    """Compute by how much hatchings turn (H, W) to follow the forms of a picture (3, H, W): radians, at most `TURN`."""
+    """Compute the angle (H, W) by which hatching follows the forms of a picture (3, H, W): radians, at most `TURN`."""
     tensor = structure_tensor(picture, FORM * max(picture.shape))
     angle = (along_edges(tensor) - ANGLES[0] + math.pi / 2) % math.pi - math.pi / 2
     strength = tensor[0] + tensor[2]
@@ -300,28 +301,28 @@ def forms(picture: Array) -> Array:
 
 
 def _within_margin(size: tuple[int, ...], random: np.random.Generator) -> Array:
-    """Find what lies within a margin (H, W) that the draughtsman leaves, whose edge wavers."""
+    """Mark the area (H, W) within the draughtsman's margin, whose edge wavers."""
     y, x = (np.minimum(np.arange(side), np.arange(side)[::-1]) / max(size) for side in size)
     reach = np.minimum(x, y[:, None])
     return reach > MARGIN * (1 + WAVER * noise_of(size, WAVES, random))
 
 
 def noise_of(size: tuple[int, ...], cell: float, random: np.random.Generator) -> Array:
-    """Compute noise (H, W) of mean 0 and deviation 1, in cells of ``cell`` longer sides."""
+    """Compute noise (H, W) of mean 0 and standard deviation 1, with cells of ``cell`` longer sides."""
     y, x = (torch.arange(side, dtype=torch.float64) / (cell * max(size)) for side in size)
     noise = fractal_noise(x.expand(len(y), -1), y[:, None].expand(-1, len(x)), int(random.integers(2**31)), 2)
     return noise.double().numpy()
 
 
 def _swayed(turned: Array, random: np.random.Generator) -> Array:
-    """Turn hatchings (H, W), radians, a little from one group of lines to the next."""
+    """Vary the angles of hatching (H, W), in radians, slightly from one group of lines to the next."""
     return turned + SWAY * noise_of(turned.shape, GROUPS, random)
 
 
 def hatching(
     dark: Array, tone: float, angle: float, turned: Array, gap: float, length: float, random: np.random.Generator
 ) -> Array:
-    """Draw curves (n, 3, 2), some ``gap`` pixels apart, where a map (H, W) is above ``tone``; ``turned`` is (H, W)."""
+    """Draw curves (n, 3, 2) about ``gap`` pixels apart where a map (H, W) exceeds ``tone``; ``turned`` is (H, W)."""
     height, width = dark.shape
     half = 0.5 * math.hypot(height, width)
     u, v = np.meshgrid(np.arange(-half, half, 0.8 * length), np.arange(-half, half, gap))
@@ -337,7 +338,7 @@ def hatching(
 
 
 def slope_of(luma: Array) -> Array:
-    """Compute how steep luma is (H, W), per longer side, where it is blurred as for washes."""
+    """Compute the slope of luma (H, W), per longer side, blurred as for washes."""
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
 
     side = max(luma.shape)

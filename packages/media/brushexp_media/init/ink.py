@@ -1,4 +1,4 @@
-"""Strokes of ink: along given curves, in a named colour."""
+"""Make strokes of ink along given curves, in a named colour."""
 
 import numpy as np
 import torch
@@ -8,16 +8,16 @@ from brushexp.contracts.pictures import named_color
 from brushexp.contracts.strokes import Strokes, strokes_along
 
 Array = np.ndarray
-INKED = 0.5  # strength of lines from which on they are filled: in their thickness, as a reed pen does
+INKED = 0.5  # strength above which lines are filled at their own thickness, as with a reed pen
 
 
 def rgb_of(color: str) -> Array:
-    """Return the colour (3,), 0 to 1, that a name or '#rrggbb' says."""
+    """Return the colour (3,), 0 to 1, given by a name or '#rrggbb'."""
     return np.frombuffer(named_color(color, "init.color") or b"", np.uint8) / 255
 
 
 def strokes_of(curve: Array, width: Array, seen: Array, color: Array, n: int) -> Strokes:
-    """Make n strokes of the curves, in one colour or one each; if there are too few curves, add some without ink."""
+    """Make n strokes along curves, in one colour or one each; if there are too few curves, add invisible strokes."""
     lacking, color = n - len(curve), np.broadcast_to(color, (len(curve), 3))
     curve, width, seen, color = (
         np.concatenate([part, np.full((lacking, *part.shape[1:]), fill, part.dtype)])

@@ -1,4 +1,4 @@
-"""Place marks end to end in rows, side by side, that follow forms and turn where there are none."""
+"""Place marks end to end in parallel rows, which follow forms and wind where there are none."""
 
 import heapq
 import math
@@ -20,23 +20,23 @@ from brushexp_media.init.ink import rgb_of, strokes_of
 from brushexp_media.picture.noise import fractal_noise
 
 Array = np.ndarray
-BLUR = 0.35  # deviation of the blur of the picture of a layer, in distances of its rows
-STEP = 0.5  # distances of rows between points of a mark
-CLOSEST_MARKS = 0.5  # distances of rows nearer than which no mark comes to another
-ELSEWHERE = 0.5  # weight of detail where no row goes on
-DARKER = 0.75  # the underpainting over the picture
-SHORTEST_MARK = 0.2  # least length of a mark, over the full one
-UNEVEN = (0.2, 2.0)  # least and largest length of a mark that nothing ends, over the mean
-WIDER = 0.38  # deviation of the logarithm of widths from mark to mark
-ASTRAY = 0.25  # share of ``looseness`` that is left where forms are strong
-APART = (0.85, 1.25)  # least and largest distance to the next row, over the mean
-FULL = 1.7  # so many marks of full length would cover the canvas once, since many end before it
-CALM = 0.006  # differences of neighbouring pixels below which forms give way to turns
-TURNS = 0.4  # longer sides from one turn to the next
-INKED = 0.5  # how far outlines go to their colour from that of the picture
-OUTLINE = 2.0, 1.3  # length and width of the strongest outline, over those of the finest marks
+BLUR = 0.35  # standard deviation of the blur of a layer's picture, in row distances
+STEP = 0.5  # row distances between points of a mark
+CLOSEST_MARKS = 0.5  # least distance between marks, in row distances
+ELSEWHERE = 0.5  # weight of detail where no row continues
+DARKER = 0.75  # brightness of the underpainting relative to the picture
+SHORTEST_MARK = 0.2  # least length of a mark relative to the full length
+UNEVEN = (0.2, 2.0)  # least and largest length of an uninterrupted mark relative to the mean
+WIDER = 0.38  # standard deviation of the logarithm of widths between marks
+ASTRAY = 0.25  # share of ``looseness`` that remains where forms are strong
+APART = (0.85, 1.25)  # least and largest distance to the next row relative to the mean
+FULL = 1.7  # number of full-length marks, relative to one covering of the canvas, because many end early
+CALM = 0.006  # differences of neighbouring pixels below which noise replaces the forms
+TURNS = 0.4  # longer sides between turns of the noise
+INKED = 0.5  # shift of outlines from the picture's colour towards their own
+OUTLINE = 2.0, 1.3  # length and width of the strongest outline relative to the finest marks
 THIRDS = 2 * math.pi / 3 * np.arange(3)
-MIDDLE = np.array([0.25, 0.5, 0.25])  # weights of the points of a curve in its middle
+MIDDLE = np.array([0.25, 0.5, 0.25])  # weights of a curve's control points at its middle
 INK = Rule(named_color)
 
 
@@ -98,10 +98,10 @@ class InRows(Initializer):
         return Strokes.join(ground, marks, drawn)
 
     def _marks(self, picture: Array, weight: Array, n: int, random: np.random.Generator) -> tuple[Strokes, float]:
-        """Lay n marks in layers, and return the distance of the finest rows, too."""
+        """Place n marks in layers; also return the distance between the finest rows."""
         shares = (self.cover / self.ratio**2) ** np.arange(self.layers)
-        asked = n * shares.cumsum() / shares.sum()  # up to each layer
-        asked[0] = n if self.layers > 1 else asked[0]  # the first covers the canvas, whatever that takes
+        asked = n * shares.cumsum() / shares.sum()  # cumulative number up to each layer
+        asked[0] = n if self.layers > 1 else asked[0]  # the first layer covers the canvas, however many it takes
         distance = math.sqrt(FULL * weight.size / max(n * shares[0] / shares.sum(), 1) / self.length)
         calm = self.calm**2 * _turns(picture.shape[1:], self.turning, random)
         calm /= weight.clip(1)  # faces are modelled by their forms
@@ -114,7 +114,7 @@ class InRows(Initializer):
             loose = self.looseness * (ASTRAY + (1 - ASTRAY) * CALM**2 / (CALM**2 + tensor[0] + tensor[2]))
             rows = Rows(blurred, along_edges(tensor + calm), loose, distance, self.length, self.edges, random)
             curve, size = rows.grown(detail, round(up_to) - sum(len(curve) for curve in curves))
-            straight = 0.5 * (curve[:, :1] + curve[:, 2:])  # the middle of a curve that does not bend
+            straight = 0.5 * (curve[:, :1] + curve[:, 2:])  # the middle of a straight curve
             curve[:, 1:2] = straight + self.bend * (curve[:, 1:2] - straight)
             curves.append(curve)
             colors.append(sampled_at(blurred, *np.tensordot(curve, MIDDLE, (1, 0)).T).T)
@@ -130,10 +130,10 @@ class InRows(Initializer):
 
 
 class Rows:
-    """Rows of marks ``distance`` pixels apart along a flow (H, W), radians, in a picture (3, H, W).
+    """Rows of marks ``distance`` pixels apart along a flow (H, W), in radians, in a picture (3, H, W).
 
-    Marks leave it by ``loose`` (H, W), the deviation in radians. ``length`` is that of a mark in distances; a mark
-    ends where the picture differs by ``edges`` from its colour.
+    Marks deviate from the flow by ``loose`` (H, W), a standard deviation in radians. ``length`` is the length of a mark
+    in row distances; a mark ends where the picture differs from its colour by ``edges``.
     """
 
     def __init__(
@@ -146,7 +146,7 @@ class Rows:
         self.taken: Array = np.zeros(flow.shape, bool)
 
     def grown(self, detail: Array, n: int) -> tuple[Array, Array]:
-        """Grow at most ``n`` marks (m, 3, 2) of sizes (m,), each beside another, most detail (H, W) first."""
+        """Grow at most ``n`` marks (m, 3, 2) of sizes (m,), side by side, where ``detail`` (H, W) is largest first."""
         y, x = (np.arange(self.distance / 2, side, self.distance) for side in detail.shape)
         places, numbers = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2), count()
         marks: list[Array] = []
@@ -174,7 +174,7 @@ class Rows:
         return self.picture[:, row, column]
 
     def _mark(self, seed: Array) -> Array:
-        """Trace a mark (k, 2) both ways from a seed; (0, 2) where another one lies."""
+        """Trace a mark (k, 2) from a seed in both directions; (0, 2) if another mark lies there."""
         if self.taken[_pixel(seed)]:
             return np.empty((0, 2))
         steps = round(self.random.uniform(*UNEVEN) * self.length / STEP / 2)
@@ -198,7 +198,7 @@ class Rows:
         return points
 
     def _take(self, mark: Array, reach: float) -> None:
-        """Take all places that are nearer than ``reach`` to the points of a mark (k, 2)."""
+        """Mark all points closer than ``reach`` to the points of a mark (k, 2) as taken."""
         (left, top), (right, bottom) = (mark.min(0) - reach).clip(0).astype(int), (mark.max(0) + reach + 1).astype(int)
         box = self.taken[top:bottom, left:right]
         y, x = (np.arange(side) + 0.5 for side in box.shape)
@@ -206,7 +206,7 @@ class Rows:
         box |= square.min(-1) < reach**2
 
     def _around(self, mark: Array, size: float) -> list[Array]:
-        """Return the places where the next marks of a row begin, and those of its neighbours."""
+        """Return the points where the next marks of a row and those of its neighbours start."""
         first, middle, last = mark[0], mark[len(mark) // 2], mark[-1]
         along = self.distance * (last - first) / max(math.hypot(*(last - first)), 1e-9)
         across = size * self.random.uniform(*APART) * np.array([-along[1], along[0]])
@@ -218,7 +218,7 @@ def _pixel(point: Array) -> tuple[int, int]:
 
 
 def _turns(size: tuple[int, int], turning: float, random: np.random.Generator) -> Array:
-    """Compute the tensors (3, H, W) of rows where it is calm: along the contour lines of noise over level ones."""
+    """Compute tensors (3, H, W) for rows where there are no forms: along contour lines of noise and the horizontal."""
     y, x = (torch.arange(side + 1) / (TURNS * max(size)) for side in size)
     seed = int(random.integers(2**31))
     noise = fractal_noise(x.expand(len(y), -1), y[:, None].expand(-1, len(x)), seed, 2).double().numpy()
@@ -229,7 +229,7 @@ def _turns(size: tuple[int, int], turning: float, random: np.random.Generator) -
 
 
 def _varied(color: Array, variety: Array, random: np.random.Generator) -> Array:
-    """Move colours (m, 3) by ``variety`` (m, 1) in directions of hue and lightness drawn at random."""
+    """Shift colours (m, 3) by ``variety`` (m, 1) in random directions of hue and lightness."""
     hue = np.cos(random.uniform(0, 2 * math.pi, len(color))[:, None] + THIRDS)
     return (color + variety * (hue + random.normal(0, 0.7, (len(color), 1)))).clip(0, 1)
 

@@ -1,4 +1,4 @@
-"""Fill the shapes of a picture with strokes as broad as there is room, as a brush does: washes, and darkest accents."""
+"""Fill the shapes of a picture with strokes as broad as fit, like a brush: washes and darkest accents."""
 
 import numpy as np
 
@@ -6,15 +6,15 @@ from brushexp.contracts.pictures import along_edges, structure_tensor
 from brushexp_media.picture.lines import TIMES, followed, points_of
 
 Array = np.ndarray
-TRIED = 16  # places that are tried for each stroke that is asked
+TRIED = 16  # positions tried per requested stroke
 OVERLAP, SMALLEST_REACH = 0.92, 0.6  # share of half its width, and pixels, within which a stroke leaves nothing bare
-RARE, FAR, NEARBY = 1.5, 3.0, 0.06  # blur of the histogram, cost of a tone that is moved, and by how much it may be
-THINNER = 0.75  # by so much are the ends of strokes, as in look=ink
-NARROWER, LONG = 0.65, 9.0  # least room on the way of a stroke, and its length, over half its width
+RARE, FAR, NEARBY = 1.5, 3.0, 0.06  # blur of the histogram, cost of moving a tone, and maximum move
+THINNER = 0.75  # thinning of the ends of strokes, as in look=ink
+NARROWER, LONG = 0.65, 9.0  # least room along a stroke, and its length, relative to half its width
 
 
 def cleaned(mask: Array, least: float) -> Array:
-    """Drop the parts of a mask (H, W) that have fewer than ``least`` pixels, and fill its holes that have fewer."""
+    """Remove the parts of a mask (H, W) with fewer than ``least`` pixels, and fill holes with fewer pixels."""
     from scipy.ndimage import label  # noqa: PLC0415  (slow to import)
 
     for inside in (True, False):
@@ -26,9 +26,9 @@ def cleaned(mask: Array, least: float) -> Array:
 
 
 def filled(mask: Array, n: int, broadest: float, random: np.random.Generator) -> tuple[Array, Array]:
-    """Fill a mask (H, W) with at most ``n`` strokes, broad ones first: curves (m, 3, 2), and half their widths (m,).
+    """Fill a mask (H, W) with at most ``n`` strokes, broad ones first: curves (m, 3, 2) and half widths (m,).
 
-    None is broader than ``broadest`` pixels; each begins where those before it left the mask bare.
+    No stroke is broader than ``broadest`` pixels; each starts where earlier strokes left the mask bare.
     """
     from scipy.ndimage import distance_transform_edt  # noqa: PLC0415  (slow to import)
 
@@ -55,7 +55,7 @@ def filled(mask: Array, n: int, broadest: float, random: np.random.Generator) ->
 
 
 def _cover(bare: Array, curve: Array, half: float) -> None:
-    """Take what a stroke along a curve (3, 2), whose ends are `THINNER`, covers from a map (H, W) of what is bare."""
+    """Clear a map (H, W) of bare area along a curve (3, 2), where a stroke with ends that are `THINNER` covers it."""
     points = points_of(curve[None])[:, 0]
     reach = np.maximum(OVERLAP * half * (1 - THINNER * (2 * TIMES - 1) ** 2), SMALLEST_REACH)
     (left, top), (right, bottom) = (points.min(0) - half).clip(0).astype(int), (points.max(0) + half + 1).astype(int)
@@ -66,7 +66,7 @@ def _cover(bare: Array, curve: Array, half: float) -> None:
 
 
 def between_tones(dark: Array, tone: float) -> float:
-    """Move a tone of a map (H, W), 0 to 1, to where there is the least of it nearby: no shape is cut in two."""
+    """Move a tone of a map (H, W), 0 to 1, to the rarest tone nearby, so that no shape is cut in two."""
     from scipy.ndimage import gaussian_filter1d  # noqa: PLC0415  (slow to import)
 
     count, ends = np.histogram(dark, 100, (0, 1))

@@ -1,1 +1,1 @@
-"""Papers and canvases, and what wet paint does on them."""
+"""Papers and canvases, and the behaviour of wet paint on them."""

@@ -1,4 +1,4 @@
-"""Papers and canvases as height maps: formulas of the place, so that they have any size."""
+"""Papers and canvases as height maps, given by formulas of position and therefore available at any size."""
 
 import math
 from abc import abstractmethod
@@ -15,29 +15,29 @@ from brushexp_media.picture.noise import LINE_REACH, drawn_out, evened, fractal_
 from brushexp_media.picture.smoothing import direction_of_edges, gaussian_blur, with_clean_edges
 
 THOUSANDTHS, HUNDREDTHS = 1000, 100
-WAVER, WAVES, FADE = 0.11, 0.25, 0.5  # of the edge of a border: deviation over its breadth; longer sides; grains
-PRESSURE, UNEVEN = 0.05, 4  # longer sides between places where the hand presses more and less, and octaves below
-STEEP = 2.2  # softness of the border of bare hollows: the share of heights over which paint sets in is 1 / STEEP
-UNLIKE = 3.5  # times the difference from the ground at which the hand presses hardest
-PRESSED = 0.35  # share of the paper by which it covers more there than no hollows at all
-ACCENT = 6.0  # times the difference from the blurred picture at which the hand presses hardest
-THICK = 5.0  # times the difference of a colour and the ground at which all of its pigment moves
-DEEPEST = 2.5  # deviations below the mean at which the relief of a paper begins
-CRISP = 0.6  # grains: over which the directions of edges are found
-RIM = 1.5  # deviation of the blur against which edges are found, in grains
-RUNS, RAN = 3.0, 1.5  # grains: how far edges run where paper is wet, and deviation of the blur there
-WET, SOAKED = 0.2, 0.2  # longer sides from one wet place to the next; share of the paper from a dry place to a wet one
-SPARED, NEARBY = 4.0, 6.0  # how much drier paper is where there is detail; deviation in grains of what is near
-HUES, COOLER = 0.15, (0.3, 0.0, -0.3)  # longer sides between hues of a wash; density of red, green, blue in cool ones
-POOLED, POOLS = 3.0, 0.1  # times the darkness of a wash at which all of its pigment settles; longer sides between pools
+WAVER, WAVES, FADE = 0.11, 0.25, 0.5  # border edge: deviation / width; longer sides per wave; fade in grains
+PRESSURE, UNEVEN = 0.05, 4  # longer sides between areas of more and less hand pressure, and octaves below
+STEEP = 2.2  # softness of the border of bare hollows: paint sets in over the share 1 / STEEP of heights
+UNLIKE = 3.5  # hand pressure is full at 1 / UNLIKE of difference from the ground
+PRESSED = 0.35  # additional share of the paper that the hand covers there, relative to no hollows at all
+ACCENT = 6.0  # hand pressure is full at 1 / ACCENT of difference from the blurred picture
+THICK = 5.0  # all pigment moves at 1 / THICK of difference from the ground
+DEEPEST = 2.5  # standard deviations below the mean at which the relief of a paper begins
+CRISP = 0.6  # scale in grains at which the directions of edges are determined
+RIM = 1.5  # standard deviation, in grains, of the blur that defines edges
+RUNS, RAN = 3.0, 1.5  # grains: distance that edges run on wet paper, and standard deviation of the blur there
+WET, SOAKED = 0.2, 0.2  # longer sides between wet areas; share of the paper from dry to wet
+SPARED, NEARBY = 4.0, 6.0  # extra dryness where there is detail; standard deviation of the neighbourhood in grains
+HUES, COOLER = 0.15, (0.3, 0.0, -0.3)  # longer sides between hues of a wash; density of red, green, blue in cool areas
+POOLED, POOLS = 3.0, 0.1  # all pigment settles at 1 / POOLED of darkness; longer sides between pools
 GRANULATED = 0.35  # share of the granulation that every wash has, even between pools
-LEFT = 0.5  # share of the paint that is dust which a hollow keeps
-STREAK, HAND = 1.4, 2.5  # grains across a streak; deviation of the blur of the picture along whose directions they run
+LEFT = 0.5  # share of dusty paint that a hollow keeps
+STREAK, HAND = 1.4, 2.5  # grains across a streak; standard deviation of the blur that sets the direction of streaks
 
 
 @dataclass(kw_only=True, eq=False)
 class GrainedPaper(Paper):
-    """A paper with hollows that dry paint skips, and in which wet pigment settles.
+    """A paper with hollows that dry paint skips and in which wet pigment settles.
 
     Args:
         grain: size of its grain in thousandths of the longer side of the picture.
@@ -47,7 +47,7 @@ class GrainedPaper(Paper):
         drag: elongation of the grain along the strokes, as by a stick that skips, 0 to 1.
         accents: increase of the hand's pressure where there is detail, 0 to 1, so that small things cover the grain.
         roughness: height of the grain in the light, in grain sizes; it shows where ``light.depth`` is not 0.
-        granulation: settling of wet pigment in hollows, 0 to 2, most where it pools in dark washes.
+        granulation: amount of wet pigment settling in hollows, 0 to 2, largest where pigment pools in dark washes.
         rims: gathering of wet pigment at the edges of a wash, 0 to 10.
         blooms: unevenness of a drying wash, 0 to 2.
         clean: smoothing of paint along its edges, in grains: many touches get the edges of a single one.
@@ -82,7 +82,7 @@ class GrainedPaper(Paper):
 
     @abstractmethod
     def surface(self, x: Tensor, y: Tensor) -> Tensor:
-        """Compute heights (float32) at places in grains, of mean about 0 and deviation about 1."""
+        """Compute heights (float32), of mean about 0 and standard deviation about 1, at positions in grains."""
 
     def margin(self, size: tuple[int, int]) -> int:
         around = (self.rims, self.clean, self.wander, self.lost, self.charged, self.accents, self.halftones, self.drag)
@@ -115,7 +115,7 @@ class GrainedPaper(Paper):
         if self.lost or self.charged:
             ran = gaussian_blur(wandered(flat, *self._in_grains(rows), RUNS * grain, self.seed + 51), RAN * grain)
             detail = gaussian_blur((flat - ran).abs().amax(0, keepdim=True), NEARBY * grain)[0]
-            dry = (SPARED * detail).clamp(0, 1)  # what is small is painted when the rest has dried
+            dry = (SPARED * detail).clamp(0, 1)  # small details are painted after the rest has dried
             wet = evened(fractal_noise(x / WET, y / WET, self.seed + 53, 3)).to(flat) - dry
             flat = torch.lerp(flat, ran, ((wet - 1 + self.lost) / SOAKED).clamp(0, 1))
             hue = self.charged * (1 - dry) * fractal_noise(x / HUES, y / HUES, self.seed + 57, 3).to(flat)
@@ -131,7 +131,7 @@ class GrainedPaper(Paper):
             density = density + self.rims * density_of_edges(flat, RIM * grain)
         if self.charged:
             density = density + hue * flat.new_tensor(COOLER)[:, None, None]
-        painted = (THICK * (flat - ground).abs().amax(0)).clamp(0, 1)  # bare paper stays as it is
+        painted = (THICK * (flat - ground).abs().amax(0)).clamp(0, 1)  # bare paper stays unchanged
         flat = gather_pigment(flat, painted * density)
         within = self._within(rows).to(flat) if self.border else torch.ones_like(low)
         if self.border:
@@ -151,14 +151,14 @@ class GrainedPaper(Paper):
         return ground + torch.lerp(covered, torch.ones_like(covered), LEFT * self.dust) * (flat - ground)
 
     def _within(self, rows: Rows) -> Tensor:
-        """Compute how far each pixel (h, W) lies within the border, in longer sides; its edge wavers as by hand."""
+        """Compute each pixel's distance (h, W) from the border, in longer sides; the border wavers as if by hand."""
         x, y = rows.places
         height, width = (side / max(rows.size) for side in rows.size)
         reach = torch.minimum(torch.minimum(x, width - x), torch.minimum(y, height - y)).float()
         return reach - self.border / HUNDREDTHS * (1 + WAVER * fractal_noise(x / WAVES, y / WAVES, self.seed + 41, 5))
 
     def _dragged(self, flat: Tensor, rows: Rows) -> Tensor:
-        """Compute the heights (h, W) that a stick meets: those of the paper, and streaks along the strokes."""
+        """Compute the heights (h, W) that a stick meets: those of the paper, plus streaks along the strokes."""
         heights = self._heights(rows)
         if self.drag == 0:
             return heights
@@ -170,7 +170,7 @@ class GrainedPaper(Paper):
 
 @register("paper", "cold_pressed")
 class ColdPressed(GrainedPaper):
-    """Watercolour paper with the even, felted grain of a cold press."""
+    """Watercolour paper with the even, felted grain of cold pressing."""
 
     def surface(self, x: Tensor, y: Tensor) -> Tensor:
         return fractal_noise(x / 1.6, y / 1.6, self.seed, 3)
@@ -187,7 +187,7 @@ class Rough(GrainedPaper):
 
 @register("paper", "laid")
 class Laid(GrainedPaper):
-    """Laid paper: fine ribs of the wires of its mould, and chain lines across them."""
+    """Laid paper: fine ribs from the wires of its mould, crossed by chain lines."""
 
     def surface(self, x: Tensor, y: Tensor) -> Tensor:
         waver = 0.25 * gradient_noise(x / 12, y / 12, self.seed)
@@ -198,7 +198,7 @@ class Laid(GrainedPaper):
 
 @register("paper", "weave")
 class Weave(GrainedPaper):
-    """Canvas in plain weave: threads that go over and under each other, none quite like the next."""
+    """Plain-weave canvas: threads that pass over and under each other, each slightly different."""
 
     def surface(self, x: Tensor, y: Tensor) -> Tensor:
         u = x / 1.6 + 0.3 * gradient_noise(x / 9, y / 5, self.seed)

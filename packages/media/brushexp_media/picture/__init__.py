@@ -1,1 +1,1 @@
-"""What media see in a picture: lines, smooth areas; and random fields that have no pixels."""
+"""Features that media need from pictures: lines and smooth areas; also random fields of unlimited resolution."""

@@ -1,19 +1,19 @@
-"""Lines that a draughtsman would draw around things."""
+"""Find the lines that a draughtsman would draw around objects."""
 
 import numpy as np
 
 from brushexp.contracts.pictures import sampled_at
 
 Array = np.ndarray
-SIGMA = 0.0022  # deviation of the smaller Gaussian, in longer sides: as fine as a pen
-WIDER = 1.6  # deviation of the larger one over it (Marr and Hildreth, 1980: nearest to the Laplacian)
-STRENGTH, THRESHOLD = 22.0, 0.02  # how fast a line becomes full, from the difference over the luma around it on
-DARKEST = 0.2  # luma that counts as at least there: in the dark, noise is no line
-POINTS, BESIDE = 13, 0.6  # places of a line that are compared; share of it that may run along another
+SIGMA = 0.0022  # standard deviation of the smaller Gaussian in longer sides, as fine as a pen
+WIDER = 1.6  # ratio of the larger to the smaller deviation (Marr and Hildreth, 1980: closest to the Laplacian)
+STRENGTH, THRESHOLD = 22.0, 0.02  # rate at which a line becomes full, and relative difference at which it begins
+DARKEST = 0.2  # lower limit of luma, so that noise in the dark does not form lines
+POINTS, BESIDE = 13, 0.6  # points of a line that are compared; share of it that may run along another
 TIMES = np.linspace(0, 1, POINTS)
 POINTS_PER_SIDE = 8  # points of a line on each side of its middle
 SHARPEST = 0.5  # cosine of the sharpest turn that a line follows in one step
-LOOSE, SHARES = 0.03, (1.0, 0.75, 0.5, 0.3)  # how far a curve may leave its way, over its length; parts that are tried
+LOOSE, SHARES = 0.03, (1.0, 0.75, 0.5, 0.3)  # largest relative deviation of a curve from its path; parts that are tried
 LUMA = (0.299, 0.587, 0.114)
 
 
@@ -24,12 +24,12 @@ def luminance(picture: Array) -> Array:
 
 
 def edge_lines(picture: Array, scale: float = 1.0, least: float = THRESHOLD) -> Array:
-    """Compute how much of a line (H, W), 0 to 1, goes through each pixel of a picture (3, H, W).
+    """Compute the strength of a line (H, W), 0 to 1, through each pixel of a picture (3, H, W).
 
-    Lines are on the dark side of edges, and ``scale`` times as thick as a pen's, from a difference of ``least`` on.
-    Source: Winnemöller et al., "XDoG: An extended difference-of-Gaussians compendium" (2012). Differs: the difference
-    counts in proportion to the light around it, so that things in the dark have lines, too; and it is the largest of
-    red, green and blue, so that colours of one luma are told apart.
+    Lines lie on the dark side of edges with a difference of at least ``least``, and are ``scale`` times as thick as a
+    pen's. Source: Winnemöller et al., "XDoG: An extended difference-of-Gaussians compendium" (2012). Differs from the
+    source: the difference is relative to the light around it, so that dark areas also get lines; and it is the largest
+    over red, green and blue, so that colours of equal luma are distinguished.
     """
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
 
@@ -42,7 +42,7 @@ def edge_lines(picture: Array, scale: float = 1.0, least: float = THRESHOLD) -> 
 
 
 def find_apart(curve: Array, size: tuple[int, ...], reach: float) -> Array:
-    """Find which curves (n, 3, 2) do not run along an earlier one within ``reach`` pixels."""
+    """Find the curves (n, 3, 2) that do not run along an earlier one within ``reach`` pixels."""
     points = points_of(curve).swapaxes(0, 1)
     rows, columns = (points[..., k].astype(int).clip(0, size[1 - k] - 1) for k in (1, 0))
     taken, kept, near = np.zeros(size, bool), [], max(1, round(reach))
@@ -56,7 +56,7 @@ def find_apart(curve: Array, size: tuple[int, ...], reach: float) -> Array:
 
 
 def anisotropy_of(tensor: Array) -> Array:
-    """Compute how much one direction prevails (...), 0 to 1, from tensors (3, ...) (Bigun and Granlund, 1987).
+    """Compute how strongly one direction prevails (...), 0 to 1, in tensors (3, ...) (Bigun and Granlund, 1987).
 
     >>> anisotropy_of(np.array([[2.0, 1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 0.0]])).tolist()
     [1.0, 1.0, 0.0]
@@ -67,10 +67,10 @@ def anisotropy_of(tensor: Array) -> Array:
 
 
 def followed(places: Array, flow: Array, reach: Array, field: Array, least: Array | float) -> Array:
-    """Follow a flow, radians, both ways from places (n, 2) as far as ``reach`` (n,) or a field (H, W) allows.
+    """Follow a flow, in radians, both ways from points (n, 2) as far as ``reach`` (n,) or a field (H, W) allows.
 
-    Curves (n, 3, 2) end where the field is no longer above ``least``, and sooner where the way bends more than they
-    can; a flow (1, 1) is the same everywhere.
+    Curves (n, 3, 2) end where the field falls to ``least``, and sooner where the path bends more than a curve can; a
+    flow (1, 1) is constant.
     """
     (back, before), (ahead, after) = (_walked(places, flow, sign * reach, field, least) for sign in (-1.0, 1.0))
     way, number = np.concatenate([back[:0:-1], ahead]), np.arange(len(places))
@@ -96,7 +96,7 @@ def points_of(curve: Array) -> Array:
 
 
 def _walked(places: Array, flow: Array, reach: Array, field: Array, least: Array | float) -> tuple[Array, Array]:
-    """Walk along a flow from places: points (STEPS + 1, n, 2) and how many steps (n,) a field (H, W) allowed."""
+    """Walk along a flow from points; return points (STEPS + 1, n, 2) and the steps (n,) that a field (H, W) allowed."""
     point, going, count = places.astype(float), np.ones(len(places), bool), np.zeros(len(places))
     ahead, points = np.sign(reach)[:, None] * _unit(sampled_at(flow, *point.T)), [point]
     for _ in range(POINTS_PER_SIDE):

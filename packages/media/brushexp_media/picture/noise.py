@@ -1,4 +1,4 @@
-"""Compute random fields that are the same at any size of the picture: they are functions of the place alone."""
+"""Compute random fields as functions of position alone, so that they are the same at any size of the picture."""
 
 import math
 from functools import lru_cache
@@ -9,16 +9,16 @@ from torch import Tensor
 from brushexp_media.picture.smoothing import averaged_along
 
 CELLS = 1024  # period of the noise
-DEVIATION = 0.215  # of `gradient_noise`, about
-LINE_REACH = 6.0  # how far a line goes to either side, in grains
-EVENED = 3.8  # deviation of noise over that of its means along lines
-TURN = 0.6  # radians by which each octave is turned, so that no axes of cells are seen
+DEVIATION = 0.215  # approximate standard deviation of `gradient_noise`
+LINE_REACH = 6.0  # reach of a line to each side, in grains
+EVENED = 3.8  # ratio of the deviation of noise to that of its means along lines
+TURN = 0.6  # rotation between octaves in radians, which hides the axes of the cells
 
 
 def gradient_noise(x: Tensor, y: Tensor, seed: int) -> Tensor:
-    """Compute gradient noise (float32) of mean 0 and cells of side 1 at places of any shape (Perlin, 1985).
+    """Compute gradient noise (float32) of mean 0 and cells of side 1 at positions of any shape (Perlin, 1985).
 
-    Differs from the source: gradients are unit vectors, and steps are his of 2002.
+    Differs from the source: gradients are unit vectors, and the interpolant is that of Perlin (2002).
     """
     left, top = x.floor(), y.floor()
     u, v = (x - left).float(), (y - top).float()
@@ -35,14 +35,14 @@ def gradient_noise(x: Tensor, y: Tensor, seed: int) -> Tensor:
 
 @lru_cache(maxsize=64)
 def _tables(seed: int) -> tuple[Tensor, Tensor, Tensor]:
-    """Draw an order of the cells, and a unit vector for each."""
+    """Draw a permutation of the cells, and a unit vector for each cell."""
     generator = torch.Generator().manual_seed(seed)
     angle = 2 * math.pi * torch.rand(CELLS, generator=generator)
     return torch.randperm(CELLS, generator=generator), angle.cos(), angle.sin()
 
 
 def fractal_noise(x: Tensor, y: Tensor, seed: int, octaves: int = 3) -> Tensor:
-    """Sum gradient noise of cells of side 1, 1/2, 1/4 ..., each half as strong (float32); deviation about 1."""
+    """Sum gradient noise with cells of side 1, 1/2, 1/4 ..., each half as strong (float32); deviation about 1."""
     total = torch.zeros(x.shape)
     for k in range(octaves):
         c, s = (2**k * f(TURN * (k + 1)) for f in (math.cos, math.sin))
@@ -51,13 +51,13 @@ def fractal_noise(x: Tensor, y: Tensor, seed: int, octaves: int = 3) -> Tensor:
 
 
 def evened(values: Tensor) -> Tensor:
-    """Map values of a normal distribution (mean 0, deviation 1) to an even one in [0, 1]: the share that is lower."""
+    """Map standard normal values to a uniform distribution in [0, 1] by their cumulative probability."""
     return 0.5 * (1 + torch.erf(values / math.sqrt(2)))
 
 
 def drawn_out(noise: Tensor, angle: Tensor, reach: float) -> Tensor:
     """Average noise (H, W) along lines of ``angle`` (H, W), radians, ``reach`` pixels to either side.
 
-    Its deviation stays.
+    The standard deviation is preserved.
     """
     return EVENED * averaged_along(noise[None], angle, reach)[0]

@@ -1,4 +1,4 @@
-"""Smooth pictures: evenly, along their edges, and up to their edges."""
+"""Smooth pictures uniformly, along their edges, or up to their edges."""
 
 import math
 
@@ -10,10 +10,10 @@ from torch.nn import functional
 from brushexp.contracts.pictures import along_edges, structure_tensor
 from brushexp_media.picture.lines import LUMA, anisotropy_of
 
-SAMPLES = 15  # places along a line at which a picture is looked up
-FAINT = 0.01  # difference of luma from the blurred picture from which on a pixel goes to one side of an edge wholly
+SAMPLES = 15  # points along a line at which a picture is sampled
+FAINT = 0.01  # difference of luma from the blurred picture above which a pixel moves fully to one side of an edge
 
-# sigmas over which edges have one direction; coherence at which none, all is clean
+# scale in sigmas at which edges have one direction; coherence at which nothing, and all, is cleaned
 WIDE, LOWEST_COHERENCE, HIGHEST_COHERENCE = (
     4.0,
     0.3,
@@ -38,14 +38,14 @@ def gaussian_blur(picture: Tensor, sigma: float) -> Tensor:
 
 
 def direction_of_edges(picture: Tensor, sigma: float) -> Tensor:
-    """Compute the angle (H, W), radians, along the edges of a picture (3, H, W), smoothed over ``sigma`` pixels."""
+    """Compute the angle (H, W), in radians, along the edges of a picture (3, H, W), smoothed over ``sigma`` pixels."""
     return torch.from_numpy(along_edges(_tensor(picture, sigma))).float()
 
 
 def coherence_of_edges(picture: Tensor, sigma: float) -> Tensor:
-    """Compute how much the edges of a picture (3, H, W) have one direction, (H, W) from 0 to 1, over ``sigma`` pixels.
+    """Compute the coherence (H, W), 0 to 1, of the edge directions in a picture (3, H, W), over ``sigma`` pixels.
 
-    It is the ratio of difference and sum of the eigenvalues of the structure tensor (Bigun and Granlund, 1987).
+    It is the ratio of the difference to the sum of the eigenvalues of the structure tensor (Bigun and Granlund, 1987).
     """
     return torch.from_numpy(anisotropy_of(_tensor(picture, sigma))).to(picture)
 
@@ -55,9 +55,9 @@ def _tensor(picture: Tensor, sigma: float) -> np.ndarray:
 
 
 def averaged_along(picture: Tensor, angle: Tensor, reach: float) -> Tensor:
-    """Average a picture (C, H, W) along straight lines of ``angle`` (H, W), radians, ``reach`` pixels to either side.
+    """Average a picture (C, H, W) along straight lines of ``angle`` (H, W), in radians, ``reach`` pixels to each side.
 
-    Source: line integral convolution (Cabral and Leedom, 1993). Differs: lines are straight.
+    Source: line integral convolution (Cabral and Leedom, 1993). Differs from the source: lines are straight.
     """
     height, width = angle.shape
     row, column = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
@@ -70,11 +70,12 @@ def averaged_along(picture: Tensor, angle: Tensor, reach: float) -> Tensor:
 
 
 def parted(picture: Tensor, sigma: float, reach: int) -> Tensor:
-    """Part the colours of a picture (3, H, W) at its edges: each goes to the darkest or lightest within ``reach``.
+    """Sharpen a picture (3, H, W) at its edges: each colour becomes the darkest or lightest within ``reach``.
 
-    What is darker than its surroundings, blurred by ``sigma`` pixels, goes to the dark side, the rest to the light one.
+    Pixels darker than their surroundings, blurred by ``sigma`` pixels, take the darkest colour, and all others the
+    lightest.
 
-    Source: the shock filter of Kyprianidis and Kang (2011). Differs: colours are moved whole, by luma.
+    Source: the shock filter of Kyprianidis and Kang (2011). Differs from the source: whole colours are moved, by luma.
     """
     luma = luma_of(picture)
     once = gaussian_blur(luma, sigma)
@@ -89,13 +90,14 @@ def parted(picture: Tensor, sigma: float, reach: int) -> Tensor:
 
 
 def with_clean_edges(picture: Tensor, sigma: float, reach: float) -> Tensor:
-    """Even a picture (3, H, W) along its edges, ``reach`` pixels to either side, which stay as sharp as they are.
+    """Smooth a picture (3, H, W) along its edges, ``reach`` pixels to each side, without blurring the edges.
 
-    ``sigma`` are the pixels over which directions and sides of edges are found; forms smaller than that are rounded.
-    Where edges have no direction in common, as in foliage and eyes, the picture stays as it is.
+    ``sigma`` is the scale in pixels at which directions and sides of edges are determined; smaller forms are rounded.
+    Where edges have no common direction, as in foliage and eyes, the picture stays unchanged.
 
-    Source: coherence-enhancing filtering (Kyprianidis and Kang, 2011). Differs: one round, in straight lines, and the
-    part of coherence. Directions and sides are taken as given: gradients pass through colours alone.
+    Source: coherence-enhancing filtering (Kyprianidis and Kang, 2011). Differs from the source: a single round, along
+    straight lines, weighted by coherence. Directions and sides are treated as constant: gradients flow only through
+    colours.
     """
     even = averaged_along(picture, direction_of_edges(picture, sigma), reach)
     sharp = parted(even, sigma, max(1, round(sigma)))

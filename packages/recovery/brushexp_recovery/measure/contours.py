@@ -11,7 +11,7 @@ TOLERANCE = 0.45  # tolerance in pixels when outlines are simplified
 
 
 def outlines_of(labels: Array, count: int) -> list[Array]:
-    """Trace the largest part of each of ``count`` regions (H, W) as places x, y (P, 2), empty for an empty region."""
+    """Trace the largest part of each of ``count`` regions (H, W) as points x, y (P, 2), empty for an empty region."""
     from scipy.ndimage import find_objects  # noqa: PLC0415  (slow to import)
     from skimage.measure import approximate_polygon, find_contours  # noqa: PLC0415
 

@@ -72,7 +72,7 @@ def _draw_in(sighting: Sighting, mask: Array, draws: int, random: np.random.Gene
 
 
 def _lies_in(centre: Array, mask: Array) -> Array:
-    """Mark the places (N, 2) that lie in a mask (H, W)."""
+    """Mark the positions (N, 2) that lie in a mask (H, W)."""
     x, y = np.floor(centre).astype(int).T
     height, width = mask.shape
     on_picture = (x >= 0) & (x < width) & (y >= 0) & (y < height)

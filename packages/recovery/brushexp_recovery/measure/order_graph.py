@@ -1,4 +1,4 @@
-"""Write the order of strokes as a graph with chances (GraphML, Brandes et al., 2002) for Gephi, networkx and igraph."""
+"""Write the order of strokes as a graph with probabilities for Gephi, networkx and igraph (GraphML, Brandes, 2002)."""
 
 from pathlib import Path
 from typing import Any
@@ -15,10 +15,10 @@ OF_EDGES = ("chance",)
 
 
 def write_order_graph(path: Path, strokes: StrokeTable, recovered: Any) -> None:
-    """Write strokes as nodes, and for each two strokes that meet an edge from the lower to the upper, with its chance.
+    """Write strokes as nodes, and for each touching pair an edge from the lower to the upper, with its probability.
 
-    Nodes are named by the stroke's number in the catalogue. Chances are 0.5 to 1, because edges have the more likely
-    direction.
+    Nodes are named by the stroke's number in the catalogue. Probabilities are 0.5 to 1, because edges point in the more
+    likely direction.
     """
     root = ElementTree.Element("graphml", {"xmlns": NAMESPACE})
     for kind, names in (("node", OF_NODES), ("edge", OF_EDGES)):

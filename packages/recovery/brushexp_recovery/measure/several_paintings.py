@@ -155,7 +155,7 @@ def permutation_p(first: Array, second: Array, random: np.random.Generator) -> f
 def least_p(first: int, second: int) -> float:
     """Compute the smallest p-value that `permutation_p` can give for samples of ``first`` and ``second`` values.
 
-    Samples of equal size have the same difference when they are exchanged.
+    Exchanging two samples of equal size gives the same absolute difference.
     """
     count = comb(first + second, first)
     return 1 / (DRAWS + 1) if count > DRAWS else (1 + (first == second)) / count

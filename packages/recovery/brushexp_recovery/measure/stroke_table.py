@@ -58,8 +58,8 @@ def tabulate_strokes(recovered: Any, mm: float | None = None) -> StrokeTable:
     Columns: ``stroke``, its number in the catalogue and in the labels; ``order``, 0 for the bottom stroke;
     ``confidence``, 0 to 1; ``x`` and ``y`` of the middle, in pixels from the left and the top; ``length`` from tip to
     tip, ``width`` and ``area`` in pixels; ``elongatedness`` (length / width); ``straightness``; ``curvature``;
-    ``direction`` in degrees, 0 to 180, clockwise from horizontal, so that 45 falls to the right; ``seen``, its number
-    of visible pixels.
+    ``direction`` in degrees, 0 to 180, clockwise from horizontal, so that 45 descends to the right; ``seen``, its
+    number of visible pixels.
     """
     saved, labels = recovered.saved, np.asarray(recovered.labels)
     bottom_up = saved.depth.argsort()

@@ -21,7 +21,7 @@ ZOOM_STEP, TURN_STEP = 0.7549, 0.5698  # steps that spread any number of points 
 
 @dataclass(frozen=True)
 class View:
-    """A change of a photograph; the first of `choose_views` changes nothing."""
+    """A transformation of a photograph; the first of `choose_views` is the identity."""
 
     zoom: float = 1.0
     turn: float = 0.0  # clockwise rotation in degrees
@@ -30,7 +30,7 @@ class View:
     lift: float = 0.0
 
     def matrix(self, size: tuple[int, int]) -> Array:
-        """Return the map (2, 3) from places x, y of a photograph (H, W) to places of the view, about its middle."""
+        """Return the map (2, 3) from points x, y of a photograph (H, W) to points of the view, about its centre."""
         angle = math.radians(self.turn)
         cosine, sine = math.cos(angle), math.sin(angle)
         rotation = self.zoom * np.array([[cosine, -sine], [sine, cosine]])
@@ -42,7 +42,7 @@ class View:
         return max(round(self.zoom * size[0]), 1), max(round(self.zoom * size[1]), 1)
 
     def of(self, image: Array) -> Array:
-        """Change a photograph (H, W, 3) in [0, 1]."""
+        """Transform a photograph (H, W, 3) in [0, 1]."""
         if self == View():
             return image
         sigma = 0.5 * max(1 / self.zoom - 1, 0)
@@ -62,7 +62,7 @@ class View:
         return warped
 
     def back(self, curve: Array, size: tuple[int, int]) -> Array:
-        """Map places (..., 2) of the view to places of the photograph (H, W)."""
+        """Map points (..., 2) of the view to points of the photograph (H, W)."""
         rotation, offset = np.split(self.matrix(size), [2], axis=1)
         places: Array = (curve - offset[:, 0]) @ np.linalg.inv(rotation).T
         return places

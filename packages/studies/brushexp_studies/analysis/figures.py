@@ -176,10 +176,10 @@ def stroke_map(analysis: Analysis) -> NDArray[np.float32]:
 
 @torch.no_grad()
 def coherence_map(analysis: Analysis, cells: int) -> tuple[Array, Array]:
-    """Compute places (h, w, 2) of a grid in pixels, and the mean doubled direction (h, w, 2) of the nearest strokes.
+    """Compute points (h, w, 2) of a grid in pixels, and the mean doubled direction (h, w, 2) of the nearest strokes.
 
-    ``cells`` is the number of places on the longer side. The length of a mean is the coherence. It is NaN where fewer
-    than ``LEAST_AROUND`` strokes lie within the radius of the analysis.
+    ``cells`` is the number of points along the longer side. The length of a mean is the coherence. It is NaN where
+    fewer than ``LEAST_AROUND`` strokes lie within the radius of the analysis.
     """
     height, width = analysis.size
     step = max(height, width) / cells

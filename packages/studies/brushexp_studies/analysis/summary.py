@@ -77,7 +77,7 @@ class Analysis:
 def analysis_of(
     saved: Saved, name: str, source: str, radius: float | None = None, visible: float = 0.0, option: str = "catalogue"
 ) -> Analysis:
-    """Measure those strokes of a catalogue that count; see `strokes.measures.is_visible` and `thinnest_of`.
+    """Measure the strokes of a catalogue that count; see `strokes.measures.is_visible` and `thinnest_of`.
 
     Neighbours lie within ``radius`` pixels, or within ``RADIUS_PITCHES`` pitches if it is None. Strokes with a visible
     share below ``visible`` do not count. If no stroke counts, a UserError names ``option``.

@@ -25,7 +25,7 @@ DIFFERENCES = {"difference": "difference", "in sd": "standardised", "Cliff's del
 
 
 def write_summary(folder: Path, analyses: Sequence[Analysis]) -> list[Path]:
-    """Write ``brushwork.csv``, ``summary.json`` and ``summary.md`` of one painting or of two side by side."""
+    """Write ``brushwork.csv``, ``summary.json`` and ``summary.md`` for one painting, or for two side by side."""
     names = ["brushwork.csv", "brushwork_against.csv"][: len(analyses)]
     for one, name in zip(analyses, names, strict=True):
         write_text(folder / name, strokes_csv(one))
