@@ -136,30 +136,37 @@ def widths(rows, of):
 def describe(rows):
     """Describe the coverage of rows, with its interval over paintings, and the median width of relative intervals."""
     cells, random = [], np.random.default_rng(0)
+    relative = rows["measure"].map(lambda name: not MEASURES[name].axial and not MEASURES[name].share)
     for of in ("found", "corrected"):
         held = holds(rows, of).groupby([rows["kind"], rows["seed"]]).mean().to_numpy()
         means = held[random.integers(0, len(held), (RESAMPLES, len(held)))].mean(1)
         low, high = np.quantile(means, (0.025, 0.975))
-        relative = rows["measure"].map(lambda name: not MEASURES[name].axial and not MEASURES[name].share)
-        width = widths(rows[relative], of).median()
-        cells.append(f"{held.mean():.2f} ({low:.2f} to {high:.2f}) | {width:.2f}")
+        cells.append(f"{held.mean():.2f} ({low:.2f} to {high:.2f}) | {widths(rows[relative], of).median():.2f}")
     return f"{rows.groupby(['kind', 'seed']).ngroups} | {cells[0]} | {cells[1]} |"
 
 
-def show(path):
-    """Print the coverage of a record of `report`, by kinds of paintings and by measure."""
-    rows = pd.read_csv(path)
-    unseen, weathered = rows["kind"].isin(UNSEEN), rows["seed"] % 2 == 1
-    print("| paintings | | found | width | corrected | width |\n|---|---:|---|---:|---|---:|")
+def table_of_paintings(rows):
+    """Tabulate the coverage by kinds of paintings, as lines of Markdown."""
+    unseen = rows["kind"].isin(UNSEEN)
     parts = {"all": unseen | ~unseen, "kinds of the fit": ~unseen, "other kinds": unseen}
-    parts |= {"clean": ~weathered, "weathered": weathered}
-    for name, part in parts.items():
-        print(f"| {name} | {describe(rows[part])}")
-    print("\n| measure | found | width | corrected | width |\n|---|---:|---:|---:|---:|")
+    lines = ["| paintings | number | `found` | width | corrected | width |", "|---|---:|---|---:|---|---:|"]
+    return lines + [f"| {name} | {describe(rows[part])}" for name, part in parts.items() if part.any()]
+
+
+def table_of_measures(rows):
+    """Tabulate the coverage by measure, as lines of Markdown."""
+    lines = ["| measure | `found` | width | corrected | width |", "|---|---:|---:|---:|---:|"]
     for name in MEASURES:
         of = rows[rows["measure"] == name]
         cells = [f"{holds(of, one).mean():.2f} | {widths(of, one).median():.2f}" for one in ("found", "corrected")]
-        print(f"| `{name}` | {cells[0]} | {cells[1]} |")
+        lines.append(f"| `{name}` | {cells[0]} | {cells[1]} |")
+    return lines
+
+
+def show(path):
+    """Print the coverage in a record of `report`, by kinds of paintings and by measure."""
+    rows = pd.read_csv(path)
+    print("\n".join([*table_of_paintings(rows), "", *table_of_measures(rows)]))
 
 
 def main():

@@ -2,7 +2,7 @@
 
 Strokes are recovered from the photograph and from small changes of it (`views`); in each view, strokes are sampled many
 times by their confidence (`draws`), and combined with the errors that recovery makes in every view (`recovery_error`).
-A figure is the median of the draws, and its interval contains 95 % of them.
+A figure is the median of the draws, and its interval contains 90 % of them.
 """
 
 from dataclasses import dataclass, replace
@@ -16,13 +16,14 @@ from brushexp_recovery.measure.measures import MEASURES
 
 Array = NDArray[Any]
 
-QUANTILES = (0.025, 0.5, 0.975)  # quantiles of the lower bound, the middle and the upper bound of an interval
+LEVEL = 0.9  # share of draws in an interval
+QUANTILES = ((1 - LEVEL) / 2, 0.5, (1 + LEVEL) / 2)  # lower bound, middle and upper bound
 PAIRS = 4000  # number of pairs of draws of two paintings whose differences are computed
 
 
 @dataclass(frozen=True)
 class Interval:
-    """A figure: the median of its draws and the bounds of 95 % of them, NaN if undefined."""
+    """A figure: the median of its draws and the bounds of 90 % of them, NaN if undefined."""
 
     value: float
     low: float

@@ -2,7 +2,7 @@
 
 Recovery loses short strokes, cuts hidden ends and rounds widths, in every view alike. `RecoveryError` holds how far the
 true figures of known paintings lay from the measured ones. Two predictors tell part of it: how sure recovery is of the
-strokes, and how elongated they look. Each draw of a figure is combined with the error of each known painting, so that
+strokes, and how elongated they look. Each draw of a figure is combined with errors of the known paintings, so that
 the median of the draws is corrected for the mean error and their spread includes its variation.
 
 `brushexp_recovery.train.errors_of_measures` fits the errors.
@@ -22,8 +22,9 @@ from brushexp_recovery.measure.measures import MEASURES, Measure
 
 Array = NDArray[Any]
 
-FILE = Path(__file__).parents[1] / "weights" / "errors_of_measures.json"
+FILE = Path(__file__).parents[1] / "weights" / "strokes.errors.json"
 SURE = 0.02, 0.98  # range to which mean confidences are clamped
+SAMPLES = 100  # number of errors with which each draw is combined
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,15 @@ class ErrorOfMeasure:
     mean: float
     slopes: Array  # (2,) change of the mean by standardised `predictors_of`
     rest: Array  # (P,) error of each known painting beside the mean fitted to the other kinds of paintings
+
+    def sample(self, at: Array) -> Array:
+        """List errors (`SAMPLES`,) of equal chance for standardised predictors (2,).
+
+        A new painting errs more than all P known ones, to one side, with a chance of 1 / (P + 1).
+        """
+        chances = (np.arange(SAMPLES) + 0.5) / SAMPLES
+        errors: Array = self.mean + at @ self.slopes + np.quantile(self.rest, chances, method="weibull")
+        return errors
 
 
 @dataclass(frozen=True)
@@ -45,7 +55,7 @@ class RecoveryError:
     errors: Mapping[str, ErrorOfMeasure]  # by `MEASURES`
 
     def correct(self, draws: Draws, confidence: Array) -> Draws:
-        """Combine draws (views, draws) with all errors to draws (views, draws * P).
+        """Combine draws (views, draws) with all errors to draws (views, draws * `SAMPLES`).
 
         ``confidence`` (N,) is that of the strokes found in the photograph. Figures that are undefined stay so, and
         predictors beyond those of the known paintings count as the nearest of these.
@@ -57,8 +67,7 @@ class RecoveryError:
         at = standardise(np.clip(at, self.predictors.min(0), self.predictors.max(0)), self.predictors)
         corrected = {}
         for name, values in draws.items():
-            error = self.errors[name]
-            moved = move(values[..., None], error.mean + at @ error.slopes + error.rest, MEASURES[name])
+            moved = move(values[..., None], self.errors[name].sample(at), MEASURES[name])
             corrected[name] = moved.reshape(len(values), -1)
         return corrected
 

@@ -149,6 +149,6 @@ def log_figures(folder: Path, paths: Sequence[Path], figures: Mapping[str, Inter
     log.info("%s: %s", as_shown(folder), ", ".join(path.name for path in paths))
     for measure in LOGGED:
         value, low, high = map(format_number, (figures[measure].value, figures[measure].low, figures[measure].high))
-        text = f"{value}, 95 % between {low} and {high} {MEASURES[measure].unit_in(mm)}".rstrip()
+        text = f"{value}, 90 % between {low} and {high} {MEASURES[measure].unit_in(mm)}".rstrip()
         log.info("%s %s", measure, "none" if value is None else text)
     log.info(MEANING)

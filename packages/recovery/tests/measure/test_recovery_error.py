@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from brushexp_recovery.measure.intervals import intervals_of
 from brushexp_recovery.measure.measures import MEASURES
-from brushexp_recovery.measure.recovery_error import FILE, log_odds, move, read_errors
+from brushexp_recovery.measure.recovery_error import FILE, SAMPLES, log_odds, move, read_errors
 from brushexp_recovery.model.recovery_model import CHECKPOINTS, SHIPPED_WEIGHTS
 from brushexp_recovery.train.errors_of_measures import error_between, fit_error, fit_errors, write_errors
 
@@ -47,7 +47,7 @@ def test_intervals_hold_the_truth_of_new_paintings_only_with_the_errors():
             found_holds.append(holds(found[name], true[name][place] * measure.factor(None), measure))
             assert figures[name].found == pytest.approx(found[name].value)
             assert figures[name].over_views == pytest.approx(found[name].over_views)
-    assert 0.9 < np.mean(corrected_holds) < 0.99
+    assert 0.87 < np.mean(corrected_holds) < 0.95
     assert np.mean(found_holds) < 0.3
 
 
@@ -69,9 +69,10 @@ def test_directions_err_across_the_turn():
 def test_ends_and_missing_figures_stay():
     errors = fit_errors(*known_paintings(12, 0), "hash")
     draws = {name: np.array([[0.0, np.nan]]) for name in MEASURES} | {"covered": np.array([[0.0, 1.0]])}
+    draws["elongatedness"] = np.array([[2.0, np.nan]])
     corrected = errors.correct(draws, np.array([0.5]))
-    assert corrected["strokes"][0, :12].tolist() == [0] * 12
-    assert np.isnan(corrected["length"][0, 12:]).all()
+    assert corrected["strokes"][0, :SAMPLES].tolist() == [0] * SAMPLES
+    assert np.isnan(corrected["length"][0, SAMPLES:]).all()
     assert set(corrected["covered"][0]) == {0.0, 1.0}
     assert errors.correct(draws, np.empty(0)) is draws, "no strokes were found"
 

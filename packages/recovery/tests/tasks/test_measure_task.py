@@ -123,7 +123,7 @@ def test_a_picture_without_strokes_has_no_direction(tmp_path, run_task, monkeypa
     with caplog.at_level("INFO"):
         result = run_task(measure, "task=measure", f"image={tmp_path / 'white.png'}", "views=1", "draws=2")
     assert result["n_strokes"] == 0
-    assert {"strokes 0, 95 % between 0 and 0", "direction none"} <= set(caplog.messages)
+    assert {"strokes 0, 90 % between 0 and 0", "direction none"} <= set(caplog.messages)
 
 
 def test_strokes_are_not_sought_in_so_few_pixels(tmp_path, run_task):
