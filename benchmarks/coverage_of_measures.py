@@ -1,6 +1,6 @@
 """Test whether the intervals of ``task=measure`` hold the true figures of paintings whose strokes are known.
 
-    python benchmarks/coverage_of_measures.py measure fitted --views 2 --seeds 0 6
+    python benchmarks/coverage_of_measures.py measure fitted --views 2 --seeds 0 4
     python benchmarks/coverage_of_measures.py fit fitted
     python benchmarks/coverage_of_measures.py measure tested --seeds 100 102 --kinds textured dabs knife
     python benchmarks/coverage_of_measures.py report tested docs/records/measures.csv
@@ -110,7 +110,8 @@ def report(folder, path):
         kind, _, seed = painting.rpartition("-")
         found, corrected = intervals_of(draws), intervals_of(errors.correct(draws, confidence))
         for name in MEASURES:
-            row = {"kind": kind, "seed": int(seed), "measure": name, "true": float(true[name])}
+            row = {"kind": kind, "seed": int(seed), "views": len(draws[name])}
+            row |= {"measure": name, "true": float(true[name])}
             for of, one in (("found", found[name]), ("corrected", corrected[name])):
                 row |= {of: one.value, f"{of}_low": one.low, f"{of}_high": one.high}
             rows.append(row)
@@ -177,7 +178,7 @@ def main():
     for action in (measured, fitted, reported):
         action.add_argument("folder", type=Path)
     measured.add_argument("--kinds", nargs="+", default=KINDS)
-    measured.add_argument("--seeds", nargs=2, type=int, default=(0, 6), help="first seed, and the one after the last")
+    measured.add_argument("--seeds", nargs=2, type=int, default=(0, 4), help="first seed, and the one after the last")
     measured.add_argument("--views", type=int, default=6)
     fitted.add_argument("--path", type=Path, default=FILE)
     for action in (reported, shown):
