@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from brushexp_recovery.measure.intervals import Interval, is_apart
+from brushexp_recovery.measure.intervals import LEVEL, Interval, is_apart
 from brushexp_recovery.measure.measures import MEASURES
 
 Figures = Mapping[str, Mapping[str, Interval]]  # by area or painting, and by `MEASURES`
@@ -12,9 +12,9 @@ Figures = Mapping[str, Mapping[str, Interval]]  # by area or painting, and by `M
 DIRECTIONS = "Directions run clockwise from horizontal: 45° falls to the right."
 MEANING = (
     "Each figure is the median over the photograph and small changes of it (scale, rotation, compression, tone). In "
-    "each view, strokes are sampled by their confidence; 95 % of these samples lie between low and high. The interval "
-    "does not cover errors that recovery makes in every view. The number of strokes weights each stroke by its "
-    "confidence, so it is smaller than the number of recovered strokes."
+    "each view, strokes are sampled by their confidence, and each sample is combined with the errors that recovery "
+    "makes on known paintings, unless correct=false. 90 % of these samples lie between low and high, so the interval "
+    "includes the error of recovery. Found is the figure without these errors."
 )
 APART = "The first painting minus the second: a figure is apart if the interval of its difference excludes 0."
 
@@ -33,6 +33,7 @@ def interval_rows(intervals: Mapping[str, Interval], mm: float | None) -> list[d
             "value": format_number(one.value),
             "low": format_number(one.low),
             "high": format_number(one.high),
+            "found": format_number(one.found),
             "sd over strokes": format_number(one.over_strokes),
             "sd over views": format_number(one.over_views),
         }
@@ -66,7 +67,7 @@ def format_number(value: float) -> str | None:
 
 def plain_data(figures: Figures, differences: Mapping[str, Interval] | None, mm: float | None) -> dict[str, Any]:
     """Collect figures as plain data for JSON."""
-    data: dict[str, Any] = {"mm_per_px": mm, "directions": DIRECTIONS, "interval": 0.95}
+    data: dict[str, Any] = {"mm_per_px": mm, "directions": DIRECTIONS, "interval": LEVEL}
     for of, intervals in figures.items():
         data.setdefault("measures", {})[of] = {
             name: {"unit": MEASURES[name].unit_in(mm), **vars(one)} for name, one in intervals.items()

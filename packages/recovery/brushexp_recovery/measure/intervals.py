@@ -1,12 +1,11 @@
 """Compute intervals for the figures of a painting's brushwork.
 
 Strokes are recovered from the photograph and from small changes of it (`views`); in each view, strokes are sampled many
-times by their confidence (`draws`). A figure is the median of the draws, and its interval contains 95 % of them. The
-interval reflects uncertainty about strokes and the photograph, but not errors that recovery makes in every view, which
-are measured in docs/recovery.md.
+times by their confidence (`draws`), and combined with the errors that recovery makes in every view (`recovery_error`).
+A figure is the median of the draws, and its interval contains 90 % of them.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,27 +16,40 @@ from brushexp_recovery.measure.measures import MEASURES
 
 Array = NDArray[Any]
 
-QUANTILES = (0.025, 0.5, 0.975)  # quantiles of the lower bound, the middle and the upper bound of an interval
+LEVEL = 0.9  # share of draws in an interval
+QUANTILES = ((1 - LEVEL) / 2, 0.5, (1 + LEVEL) / 2)  # lower bound, middle and upper bound
 PAIRS = 4000  # number of pairs of draws of two paintings whose differences are computed
 
 
 @dataclass(frozen=True)
 class Interval:
-    """A figure: the median of its draws and the bounds of 95 % of them, NaN if undefined."""
+    """A figure: the median of its draws and the bounds of 90 % of them, NaN if undefined."""
 
     value: float
     low: float
     high: float
     over_strokes: float  # standard deviation within a view, over strokes sampled by their confidence
     over_views: float  # standard deviation of the means of views
+    found: float  # median of the draws before their correction
 
 
-UNDEFINED = Interval(np.nan, np.nan, np.nan, np.nan, np.nan)
+UNDEFINED = Interval(np.nan, np.nan, np.nan, np.nan, np.nan, np.nan)
 
 
-def intervals_of(draws: Draws, mm: float | None = None) -> dict[str, Interval]:
-    """Compute the interval of each measure, in pixels, or in millimetres given ``mm`` per pixel."""
-    return {name: interval_of(draws[name] * measure.factor(mm), measure.axial) for name, measure in MEASURES.items()}
+def intervals_of(draws: Draws, mm: float | None = None, corrected: Draws | None = None) -> dict[str, Interval]:
+    """Compute the interval of each measure, in pixels, or in millimetres given ``mm`` per pixel.
+
+    Given ``corrected`` draws of `RecoveryError.correct`, values and bounds are theirs.
+    """
+    intervals = {}
+    for name, measure in MEASURES.items():
+        factor = measure.factor(mm)
+        interval = interval_of(draws[name] * factor, measure.axial)
+        if corrected is not None:
+            bounds = interval_of(corrected[name] * factor, measure.axial)
+            interval = replace(interval, value=bounds.value, low=bounds.low, high=bounds.high)
+        intervals[name] = interval
+    return intervals
 
 
 def interval_of(values: Array, axial: bool) -> Interval:
@@ -53,7 +65,12 @@ def interval_of(values: Array, axial: bool) -> Interval:
     over_views = defined.mean(1).std() if len(defined) else np.nan
     value = (middle + centre) % 180 if axial else middle
     return Interval(
-        float(value), float(value + low - middle), float(value + high - middle), float(over_strokes), float(over_views)
+        value=float(value),
+        low=float(value + low - middle),
+        high=float(value + high - middle),
+        over_strokes=float(over_strokes),
+        over_views=float(over_views),
+        found=float(value),
     )
 
 

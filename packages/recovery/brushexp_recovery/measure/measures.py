@@ -25,6 +25,7 @@ class Measure:
     mm_unit: str = ""  # unit if the scale is known
     times: tuple[float, float] = (1.0, 1.0)  # factors from pixels^power and mm^power to the two units
     axial: bool = False  # whether the figure is a direction
+    share: bool = False  # whether the figure lies between 0 and 1
 
     def factor(self, mm: float | None) -> float:
         """Return the factor for a number in pixels; ``mm`` is millimetres per pixel."""
@@ -38,7 +39,7 @@ class Measure:
 MEASURES = {
     "strokes": Measure("strokes"),
     "density": Measure("strokes per area", "per 1000 px^2", -2, "per cm^2", (1000.0, 100.0)),
-    "covered": Measure("share covered by strokes"),
+    "covered": Measure("share covered by strokes", share=True),
     "length": Measure("length from tip to tip, median", "px", 1, "mm"),
     "length_q25": Measure("length from tip to tip, 25 %", "px", 1, "mm"),
     "length_q75": Measure("length from tip to tip, 75 %", "px", 1, "mm"),
@@ -47,12 +48,12 @@ MEASURES = {
     "width_q75": Measure("width, 75 %", "px", 1, "mm"),
     "area": Measure("area, median", "px^2", 2, "mm^2"),
     "elongatedness": Measure("elongatedness, median"),
-    "straightness": Measure("straightness, median"),
+    "straightness": Measure("straightness, median", share=True),
     "curvature": Measure("curvature, median", "°"),
     "direction": Measure("prevailing direction", "°", axial=True),
-    "agreement": Measure("agreement of directions"),
-    "coherence": Measure("local coherence, mean"),
-    "homogeneity": Measure("homogeneity of breadth, mean"),
+    "agreement": Measure("agreement of directions", share=True),
+    "coherence": Measure("local coherence, mean", share=True),
+    "homogeneity": Measure("homogeneity of breadth, mean", share=True),
 }
 MEDIANS = ("length", "width", "area", "elongatedness", "straightness", "curvature")  # columns of strokes
 QUARTILES = ("length", "width")

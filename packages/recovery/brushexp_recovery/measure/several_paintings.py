@@ -33,7 +33,7 @@ LEAST_PAINTINGS = 2  # minimum number of paintings in a compared group
 DRAWS = 9999  # maximum number of permutations
 SIGNIFICANT = 0.05  # corrected p-value below which groups differ
 MEANING = (
-    "Each figure has a 95 % interval within its painting. Groups are the folders of the photographs. p comes from a "
+    "Each figure has a 90 % interval. Groups are the folders of the photographs. p comes from a "
     "permutation test of the difference of their means, with one value per painting; p (Holm) is corrected for all "
     "tests of the table. Beside it is the smallest p that this many paintings can reach. Directions are not tested."
 )

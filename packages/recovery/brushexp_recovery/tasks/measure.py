@@ -20,6 +20,7 @@ from brushexp_recovery.measure.figure_tables import MEANING, difference_rows, fo
 from brushexp_recovery.measure.files import write_measures
 from brushexp_recovery.measure.intervals import Interval, difference_of, intervals_of, is_apart
 from brushexp_recovery.measure.measures import MEASURES
+from brushexp_recovery.measure.recovery_error import read_errors
 from brushexp_recovery.measure.scale import millimetres_per_pixel, width_in_table
 from brushexp_recovery.measure.stroke_table import remark_on, tabulate_strokes
 from brushexp_recovery.measure.views import View, choose_views
@@ -52,9 +53,10 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
     recovered = recover_photograph(cfg, image, name) if cfg.recovered is None else read_for(Path(cfg.recovered), size)
     write_recovered(folder / "catalogue.h5", recovered)
     draws = draw_figures(sight_views(cfg, image, name, recovered), areas, cfg.draws, cfg.seed)
-    figures = {area: intervals_of(values, mm) for area, values in draws.items()}
+    corrected = {area: correct_draws(cfg, values, recovered) for area, values in draws.items()}
+    figures = {area: intervals_of(values, mm, corrected[area]) for area, values in draws.items()}
     tables = {f"Measures: {area}": interval_rows(intervals, mm) for area, intervals in figures.items()}
-    comparison = None if cfg.against is None else compare(cfg, draws[WHOLE], mm, name)
+    comparison = None if cfg.against is None else compare(cfg, corrected[WHOLE], mm, name)
     if comparison is not None:
         tables[comparison.title] = difference_rows(comparison.differences, comparison.mm)
     strokes = tabulate_strokes(recovered, mm)
@@ -123,13 +125,20 @@ def sight_change(image: Array, view: View, number: int, count: int, show: Progre
     return sight(image, view, lambda picture: recover_picture(picture, show_part))
 
 
+def correct_draws(cfg: DictConfig, draws: Draws, recovered: Recovered) -> Draws:
+    """Combine the draws of a photograph with the errors of recovery, unless ``cfg.correct`` is false."""
+    return read_errors().correct(draws, recovered.confidence) if cfg.correct else draws
+
+
 def compare(cfg: DictConfig, draws: Draws, mm: float | None, name: str) -> Comparison:
     """Measure the photograph ``cfg.against``, and compare it with the draws of a painting."""
     image, other_name = read_photograph(cfg.against, "against"), Path(cfg.against).name
     size = image.shape[:2]
     other_mm = millimetres_per_pixel(size, cfg.against_width_cm, cfg.against_size_cm, "against_")
-    sightings = sight_views(cfg, image, other_name, recover_photograph(cfg, image, other_name))
-    other = draw_figures(sightings, areas_of(None, size), cfg.draws, cfg.seed)[WHOLE]
+    recovered = recover_photograph(cfg, image, other_name)
+    sightings = sight_views(cfg, image, other_name, recovered)
+    found = draw_figures(sightings, areas_of(None, size), cfg.draws, cfg.seed)[WHOLE]
+    other = correct_draws(cfg, found, recovered)
     differences = difference_of(draws, other, (mm, other_mm), cfg.seed)
     log.info("apart: %s", ", ".join(name for name, one in differences.items() if is_apart(one)) or "nothing")
     return Comparison(f"{name} minus {other_name}", differences, mm if other_mm else None)
@@ -140,6 +149,6 @@ def log_figures(folder: Path, paths: Sequence[Path], figures: Mapping[str, Inter
     log.info("%s: %s", as_shown(folder), ", ".join(path.name for path in paths))
     for measure in LOGGED:
         value, low, high = map(format_number, (figures[measure].value, figures[measure].low, figures[measure].high))
-        text = f"{value}, 95 % between {low} and {high} {MEASURES[measure].unit_in(mm)}".rstrip()
+        text = f"{value}, 90 % between {low} and {high} {MEASURES[measure].unit_in(mm)}".rstrip()
         log.info("%s %s", measure, "none" if value is None else text)
     log.info(MEANING)

@@ -1,5 +1,6 @@
 """task=measure runs from a photograph to its page, also with a second photograph, on given recovered strokes."""
 
+import csv
 import json
 from functools import partial
 
@@ -8,6 +9,8 @@ import pytest
 from brushexp_recovery.benchmark.prediction_files import read_prediction
 from brushexp_recovery.benchmark.score import score
 from brushexp_recovery.benchmark.truth import Truth, draw_truth
+from brushexp_recovery.measure.figure_tables import format_number
+from brushexp_recovery.measure.measures import MEASURES
 from brushexp_recovery.recover.storage import read_recovered, write_recovered
 from brushexp_recovery.tasks import measure
 from PIL import Image
@@ -36,7 +39,9 @@ def photographs(tmp_path, monkeypatch):
 
 
 def test_a_photograph_is_measured_compared_and_shown(photographs, run_task):
-    run = partial(run_task, measure, "task=measure", f"image={photographs / 'a.png'}", "views=3", "draws=5")
+    run = partial(
+        run_task, measure, "task=measure", f"image={photographs / 'a.png'}", "views=3", "draws=5", "correct=false"
+    )
     beside = f"against={photographs / 'b.png'}", "against_size_cm=8x6"
     result = run("width_cm=8", *beside, "region=['0,0,80,20']")
     assert result["n_strokes"] == 3
@@ -55,6 +60,25 @@ def test_a_photograph_is_measured_compared_and_shown(photographs, run_task):
         run("size_cm=9x2")
     with pytest.raises(UserError, match=r"against_width_cm is the size of a second photograph; give against="):
         run("against_width_cm=2")
+
+
+def test_figures_and_differences_include_the_error_of_recovery(photographs, run_task):
+    run = partial(run_task, measure, "task=measure", f"image={photographs / 'a.png'}", "views=2", "draws=5")
+    figures = []
+    for words in ([], ["correct=false"]):
+        run(f"against={photographs / 'b.png'}", *words)
+        figures.append(json.loads((photographs / "measures.json").read_text()))
+    (corrected, found) = (data["measures"]["whole"] for data in figures)
+    for name in ("length", "width", "strokes"):
+        assert corrected[name]["found"] == found[name]["value"] == found[name]["found"]
+        width = corrected[name]["high"] - corrected[name]["low"]
+        assert width > 0.1 * corrected[name]["value"] + found[name]["high"] - found[name]["low"]
+    low, high = (data["differences"]["width"]["high"] - data["differences"]["width"]["low"] for data in figures[::-1])
+    assert high > low + 1
+    rows = list(csv.DictReader((photographs / "measures.csv").read_text().splitlines()))
+    assert {row["found"] for row in rows if row["measure"] == MEASURES["width"].name} == {
+        format_number(found["width"]["value"])
+    }
 
 
 def test_widths_of_several_photographs_are_in_a_table(photographs, run_task):
@@ -99,7 +123,7 @@ def test_a_picture_without_strokes_has_no_direction(tmp_path, run_task, monkeypa
     with caplog.at_level("INFO"):
         result = run_task(measure, "task=measure", f"image={tmp_path / 'white.png'}", "views=1", "draws=2")
     assert result["n_strokes"] == 0
-    assert {"strokes 0, 95 % between 0 and 0", "direction none"} <= set(caplog.messages)
+    assert {"strokes 0, 90 % between 0 and 0", "direction none"} <= set(caplog.messages)
 
 
 def test_strokes_are_not_sought_in_so_few_pixels(tmp_path, run_task):

@@ -1,0 +1,108 @@
+"""Correct figures for the error of recovery, known from paintings whose strokes are known.
+
+Recovery loses short strokes, cuts hidden ends and rounds widths, in every view alike. `RecoveryError` holds how far the
+true figures of known paintings lay from the measured ones. Two predictors tell part of it: how sure recovery is of the
+strokes, and how elongated they look. Each draw of a figure is combined with errors of the known paintings, so that
+the median of the draws is corrected for the mean error and their spread includes its variation.
+
+`brushexp_recovery.train.errors_of_measures` fits the errors.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from brushexp_recovery.measure.draws import Draws
+from brushexp_recovery.measure.measures import MEASURES, Measure
+
+Array = NDArray[Any]
+
+FILE = Path(__file__).parents[1] / "weights" / "strokes.errors.json"
+SURE = 0.02, 0.98  # range to which mean confidences are clamped
+SAMPLES = 100  # number of errors with which each draw is combined
+
+
+@dataclass(frozen=True)
+class ErrorOfMeasure:
+    """True minus measured figures: ratios in logarithms, shares in log-odds, directions in degrees."""
+
+    mean: float
+    slopes: Array  # (2,) change of the mean by standardised `predictors_of`
+    rest: Array  # (P,) error of each known painting beside the mean fitted to the other kinds of paintings
+
+    def sample(self, at: Array) -> Array:
+        """List errors (`SAMPLES`,) of equal chance for standardised predictors (2,).
+
+        A new painting errs more than all P known ones, to one side, with a chance of 1 / (P + 1).
+        """
+        chances = (np.arange(SAMPLES) + 0.5) / SAMPLES
+        errors: Array = self.mean + at @ self.slopes + np.quantile(self.rest, chances, method="weibull")
+        return errors
+
+
+@dataclass(frozen=True)
+class RecoveryError:
+    """The errors of all measures in P known paintings, for one set of weights."""
+
+    weights: str  # hash of the weights
+    paintings: tuple[str, ...]  # (P,) names
+    predictors: Array  # (P, 2) `predictors_of` the paintings
+    errors: Mapping[str, ErrorOfMeasure]  # by `MEASURES`
+
+    def correct(self, draws: Draws, confidence: Array) -> Draws:
+        """Combine draws (views, draws) with all errors to draws (views, draws * `SAMPLES`).
+
+        ``confidence`` (N,) is that of the strokes found in the photograph. Figures that are undefined stay so, and
+        predictors beyond those of the known paintings count as the nearest of these.
+        """
+        elongatedness = draws["elongatedness"][np.isfinite(draws["elongatedness"])]
+        if not len(confidence) or not len(elongatedness):
+            return draws
+        at = predictors_of(confidence.mean(), np.median(elongatedness))
+        at = standardise(np.clip(at, self.predictors.min(0), self.predictors.max(0)), self.predictors)
+        corrected = {}
+        for name, values in draws.items():
+            moved = move(values[..., None], self.errors[name].sample(at), MEASURES[name])
+            corrected[name] = moved.reshape(len(values), -1)
+        return corrected
+
+
+def predictors_of(confidence: Any, elongatedness: Any) -> Array:
+    """Compute what predicts errors (..., 2) from the mean confidence and the median elongatedness of found strokes."""
+    return np.stack([log_odds(np.clip(confidence, *SURE)), np.log(elongatedness)], -1)
+
+
+def standardise(values: Array, known: Array) -> Array:
+    """Scale predictors (..., 2) so that the known ones (P, 2) have a mean of 0 and a standard deviation of 1."""
+    scaled: Array = (values - known.mean(0)) / known.std(0)
+    return scaled
+
+
+def log_odds(share: Any) -> Any:
+    """Compute the log-odds of shares in [0, 1]; infinite at the ends."""
+    with np.errstate(divide="ignore"):
+        return np.log(share) - np.log1p(-share)
+
+
+def move(values: Array, error: Array, measure: Measure) -> Array:
+    """Add errors to the values of a measure, on the scale of `ErrorOfMeasure`."""
+    if measure.axial:
+        return (values + error) % 180
+    if measure.share:
+        return 1 / (1 + np.exp(-(log_odds(values) + error)))
+    return values * np.exp(error)
+
+
+def read_errors(path: Path = FILE) -> RecoveryError:
+    """Read the errors of the shipped weights."""
+    data = json.loads(path.read_text(encoding="utf-8"))
+    errors = {
+        name: ErrorOfMeasure(one["mean"], np.array(one["slopes"]), np.array(one["rest"]))
+        for name, one in data["measures"].items()
+    }
+    return RecoveryError(data["weights"], tuple(data["paintings"]), np.array(data["predictors"]), errors)

@@ -1,0 +1,100 @@
+"""Fit the errors of measures to paintings whose strokes are known."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from brushexp.contracts.files import write_json
+from brushexp_recovery.measure.measures import MEASURES, Measure
+from brushexp_recovery.measure.recovery_error import (
+    ErrorOfMeasure,
+    RecoveryError,
+    log_odds,
+    predictors_of,
+    standardise,
+)
+
+Array = NDArray[Any]
+
+EDGE = 1e-3  # shares are kept this far from 0 and 1
+LEAST = 1.0  # pixels or degrees; smaller values count as this one, because the ratio of tiny values says nothing
+RIDGE = 0.3  # penalty of squared slopes, in mean squares of a standardised predictor
+DIGITS = 4  # decimals in the file
+
+
+def fit_errors(
+    true: Mapping[str, Array],
+    measured: Mapping[str, Array],
+    confidence: Array,
+    paintings: Sequence[str],
+    weights: str,
+) -> RecoveryError:
+    """Fit the errors of all measures to P paintings.
+
+    Args:
+        true: the true figures (P,) by `MEASURES`.
+        measured: the figures (P,) that were measured.
+        confidence: the mean confidence (P,) of the strokes found in each.
+        paintings: their names (P,), a kind and a number: ``dabs-3``.
+        weights: the hash of the weights of recovery.
+    """
+    kinds = np.array([name.rpartition("-")[0] for name in paintings])
+    predictors = predictors_of(confidence, measured["elongatedness"])
+    errors = {
+        name: fit_error(error_between(true[name], measured[name], measure), predictors, kinds, measure)
+        for name, measure in MEASURES.items()
+    }
+    return RecoveryError(weights, tuple(paintings), predictors, errors)
+
+
+def error_between(true: Array, measured: Array, measure: Measure) -> Array:
+    """Compute the error true minus measured (P,), on the scale of `ErrorOfMeasure`."""
+    if measure.axial:
+        return (true - measured + 90) % 180 - 90
+    if measure.share:
+        return log_odds(np.clip(true, EDGE, 1 - EDGE)) - log_odds(np.clip(measured, EDGE, 1 - EDGE))
+    least = LEAST if measure.unit in ("px", "°") else np.finfo(float).tiny
+    return np.log(np.maximum(true, least)) - np.log(np.maximum(measured, least))
+
+
+def fit_error(error: Array, predictors: Array, kinds: Array, measure: Measure) -> ErrorOfMeasure:
+    """Fit the error (P,) of a measure to the predictors (P, 2) of paintings of some ``kinds`` (P,).
+
+    The rest of each painting is its error beside the mean fitted to the paintings of the other kinds, so that it also
+    contains how kinds differ.
+    """
+    at, rest = standardise(predictors, predictors), np.empty(len(error))
+    for one in set(kinds):
+        others = kinds != one
+        mean, slopes = _fit_plane(at[others], error[others], measure)
+        rest[~others] = error[~others] - mean - at[~others] @ slopes
+    return ErrorOfMeasure(*_fit_plane(at, error, measure), rest)
+
+
+def _fit_plane(at: Array, error: Array, measure: Measure) -> tuple[float, Array]:
+    """Fit mean and slopes by ridge regression; directions err to both sides alike, so theirs are 0."""
+    if measure.axial:
+        return 0.0, np.zeros(at.shape[1])
+    middle, mean = at.mean(0), error.mean()
+    centred = at - middle
+    penalty = RIDGE * len(error) * np.eye(at.shape[1])
+    slopes: Array = np.linalg.solve(centred.T @ centred + penalty, centred.T @ (error - mean))
+    return float(mean - middle @ slopes), slopes
+
+
+def write_errors(path: Path, error: RecoveryError) -> None:
+    """Write errors as JSON, for `read_errors`."""
+    measures = {
+        name: {"mean": round(one.mean, DIGITS), "slopes": _rounded(one.slopes), "rest": _rounded(one.rest)}
+        for name, one in error.errors.items()
+    }
+    head = {"format": "brushexp errors of measures", "weights": error.weights, "paintings": list(error.paintings)}
+    write_json(path, {**head, "predictors": _rounded(error.predictors), "measures": measures})
+
+
+def _rounded(values: Array) -> Any:
+    """Convert an array to lists of rounded numbers."""
+    return np.round(values, DIGITS).tolist()
