@@ -1,0 +1,283 @@
+"""Find the settings that are worth their CPU seconds, on several pictures: records, a table and a figure.
+
+    python benchmarks/speed_accuracy.py paint records.csv              # paint all settings, and add to the records
+    python benchmarks/speed_accuracy.py show records.csv figure.png    # print the table, and draw the figure
+
+The settings are those of `experiment=speed_accuracy`; the pictures, a development set, are drawn or come from
+scikit-image. One process paints one picture after another with all settings, in a different random order for each
+picture, so that other load disturbs all settings alike. A painting's seconds begin when its settings have been checked,
+and end with its last step: they include the first strokes, but neither metrics nor compilation, which a first painting
+per setting takes care of. Pictures already in the records are skipped.
+
+The regret of a setting on a picture is the difference, in dB, between its PSNR and the best PSNR of all settings that
+took no more CPU seconds and no more strokes there. Bands are of 2,000 bootstrap samples of the pictures.
+"""
+
+import argparse
+import csv
+import gc
+import os
+import random
+import shlex
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import lightning as L
+import numpy as np
+import pandas as pd
+from brushexp_studies import plotting
+from brushexp_studies.pareto import front
+from matplotlib.axes import Axes
+from PIL import Image
+from worth import scene
+
+from brushexp.api.painting import painting_of, plan_of
+from brushexp.cli.program import expand_arguments
+from brushexp.reporting.tables import markdown_table
+from brushexp.system.reading import read_text, yaml_of
+
+EXPERIMENT = Path(__file__).parents[1] / "packages/studies/brushexp_studies/conf/experiment/speed_accuracy.yaml"
+PICTURES = ("astronaut", "street", "coffee", "chelsea", "rocket", "motorcycle")
+SIDE = 256  # pixels on the longer side
+WARM_SIDE = 48  # the same, of the first paintings, which compile kernels and read weights
+WARM_STEPS = 40  # enough for a change of density
+METRICS = ["psnr", "perceptual", "bits"]
+FIELDS = ["picture", "settings", "strokes", "steps", "cpu_seconds", "seconds", "load"]
+FIELDS += ["psnr", "perceptual", "bits_per_pixel", "psnr_decoded"]
+SAMPLES = 2_000  # bootstrap samples
+MORE_STROKES = 1.01  # ratio up to which numbers of strokes count as equal: policies end a few strokes apart
+PRESETS = ("quality=draft", "quality=normal", "quality=fine", "quality=best")
+KINDS = {  # label of each group of settings, and the words by which the figure recognises it
+    "renderers": ("renderer=",),
+    "predictor": ("init=",),
+    "strokes=auto": ("density=worth",),
+    "other looks": ("look=",),
+}
+OTHERS = "steps, strokes, density"
+FRONTS = {1: "#b0b0b0", 2: "#808080", 4: "#404040"}  # colour of the front for each multiple of the strokes of normal
+MARKS = {"presets": "*", OTHERS: "o", "predictor": "v", "strokes=auto": "D", "other looks": "s"}
+SHORT = {  # labels in the figure
+    "quality=draft": "draft",
+    "quality=normal": "normal",
+    "quality=fine": "fine",
+    "quality=best": "best",
+    "look=oil": "oil",
+    "density=worth_sketch": "strokes=auto worth=sketch",
+    "density=worth": "strokes=auto",
+    "density=worth_fine": "strokes=auto worth=fine",
+}
+ANALYTIC = "analytic"
+
+
+class Stopwatch(L.Callback):
+    """Measures the seconds of the process from its creation to the last step: by the clock, and of the CPU."""
+
+    def __init__(self) -> None:
+        self.begin = self.now()
+        self.seconds = self.cpu_seconds = 0.0
+
+    @staticmethod
+    def now() -> tuple[float, float]:
+        """Read both clocks."""
+        return time.perf_counter(), time.process_time()
+
+    def teardown(self, trainer: L.Trainer, pl_module: L.LightningModule, stage: str) -> None:
+        self.seconds, self.cpu_seconds = (now - then for now, then in zip(self.now(), self.begin, strict=True))
+
+
+def settings_of_experiment() -> list[str]:
+    """List the settings of `experiment=speed_accuracy`, each as it would be typed."""
+    return list(yaml_of(read_text(EXPERIMENT, ""))["hydra"]["sweeper"]["settings"])
+
+
+def paint(picture: Image.Image, settings: str, metrics: list[str]) -> dict[str, Any]:
+    """Paint a picture in plain, unless the settings say otherwise, and return its metrics and seconds."""
+    words = dict(word.split("=", 1) for word in expand_arguments(["look=plain", *shlex.split(settings)]))
+    keys: dict[str, Any] = {key: value for key, value in words.items() if key != "image"}
+    plan = plan_of(picture, None, {}, {"metric": metrics, "threads": 1, **keys})
+    watch = Stopwatch()
+    found = painting_of(plan, [watch]).metrics
+    return {**found, "seconds": watch.seconds, "cpu_seconds": watch.cpu_seconds}
+
+
+def measure(records: Path) -> None:
+    """Paint each picture with each setting, and append a record for each to a file."""
+    settings = settings_of_experiment()
+    done = set(pd.read_csv(records)["picture"]) if records.exists() else set()
+    pictures = [name for name in PICTURES if name not in done]
+    for words in settings if pictures else ():
+        paint(scene(PICTURES[0], WARM_SIDE), f"{words} steps={WARM_STEPS}", METRICS)
+    for name in pictures:
+        rows, picture = [], scene(name, SIDE)
+        for words in random.Random(name).sample(settings, len(settings)):
+            gc.collect()
+            found = paint(picture, words, METRICS)
+            pixels = picture.size[0] * picture.size[1]
+            rows.append({
+                "picture": name,
+                "settings": words,
+                "strokes": found["n_strokes"],
+                "steps": found["steps"],
+                "cpu_seconds": round(found["cpu_seconds"], 3),
+                "seconds": round(found["seconds"], 3),
+                "load": round(os.getloadavg()[0], 2),
+                "psnr": round(found["psnr"], 3),
+                "perceptual": round(found["perceptual"], 4),
+                "bits_per_pixel": round(found["bits"], 4),
+                "psnr_decoded": round(found["psnr_decoded"], 3),
+            })  # fmt: skip
+            print(*rows[-1].values(), pixels, file=sys.stderr, flush=True)
+        rows.sort(key=lambda row: settings.index(row["settings"]))
+        is_new = not records.exists()
+        with records.open("a", newline="") as file:
+            writer = csv.DictWriter(file, FIELDS, lineterminator="\n")
+            if is_new:
+                writer.writeheader()
+            writer.writerows(rows)
+
+
+def judge(records: pd.DataFrame) -> pd.DataFrame:
+    """Tabulate means over pictures, the regret with its band, and the setting that gains most within the same limits.
+
+    Rows are settings in the order of their CPU seconds. ``regret``, ``low`` and ``high`` are in dB; ``instead`` names
+    the single setting with the highest mean PSNR among those whose mean CPU seconds and strokes are no higher, if it is
+    not the setting itself, and ``gain`` is its mean gain in dB.
+    """
+    wide = {name: records.pivot_table(name, "picture", "settings") for name in ("cpu_seconds", "strokes", "psnr")}
+    regrets = regrets_of(*(table.to_numpy() for table in wide.values()))
+    means = records.groupby("settings").mean(numeric_only=True).reindex(wide["psnr"].columns)
+    allowed = within(means["cpu_seconds"].to_numpy(), means["strokes"].to_numpy())
+    psnr = means["psnr"].to_numpy()
+    best = np.where(allowed, psnr[None, :], -np.inf).argmax(1)
+    chosen = np.random.default_rng(0).integers(0, len(regrets), (SAMPLES, len(regrets)))
+    band = np.percentile(regrets[chosen].mean(1), (2.5, 97.5), axis=0)
+    table = means.assign(regret=regrets.mean(0), low=band[0], high=band[1], gain=psnr[best] - psnr)
+    table["instead"] = np.where(table["gain"] > 0, table.index[best], "")
+    return table.sort_values("cpu_seconds")
+
+
+def within(seconds: np.ndarray, strokes: np.ndarray) -> np.ndarray:
+    """Mark in row i the settings that take no more CPU seconds and no more strokes than setting i (N, N)."""
+    return (seconds[None, :] <= seconds[:, None]) & (strokes[None, :] <= MORE_STROKES * strokes[:, None])
+
+
+def regrets_of(seconds: np.ndarray, strokes: np.ndarray, psnr: np.ndarray) -> np.ndarray:
+    """Measure the regret in dB of each setting on each picture; all arrays are (pictures, settings)."""
+    rows = zip(seconds, strokes, psnr, strict=True)
+    return np.stack([np.where(within(s, n), q[None, :], -np.inf).max(1) - q for s, n, q in rows])
+
+
+def kind_of(settings: str) -> str:
+    """Return the group of settings to which the figure assigns one."""
+    if settings in PRESETS:
+        return "presets"
+    return next((kind for kind, words in KINDS.items() if settings.startswith(words)), OTHERS)
+
+
+def show(records: Path, picture: Path | None) -> None:
+    """Print the table, and draw the figure if there is a path for it."""
+    measured = pd.read_csv(records)
+    table = judge(measured)
+    rows = table[["strokes", "cpu_seconds", "seconds", "psnr", "perceptual", "bits_per_pixel", "psnr_decoded"]].copy()
+    rows.insert(0, "settings", [f"**`{name}`**" if name in PRESETS else f"`{name}`" for name in table.index])
+    rows["regret, dB"] = [f"{row.regret:.2f} [{row.low:.2f}, {row.high:.2f}]" for row in table.itertuples()]
+    rows["one setting that is better"] = [
+        f"`{row.instead}` +{row.gain:.2f}" if row.instead else "" for row in table.itertuples()
+    ]
+    names = {"cpu_seconds": "CPU s", "seconds": "wall s", "psnr": "PSNR, dB", "bits_per_pixel": "bits per pixel"}
+    names |= {"psnr_decoded": "decoded, dB"}
+    digits = {"strokes": 0, "CPU s": 2, "wall s": 2, "PSNR, dB": 2, "perceptual": 3, "bits per pixel": 2}
+    digits |= {"decoded, dB": 2}
+    print(markdown_table(rows.rename(columns=names), digits))
+    pictures, load = measured["picture"].nunique(), measured["load"].mean()
+    print(f"{pictures} pictures, {len(table)} settings, {measured['cpu_seconds'].sum() / 60:.1f} CPU minutes, ", end="")
+    print(f"mean load {load:.1f}")
+    if picture is not None:
+        draw(table, picture)
+
+
+def draw(table: pd.DataFrame, path: Path) -> None:
+    """Draw PSNR against CPU seconds: all settings with one renderer, and the renderers at one number of strokes."""
+    figure = plotting.new_figure(7.0)
+    everything, renderers = figure.subplots(1, 2, width_ratios=(3, 2), sharey=True)
+    paint_points(everything, table[[kind_of(name) != "renderers" for name in table.index]])
+    paint_renderers(renderers, table)
+    for axes in (everything, renderers):
+        plotting.tidy(axes)
+        axes.set_xscale("log")
+        plotting.fit_scale(axes, "x", table["cpu_seconds"])
+        axes.set_xlabel("CPU seconds, one thread")
+    everything.set_ylabel("PSNR, dB, mean over pictures")
+    plotting.save_figure(figure, path)
+
+
+def fronts(axes: Axes, table: pd.DataFrame) -> None:
+    """Draw the front of the settings with at most 1, 2 and 4 times the strokes of quality=normal."""
+    normal = table.loc["quality=normal", "strokes"]
+    for times, color in FRONTS.items():
+        points = table[table["strokes"] <= MORE_STROKES * times * normal]
+        leads = points[front(np.stack([points["cpu_seconds"], -points["psnr"]], 1))]
+        seconds, psnr = [*leads["cpu_seconds"], table["cpu_seconds"].max()], [*leads["psnr"], leads["psnr"].max()]
+        label = f"front, at most {times * normal:,.0f} strokes"
+        axes.step(seconds, psnr, where="post", color=color, linewidth=1.2, label=label, zorder=1)
+
+
+def paint_points(axes: Axes, table: pd.DataFrame) -> None:
+    """Draw settings by kind above the fronts, and label the presets in bold and the others in small letters."""
+    fronts(axes, table)
+    kinds = [kind_of(name) for name in table.index]
+    for (kind, marker), color in zip(MARKS.items(), plotting.COLORS, strict=False):
+        points = table[[one == kind for one in kinds]]
+        axes.plot(points["cpu_seconds"], points["psnr"], marker, color=color, label=kind, markersize=6)
+    for name, x, y in zip(table.index, table["cpu_seconds"], table["psnr"], strict=True):
+        is_preset = name in PRESETS or name == "look=oil"
+        text = SHORT.get(name, name)
+        axes.annotate(
+            text, (x, y), xytext=(5, -3 if not is_preset else 6), textcoords="offset points",
+            fontsize=10 if is_preset else 7, weight="bold" if is_preset else "normal", color=plotting.INK,
+        )  # fmt: skip
+    axes.legend(loc="lower right", fontsize=8, frameon=False)
+
+
+def paint_renderers(axes: Axes, table: pd.DataFrame) -> None:
+    """Draw the front of each renderer at the number of strokes of quality=normal; analytic strokes as they are."""
+    normal = table.loc["quality=normal", "strokes"]
+    table = table[(table["strokes"] <= MORE_STROKES * normal) & [name != "look=oil" for name in table.index]]
+    renderers = [renderer_of(name) for name in table.index]
+    for renderer, color in zip(dict.fromkeys(sorted(renderers)), plotting.COLORS, strict=False):
+        points = table[[one == renderer for one in renderers]]
+        points = points[front(np.stack([points["cpu_seconds"], -points["psnr"]], 1))]
+        axes.step(points["cpu_seconds"], points["psnr"], "o-", where="post", color=color, markersize=5)
+        last = points.iloc[-1]
+        axes.annotate(
+            renderer, (last["cpu_seconds"], last["psnr"]), xytext=(-6, 6), textcoords="offset points",
+            ha="right", fontsize=10, color=color,
+        )  # fmt: skip
+    axes.set_title(f"renderers, at most {normal:,.0f} strokes", fontsize=10, color=plotting.INK)
+
+
+def renderer_of(settings: str) -> str:
+    """Return the renderer that a setting chooses."""
+    words = dict(word.split("=", 1) for word in settings.split())
+    return words.get("renderer", ANALYTIC)
+
+
+def main() -> None:
+    """Paint, or show what was painted."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    commands = parser.add_subparsers(dest="command", required=True)
+    for name, of in (("paint", "add paintings to the records"), ("show", "print the table and draw the figure")):
+        command = commands.add_parser(name, help=of)
+        command.add_argument("records", type=Path)
+    command.add_argument("figure", type=Path, nargs="?")
+    options = parser.parse_args()
+    if options.command == "paint":
+        measure(options.records)
+    else:
+        show(options.records, options.figure)
+
+
+if __name__ == "__main__":
+    main()
