@@ -7,7 +7,7 @@ The settings are those of `experiment=speed_accuracy`; the pictures, a developme
 scikit-image. One process paints one picture after another with all settings, in a different random order for each
 picture, so that other load disturbs all settings alike. A painting's seconds begin when its settings have been checked,
 and end with its last step: they include the first strokes, but neither metrics nor compilation, which a first painting
-per setting takes care of. Pictures already in the records are skipped.
+per setting takes care of. Records that are there already are skipped.
 
 The regret of a setting on a picture is the difference, in dB, between its PSNR and the best PSNR of all settings that
 took no more CPU seconds and no more strokes there. Bands are of 2,000 bootstrap samples of the pictures.
@@ -19,7 +19,6 @@ import gc
 import os
 import random
 import shlex
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -40,7 +39,7 @@ from brushexp.system.reading import read_text, yaml_of
 
 EXPERIMENT = Path(__file__).parents[1] / "packages/studies/brushexp_studies/conf/experiment/speed_accuracy.yaml"
 PICTURES = ("astronaut", "street", "coffee", "chelsea", "rocket", "motorcycle")
-SIDE = 256  # pixels on the longer side
+SIDE = 192  # pixels on the longer side
 WARM_SIDE = 48  # the same, of the first paintings, which compile kernels and read weights
 WARM_STEPS = 40  # enough for a change of density
 METRICS = ["psnr", "perceptual", "bits"]
@@ -103,39 +102,40 @@ def paint(picture: Image.Image, settings: str, metrics: list[str]) -> dict[str, 
 
 
 def measure(records: Path) -> None:
-    """Paint each picture with each setting, and append a record for each to a file."""
+    """Paint each picture with each setting, and append each record to a file as soon as it is there."""
     settings = settings_of_experiment()
-    done = set(pd.read_csv(records)["picture"]) if records.exists() else set()
-    pictures = [name for name in PICTURES if name not in done]
-    for words in settings if pictures else ():
-        paint(scene(PICTURES[0], WARM_SIDE), f"{words} steps={WARM_STEPS}", METRICS)
-    for name in pictures:
-        rows, picture = [], scene(name, SIDE)
-        for words in random.Random(name).sample(settings, len(settings)):
+    done = set[tuple[str, str]]()
+    if records.exists():
+        done.update(pd.read_csv(records)[["picture", "settings"]].itertuples(index=False, name=None))
+    orders = {name: random.Random(name).sample(settings, len(settings)) for name in PICTURES}
+    jobs = [(name, words) for name, order in orders.items() for words in order if (name, words) not in done]
+    for words in sorted({words for _, words in jobs}):
+        paint(scene(PICTURES[0], WARM_SIDE), f"{words} steps={WARM_STEPS}", METRICS[:1])
+    with records.open("a", newline="") as file:
+        writer = csv.DictWriter(file, FIELDS, lineterminator="\n")
+        if not done:
+            writer.writeheader()
+        for name, words in jobs:
             gc.collect()
-            found = paint(picture, words, METRICS)
-            pixels = picture.size[0] * picture.size[1]
-            rows.append({
-                "picture": name,
-                "settings": words,
-                "strokes": found["n_strokes"],
-                "steps": found["steps"],
-                "cpu_seconds": round(found["cpu_seconds"], 3),
-                "seconds": round(found["seconds"], 3),
-                "load": round(os.getloadavg()[0], 2),
-                "psnr": round(found["psnr"], 3),
-                "perceptual": round(found["perceptual"], 4),
-                "bits_per_pixel": round(found["bits"], 4),
-                "psnr_decoded": round(found["psnr_decoded"], 3),
-            })  # fmt: skip
-            print(*rows[-1].values(), pixels, file=sys.stderr, flush=True)
-        rows.sort(key=lambda row: settings.index(row["settings"]))
-        is_new = not records.exists()
-        with records.open("a", newline="") as file:
-            writer = csv.DictWriter(file, FIELDS, lineterminator="\n")
-            if is_new:
-                writer.writeheader()
-            writer.writerows(rows)
+            writer.writerow(record_of(name, words))
+            file.flush()
+
+
+def record_of(name: str, words: str) -> dict[str, Any]:
+    """Paint a picture with a setting, and return its record; strokes of networks are slow to code, so have no bits."""
+    metrics = METRICS[:2] if "renderer=neural" in words else METRICS
+    found = paint(scene(name, SIDE), words, metrics)
+    digits = {"cpu_seconds": 3, "seconds": 3, "psnr": 3, "perceptual": 4, "bits": 4, "psnr_decoded": 3}
+    rounded = {key: round(found[key], places) for key, places in digits.items() if key in found}
+    return {
+        "picture": name,
+        "settings": words,
+        "strokes": found["n_strokes"],
+        "steps": found["steps"],
+        "load": round(os.getloadavg()[0], 2),
+        "bits_per_pixel": rounded.pop("bits", ""),
+        **rounded,
+    }
 
 
 def judge(records: pd.DataFrame) -> pd.DataFrame:

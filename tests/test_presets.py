@@ -100,6 +100,12 @@ def test_a_draft_takes_fewer_steps_from_strokes_of_a_network_and_the_rates_of_it
     assert (draft.effort, draft.optimizer.lr) == (effort, rate)
 
 
+@pytest.mark.parametrize("preset", ["draft", "glance"])
+def test_a_draft_keeps_the_strokes_of_its_start_except_in_a_medium(preset):
+    densities = [composed(f"quality={preset}", f"look={look}").density for look in ("plain", "even", "oil")]
+    assert [plugin_of(density).name for density in densities] == ["fixed", "fixed", "strays"]
+
+
 def test_a_draft_keeps_an_optimizer_that_a_look_tunes(tmp_path):
     (tmp_path / "look").mkdir()
     (tmp_path / "look" / "still.yaml").write_text("# @package _global_\n# it\noptimizer:\n  units: {position: 0}\n")
