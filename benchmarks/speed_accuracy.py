@@ -1,7 +1,7 @@
 """Find the settings that are worth their CPU seconds, on several pictures: records, a table and a figure.
 
     python benchmarks/speed_accuracy.py paint records.csv              # paint all settings, and add to the records
-    python benchmarks/speed_accuracy.py show records.csv figure.png    # print the table, and draw the figure
+    python benchmarks/speed_accuracy.py show records.csv figure.png regrets.csv    # print a table, draw, write the rest
 
 The settings are those of `experiment=speed_accuracy`; the pictures, a development set, are drawn or come from
 scikit-image. One process paints one picture after another with all settings, in a different random order for each
@@ -45,6 +45,8 @@ WARM_STEPS = 40  # enough for a change of density
 METRICS = ["psnr", "perceptual", "bits"]
 FIELDS = ["picture", "settings", "strokes", "steps", "cpu_seconds", "seconds", "load"]
 FIELDS += ["psnr", "perceptual", "bits_per_pixel", "psnr_decoded"]
+HEIGHT = 8.0  # inches
+ROOM = 1.6  # ratio by which the axis of seconds is longer than its points at both ends
 SAMPLES = 2_000  # bootstrap samples
 MORE_STROKES = 1.01  # ratio up to which numbers of strokes count as equal: policies end a few strokes apart
 PRESETS = ("quality=draft", "quality=normal", "quality=fine", "quality=best")
@@ -55,17 +57,32 @@ KINDS = {  # label of each group of settings, and the words by which the figure 
     "other looks": ("look=",),
 }
 OTHERS = "steps, strokes, density"
+COLUMNS = {  # columns of the printed table: their titles and decimals
+    "strokes": ("strokes", 0),
+    "cpu_seconds": ("CPU s", 2),
+    "seconds": ("wall s", 2),
+    "psnr": ("PSNR, dB", 2),
+    "perceptual": ("perceptual", 3),
+    "bits_per_pixel": ("bits per pixel", 2),
+}
 FRONTS = {1: "#b0b0b0", 2: "#808080", 4: "#404040"}  # colour of the front for each multiple of the strokes of normal
-MARKS = {"presets": "*", OTHERS: "o", "predictor": "v", "strokes=auto": "D", "other looks": "s"}
+MARKS = {  # marker of each kind, and its size in points
+    "presets": ("*", 13),
+    OTHERS: ("o", 6),
+    "predictor": ("v", 6),
+    "strokes=auto": ("D", 6),
+    "other looks": ("s", 6),
+}
+SIDES = {"left above": ((-6, 5), "right"), "right above": ((5, 7), "left"), "right below": ((6, -11), "left")}
+CROWDED = ("density=fixed coarse=0.5 steps=60",)  # settings whose labels would lie on others
+BESIDE_PREDICTED = ("density=fixed", "optimizer=briefly_shaped")  # words that every such setting has
 SHORT = {  # labels in the figure
     "quality=draft": "draft",
     "quality=normal": "normal",
     "quality=fine": "fine",
     "quality=best": "best",
     "look=oil": "oil",
-    "density=worth_sketch": "strokes=auto worth=sketch",
     "density=worth": "strokes=auto",
-    "density=worth_fine": "strokes=auto worth=fine",
 }
 ANALYTIC = "analytic"
 
@@ -176,32 +193,31 @@ def kind_of(settings: str) -> str:
     return next((kind for kind, words in KINDS.items() if settings.startswith(words)), OTHERS)
 
 
-def show(records: Path, picture: Path | None) -> None:
-    """Print the table, and draw the figure if there is a path for it."""
+def show(records: Path, picture: Path | None = None, regrets: Path | None = None) -> None:
+    """Print the table of presets, other kinds and the front; draw the figure, and write all regrets, if asked to."""
     measured = pd.read_csv(records)
     table = judge(measured)
-    rows = table[["strokes", "cpu_seconds", "seconds", "psnr", "perceptual", "bits_per_pixel", "psnr_decoded"]].copy()
-    rows.insert(0, "settings", [f"**`{name}`**" if name in PRESETS else f"`{name}`" for name in table.index])
-    rows["regret, dB"] = [f"{row.regret:.2f} [{row.low:.2f}, {row.high:.2f}]" for row in table.itertuples()]
-    rows["one setting that is better"] = [
-        f"`{row.instead}` +{row.gain:.2f}" if row.instead else "" for row in table.itertuples()
+    is_shown = [
+        kind_of(name) != OTHERS or not row.instead for name, row in zip(table.index, table.itertuples(), strict=True)
     ]
-    names = {"cpu_seconds": "CPU s", "seconds": "wall s", "psnr": "PSNR, dB", "bits_per_pixel": "bits per pixel"}
-    names |= {"psnr_decoded": "decoded, dB"}
-    digits = {"strokes": 0, "CPU s": 2, "wall s": 2, "PSNR, dB": 2, "perceptual": 3, "bits per pixel": 2}
-    digits |= {"decoded, dB": 2}
-    print(markdown_table(rows.rename(columns=names), digits))
-    pictures, load = measured["picture"].nunique(), measured["load"].mean()
-    print(f"{pictures} pictures, {len(table)} settings, {measured['cpu_seconds'].sum() / 60:.1f} CPU minutes, ", end="")
-    print(f"mean load {load:.1f}")
+    rows = table.loc[is_shown, list(COLUMNS)].rename(columns={name: title for name, (title, _) in COLUMNS.items()})
+    rows.insert(0, "settings", [f"**`{name}`**" if name in PRESETS else f"`{name}`" for name in rows.index])
+    rows["regret, dB"] = [f"{row.regret:.2f} [{row.low:.2f}, {row.high:.2f}]" for row in table[is_shown].itertuples()]
+    print(markdown_table(rows, dict(COLUMNS.values()), escape=False))
+    minutes, load = measured["cpu_seconds"].sum() / 60, measured["load"].mean()
+    print(
+        f"{measured['picture'].nunique()} pictures, {len(table)} settings, {minutes:.1f} CPU minutes, load {load:.1f}"
+    )
     if picture is not None:
         draw(table, picture)
+    if regrets is not None:
+        regrets.write_text(table.drop(columns="load").round(3).to_csv(lineterminator="\n"))
 
 
 def draw(table: pd.DataFrame, path: Path) -> None:
     """Draw PSNR against CPU seconds: all settings with one renderer, and the renderers at one number of strokes."""
-    figure = plotting.new_figure(7.0)
-    everything, renderers = figure.subplots(1, 2, width_ratios=(3, 2), sharey=True)
+    figure = plotting.new_figure(HEIGHT)
+    everything, renderers = figure.subplots(1, 2, width_ratios=(2, 1), sharey=True)
     paint_points(everything, table[[kind_of(name) != "renderers" for name in table.index]])
     paint_renderers(renderers, table)
     for axes in (everything, renderers):
@@ -213,38 +229,46 @@ def draw(table: pd.DataFrame, path: Path) -> None:
     plotting.save_figure(figure, path)
 
 
-def fronts(axes: Axes, table: pd.DataFrame) -> None:
-    """Draw the front of the settings with at most 1, 2 and 4 times the strokes of quality=normal."""
-    normal = table.loc["quality=normal", "strokes"]
+def paint_points(axes: Axes, table: pd.DataFrame) -> None:
+    """Draw settings by kind, and the front of those with at most 1, 2 and 4 times the strokes of quality=normal.
+
+    Labels of settings on a front are to the left above it, most others to the right below their point.
+    """
+    normal, leading = table.loc["quality=normal", "strokes"], set[str]()
     for times, color in FRONTS.items():
         points = table[table["strokes"] <= MORE_STROKES * times * normal]
         leads = points[front(np.stack([points["cpu_seconds"], -points["psnr"]], 1))]
+        leading.update(leads.index)
         seconds, psnr = [*leads["cpu_seconds"], table["cpu_seconds"].max()], [*leads["psnr"], leads["psnr"].max()]
         label = f"front, at most {times * normal:,.0f} strokes"
         axes.step(seconds, psnr, where="post", color=color, linewidth=1.2, label=label, zorder=1)
-
-
-def paint_points(axes: Axes, table: pd.DataFrame) -> None:
-    """Draw settings by kind above the fronts, and label the presets in bold and the others in small letters."""
-    fronts(axes, table)
     kinds = [kind_of(name) for name in table.index]
-    for (kind, marker), color in zip(MARKS.items(), plotting.COLORS, strict=False):
+    for (kind, (marker, size)), color in zip(MARKS.items(), plotting.COLORS, strict=False):
         points = table[[one == kind for one in kinds]]
-        axes.plot(points["cpu_seconds"], points["psnr"], marker, color=color, label=kind, markersize=6)
+        axes.plot(points["cpu_seconds"], points["psnr"], marker, color=color, label=kind, markersize=size)
     for name, x, y in zip(table.index, table["cpu_seconds"], table["psnr"], strict=True):
-        is_preset = name in PRESETS or name == "look=oil"
-        text = SHORT.get(name, name)
-        axes.annotate(
-            text, (x, y), xytext=(5, -3 if not is_preset else 6), textcoords="offset points",
-            fontsize=10 if is_preset else 7, weight="bold" if is_preset else "normal", color=plotting.INK,
-        )  # fmt: skip
-    axes.legend(loc="lower right", fontsize=8, frameon=False)
+        side = "left above" if name in leading and name not in CROWDED else "right below"
+        font: Any = {"fontsize": 8}
+        if kind_of(name) in ("presets", "other looks"):
+            side, font = "right above", {"fontsize": 11, "weight": "bold"}
+        beside: Any = dict(zip(("xytext", "ha"), SIDES[side], strict=True))
+        axes.annotate(label_of(name), (x, y), textcoords="offset points", color=plotting.INK, **beside, **font)
+    axes.set_xlim(table["cpu_seconds"].min() / ROOM, table["cpu_seconds"].max() * ROOM)
+    axes.legend(loc="lower right", fontsize=9, frameon=False)
+
+
+def label_of(settings: str) -> str:
+    """Shorten a setting to its label in the figure."""
+    words = [word for word in settings.split() if word not in BESIDE_PREDICTED]
+    label = SHORT.get(settings, " ".join(words) if settings.startswith("init=") else settings)
+    return label.replace("init=", "").replace("density=", "")
 
 
 def paint_renderers(axes: Axes, table: pd.DataFrame) -> None:
     """Draw the front of each renderer at the number of strokes of quality=normal; analytic strokes as they are."""
     normal = table.loc["quality=normal", "strokes"]
-    table = table[(table["strokes"] <= MORE_STROKES * normal) & [name != "look=oil" for name in table.index]]
+    table = table[table["strokes"] <= MORE_STROKES * normal]
+    table = table[[kind_of(name) != "other looks" for name in table.index]]
     renderers = [renderer_of(name) for name in table.index]
     for renderer, color in zip(dict.fromkeys(sorted(renderers)), plotting.COLORS, strict=False):
         points = table[[one == renderer for one in renderers]]
@@ -271,12 +295,13 @@ def main() -> None:
     for name, of in (("paint", "add paintings to the records"), ("show", "print the table and draw the figure")):
         command = commands.add_parser(name, help=of)
         command.add_argument("records", type=Path)
-    command.add_argument("figure", type=Path, nargs="?")
+    command.add_argument("figure", type=Path, nargs="?", help="PNG to draw")
+    command.add_argument("regrets", type=Path, nargs="?", help="CSV of the means and regrets of all settings to write")
     options = parser.parse_args()
     if options.command == "paint":
         measure(options.records)
     else:
-        show(options.records, options.figure)
+        show(options.records, options.figure, options.regrets)
 
 
 if __name__ == "__main__":
