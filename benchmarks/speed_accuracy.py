@@ -38,7 +38,7 @@ from brushexp.reporting.tables import markdown_table
 from brushexp.system.reading import read_text, yaml_of
 
 EXPERIMENT = Path(__file__).parents[1] / "packages/studies/brushexp_studies/conf/experiment/speed_accuracy.yaml"
-PICTURES = ("astronaut", "street", "coffee", "chelsea", "rocket", "motorcycle")
+PICTURES = ("astronaut", "street", "coffee", "chelsea", "rocket")
 SIDE = 192  # pixels on the longer side
 WARM_SIDE = 48  # the same, of the first paintings, which compile kernels and read weights
 WARM_STEPS = 40  # enough for a change of density
@@ -58,12 +58,9 @@ KINDS = {  # label of each group of settings, and the words by which the figure 
 }
 OTHERS = "steps, strokes, density"
 COLUMNS = {  # columns of the printed table: their titles and decimals
-    "strokes": ("strokes", 0),
     "cpu_seconds": ("CPU s", 2),
-    "seconds": ("wall s", 2),
     "psnr": ("PSNR, dB", 2),
     "perceptual": ("perceptual", 3),
-    "bits_per_pixel": ("bits per pixel", 2),
 }
 FRONTS = {1: "#b0b0b0", 2: "#808080", 4: "#404040"}  # colour of the front for each multiple of the strokes of normal
 MARKS = {  # marker of each kind, and its size in points
@@ -194,12 +191,10 @@ def kind_of(settings: str) -> str:
 
 
 def show(records: Path, picture: Path | None = None, regrets: Path | None = None) -> None:
-    """Print the table of presets, other kinds and the front; draw the figure, and write all regrets, if asked to."""
+    """Print presets, renderers, looks and settings without regret; draw the figure and write all regrets if asked."""
     measured = pd.read_csv(records)
     table = judge(measured)
-    is_shown = [
-        kind_of(name) != OTHERS or not row.instead for name, row in zip(table.index, table.itertuples(), strict=True)
-    ]
+    is_shown = (table["regret"] == 0) | np.array([kind_of(name) not in (OTHERS, "predictor") for name in table.index])
     rows = table.loc[is_shown, list(COLUMNS)].rename(columns={name: title for name, (title, _) in COLUMNS.items()})
     rows.insert(0, "settings", [f"**`{name}`**" if name in PRESETS else f"`{name}`" for name in rows.index])
     rows["regret, dB"] = [f"{row.regret:.2f} [{row.low:.2f}, {row.high:.2f}]" for row in table[is_shown].itertuples()]
