@@ -83,7 +83,8 @@ def print_pixels(names: list[str], folder: Path) -> None:
         truth = np.asarray(255 * load_picture(str(photograph), SEEN_SIDE).movedim(0, 2)).round().astype(np.uint8)
         for pixels in PIXELS:
             side = math.ceil(math.sqrt(pixels * STROKES * 4 / 3))
-            words = ["look=plain", f"strokes={STROKES}", f"working_resolution={side}", "frames=0", "report=false"]
+            words = ["look=plain", "density=adaptive", f"strokes={STROKES}", f"working_resolution={side}"]
+            words += ["frames=0", "report=false"]
             paint(photograph, folder / "run", *words)
             painted = load_picture(str(folder / "run" / "painting.png"), SEEN_SIDE).movedim(0, 2)
             psnr = picture_psnr(np.asarray(255 * painted).round().astype(np.uint8), truth)

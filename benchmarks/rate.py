@@ -144,7 +144,8 @@ def by_strokes(target: np.ndarray) -> Iterator[tuple[str, str, float, float]]:
     from brushexp.contracts.families import Comparison  # noqa: PLC0415
 
     for count in STROKES:
-        painting = brushexp.paint(target, look="plain", strokes=count, steps=STEPS, threads=1, seed=0)
+        keys = {"density": "adaptive", "strokes": count, "steps": STEPS, "threads": 1, "seed": 0}
+        painting = brushexp.paint(target, look="plain", **keys)
         job = painting.finished.job.bare()
         image, goal = (torch.from_numpy(np.array(one)).permute(2, 0, 1) / 255 for one in (job.picture(), target))
         metric = build_named("metric", "bits", {"loss": LOSS})

@@ -50,7 +50,14 @@ def pack(strokes):
 
 def row_of(name):
     """Paint a photograph, print its row of the table, and return both ratios of its bits to the plain packing."""
-    keys = {"look": "plain", "resolution": SIDE, "strokes": STROKES, "steps": STEPS, "threads": 1}
+    keys = {
+        "look": "plain",
+        "density": "adaptive",
+        "resolution": SIDE,
+        "strokes": STROKES,
+        "steps": STEPS,
+        "threads": 1,
+    }
     painting = brushexp.paint(name, **keys)
     job = painting.finished.job.bare()
     canvas, pixels = Canvas(job), painting.target

@@ -2,11 +2,11 @@
 
 import pytest
 import torch
-from brushexp_policies.traced import Traced
 from brushexp_training.tasks import train
 from painters import take
 from test_density import painter_of, picture
 
+from brushexp.plugins.density.traced import Traced
 from brushexp.tasks import paint
 
 pytestmark = [pytest.mark.gpu, pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")]

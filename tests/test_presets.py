@@ -100,6 +100,20 @@ def test_a_draft_takes_fewer_steps_from_strokes_of_a_network_and_the_rates_of_it
     assert (draft.effort, draft.optimizer.lr) == (effort, rate)
 
 
+@pytest.mark.parametrize("preset", ["draft", "glance"])
+def test_a_draft_keeps_the_strokes_of_its_start_except_in_a_medium(preset):
+    densities = [composed(f"quality={preset}", f"look={look}").density for look in ("plain", "even", "oil")]
+    assert [plugin_of(density).name for density in densities] == ["fixed", "fixed", "strays"]
+
+
+def test_a_finer_quality_places_strokes_as_the_look_does_and_otherwise_where_the_error_is():
+    looks = ("plain", "even", "oil", "ink")
+    densities = [composed("quality=fine", f"look={look}").density for look in looks]
+    assert [plugin_of(density).name for density in densities[:3]] == ["traced", "adaptive", "strays"]
+    assert densities[3] == composed("look=ink").density, "a medium keeps its own"
+    assert densities[0] == composed("look=plain").density, "with the options of the look"
+
+
 def test_a_draft_keeps_an_optimizer_that_a_look_tunes(tmp_path):
     (tmp_path / "look").mkdir()
     (tmp_path / "look" / "still.yaml").write_text("# @package _global_\n# it\noptimizer:\n  units: {position: 0}\n")

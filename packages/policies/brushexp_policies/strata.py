@@ -7,8 +7,8 @@ from torch import Tensor
 
 from brushexp.contracts import at_least, between, register
 from brushexp.contracts.families import DensificationState
+from brushexp.contracts.members import Traced
 from brushexp.contracts.strokes import Strokes
-from brushexp_policies.traced import Traced
 
 
 @register("density", "strata")

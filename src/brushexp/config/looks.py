@@ -79,6 +79,14 @@ def density_of_quality(look: str, density: str) -> str:
     return str(choices_of(node, PaintTask.groups)["density"]) if node.get(KEEPS_SIZE) else density
 
 
+def placing_density(look: str, density: str) -> str:
+    """Choose the density policy of a finer quality: ``density``, unless the look chooses one or keeps the size."""
+    node = ConfigStore.instance().load(f"look/{look}.yaml").node
+    chosen = str(choices_of(node, PaintTask.groups)["density"])
+    is_own = node.get(KEEPS_SIZE) or chosen != PaintTask.groups["density"]
+    return chosen if is_own else density
+
+
 def by_quality(nearer: Any, finished: Any, *, _root_: DictConfig) -> Any:
     """Resolve a value in a quality preset: ``finished`` if the look's strokes keep their size, otherwise ``nearer``."""
     return finished if _root_[KEEPS_SIZE] else nearer
@@ -86,6 +94,7 @@ def by_quality(nearer: Any, finished: Any, *, _root_: DictConfig) -> Any:
 
 OmegaConf.register_new_resolver("by_quality", by_quality, replace=True)
 OmegaConf.register_new_resolver("density_of_quality", density_of_quality, replace=True)
+OmegaConf.register_new_resolver("placing_density", placing_density, replace=True)
 OmegaConf.register_new_resolver("start_of_draft", start_of_draft, replace=True)
 OmegaConf.register_new_resolver("scaled", scale, replace=True)
 OmegaConf.register_new_resolver("fast_start", fast_start, replace=True)

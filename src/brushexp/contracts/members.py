@@ -6,6 +6,7 @@ from brushexp.plugins.color.rgb import Rgb
 from brushexp.plugins.density._rounds import CHANNELS, Rounds
 from brushexp.plugins.density._worst_places import new_strokes
 from brushexp.plugins.density.fixed import Fixed
+from brushexp.plugins.density.traced import Traced
 from brushexp.plugins.export._prints import CM, DPI, Compression, PrintExporter, Sheet, SheetExporter, over_white
 from brushexp.plugins.export.svg import profile_of, soft_edge
 from brushexp.plugins.init.layers import FAR_AWAY, InLayers
@@ -35,6 +36,7 @@ __all__ = [
     "Textured",
     "Tiled",
     "TorchOptim",
+    "Traced",
     "Whole",
     "close_loop",
     "new_strokes",

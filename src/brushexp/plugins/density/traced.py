@@ -7,11 +7,13 @@ from typing import Annotated
 import numpy as np
 from torch import Tensor
 
-from brushexp.contracts import at_least, register
-from brushexp.contracts.families import DensificationState
-from brushexp.contracts.members import CHANNELS, Rounds
-from brushexp.contracts.pictures import along_edges, sampled_at, structure_tensor
-from brushexp.contracts.strokes import Strokes, roomy_window, strokes_along
+from brushexp.bounds import at_least
+from brushexp.pictures.structure import along_edges, sampled_at, structure_tensor
+from brushexp.plugins.density._rounds import CHANNELS, Rounds
+from brushexp.plugins.density.base import DensificationState
+from brushexp.registry import register
+from brushexp.strokes.bezier import roomy_window, strokes_along
+from brushexp.strokes.catalogue import Strokes
 
 POINTS = 10  # number of steps of a line to each side of its seed
 STEP = 1.2  # length of a step, in pixels of the picture on which lines of a width are sought
