@@ -135,9 +135,9 @@ def takes_fractions(key: str) -> bool:
 def with_decimal_points(value: str) -> str | None:
     """Replace decimal commas with points in a number or a size such as 29,7x21; None for other values.
 
-    >>> with_points("30,5"), with_points("1.000,5"), with_points("-1,5e-3"), with_points("29,7x21")
-    ('30.5', '1000.5', '-1.5e-3', '29.7x21')
-    >>> with_points("30.5"), with_points("1,2,3"), with_points("a,5")
+    >>> [with_decimal_points(value) for value in ("30,5", "1.000,5", "-1,5e-3", "29,7x21")]
+    ['30.5', '1000.5', '-1.5e-3', '29.7x21']
+    >>> with_decimal_points("30.5"), with_decimal_points("1,2,3"), with_decimal_points("a,5")
     (None, None, None)
     """
     parts = [DECIMAL_COMMA.fullmatch(part) for part in value.split("x")]
@@ -189,13 +189,14 @@ def wrong_type(text: str, task: str) -> str | None:
 def guess_value(value: str, kind: Any, meaning: str) -> str | None:
     """Guess what the user meant by a unit, a size, a word for none, or text in place of a list; None if unknown.
 
-    >>> meant_by("512px", int, ""), meant_by("1920x1080", int, ""), meant_by("2min", float, "")
+    >>> guess_value("512px", int, ""), guess_value("1920x1080", int, ""), guess_value("2min", float, "")
     ('512', '1920', '120')
-    >>> meant_by("all", int, "cores; null = all"), meant_by("none", int, "frames; 0 = none"), meant_by("many", int, "")
-    ('null', '0', None)
-    >>> meant_by("1e3", int, ""), meant_by("50%", int, ""), meant_by("1:30", float, "seconds of optimisation")
+    >>> guess_value("all", int, "cores; null = all"), guess_value("none", int, "frames; 0 = none")
+    ('null', '0')
+    >>> guess_value("many", int, "")
+    >>> guess_value("1e3", int, ""), guess_value("50%", int, ""), guess_value("1:30", float, "seconds of optimisation")
     ('1000', None, '90')
-    >>> meant_by("mask.png", list[str], "parts to measure"), meant_by("[a: 1]", list[str], "")
+    >>> guess_value("mask.png", list[str], "parts to measure"), guess_value("[a: 1]", list[str], "")
     ('[mask.png]', None)
     """
     if kind not in (int, float):

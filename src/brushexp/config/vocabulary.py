@@ -68,10 +68,10 @@ def members_of_group(group: str) -> set[str]:
 def switch_spelling(text: str) -> str:
     """Switch colour, grey, optimiser and analyse between British and American spelling.
 
-    >>> respelt("watercolor"), respelt("style.colours"), respelt("grey")
+    >>> switch_spelling("watercolor"), switch_spelling("style.colours"), switch_spelling("grey")
     ('watercolour', 'style.colors', 'gray')
-    >>> respelt("optimiser"), respelt("renderer.normalization"), respelt("analyze"), respelt("noise")
-    ('optimizer', 'renderer.normalisation', 'analyse', 'noise')
+    >>> [switch_spelling(text) for text in ("optimiser", "renderer.normalization", "analyze", "noise")]
+    ['optimizer', 'renderer.normalisation', 'analyse', 'noise']
     """
     pairs = {"colour": "color", "color": "colour", "grey": "gray", "gray": "grey"}
     pairs |= {"is": "iz", "iz": "is", "lys": "lyz", "lyz": "lys"}
@@ -81,7 +81,7 @@ def switch_spelling(text: str) -> str:
 def respell_task(word: str) -> str:
     """Respell a command-line argument if that makes it the name of a task.
 
-    >>> as_task("analyze"), as_task("task=analyze"), as_task("optimiser")
+    >>> respell_task("analyze"), respell_task("task=analyze"), respell_task("optimiser")
     ('analyse', 'task=analyse', 'optimiser')
     """
     spelt = switch_spelling(word)

@@ -49,7 +49,7 @@ class InLayers(Initializer):
         width: stroke width, in the layer's mean stroke spacing.
         calm: weight of a nearly horizontal direction, relative to the mean structure of the picture; it keeps strokes
             in a sky from circling distant objects.
-        shadows: how colour differences depend on brightness, from not at all (0) to Weber's law (1).
+        shadows: dependence of differences on brightness, from none (0) to Weber's law (1).
         edges: colour difference from the picture at which a stroke ends, 0 to 1; smaller values follow edges more
             closely.
         underpainting: whether the lowest layer hides the ground with broader strokes that do not stop at edges.
