@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 import torch
-from brushexp_media.init.drawing import EDGE, LOST, contours, dark_features, forms
+from brushexp_media.init.contours import contours
+from brushexp_media.init.drawing import EDGE, LOST, dark_features
+from brushexp_media.init.hatching import forms
 from brushexp_media.picture.lines import find_apart
 from brushexp_media.picture.outlines import find_outlines, strokes_over
 

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from brushexp_media.init.drawing import ANGLES, DEPTHS, TURN, forms, hatching
+from brushexp_media.init.drawing import DEPTHS
+from brushexp_media.init.hatching import ANGLES, TURN, forms, hatching
 from brushexp_media.init.rows import CLOSEST_MARKS, WIDER
 from brushexp_media.marks import DRAWN, DRY, KINDS, LEVELS, VARIANTS, WITH_DRY_ENDS
 from brushexp_media.picture.lines import LUMA, edge_lines, luminance

@@ -75,16 +75,20 @@ def start_of_draft(look: str, family: str) -> str:
 
 def density_of_quality(look: str, density: str) -> str:
     """Choose the density policy of a quality: the look's own if its strokes keep their size, otherwise ``density``."""
-    node = ConfigStore.instance().load(f"look/{look}.yaml").node
-    return str(choices_of(node, PaintTask.groups)["density"]) if node.get(KEEPS_SIZE) else density
+    chosen, keeps_size = _density_of(look)
+    return chosen if keeps_size else density
 
 
-def placing_density(look: str, density: str) -> str:
-    """Choose the density policy of a finer quality: ``density``, unless the look chooses one or keeps the size."""
+def density_of_look(look: str, density: str) -> str:
+    """Choose like `density_of_quality`, but a look's own policy also if it differs from the task's."""
+    chosen, keeps_size = _density_of(look)
+    return chosen if keeps_size or chosen != PaintTask.groups["density"] else density
+
+
+def _density_of(look: str) -> tuple[str, bool]:
+    """Return the density policy of a look, and whether its strokes keep their size."""
     node = ConfigStore.instance().load(f"look/{look}.yaml").node
-    chosen = str(choices_of(node, PaintTask.groups)["density"])
-    is_own = node.get(KEEPS_SIZE) or chosen != PaintTask.groups["density"]
-    return chosen if is_own else density
+    return str(choices_of(node, PaintTask.groups)["density"]), bool(node.get(KEEPS_SIZE))
 
 
 def by_quality(nearer: Any, finished: Any, *, _root_: DictConfig) -> Any:
@@ -94,7 +98,7 @@ def by_quality(nearer: Any, finished: Any, *, _root_: DictConfig) -> Any:
 
 OmegaConf.register_new_resolver("by_quality", by_quality, replace=True)
 OmegaConf.register_new_resolver("density_of_quality", density_of_quality, replace=True)
-OmegaConf.register_new_resolver("placing_density", placing_density, replace=True)
+OmegaConf.register_new_resolver("density_of_look", density_of_look, replace=True)
 OmegaConf.register_new_resolver("start_of_draft", start_of_draft, replace=True)
 OmegaConf.register_new_resolver("scaled", scale, replace=True)
 OmegaConf.register_new_resolver("fast_start", fast_start, replace=True)

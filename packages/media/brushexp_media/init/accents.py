@@ -7,7 +7,7 @@ import torch
 
 from brushexp.contracts.pictures import sampled_at
 from brushexp.contracts.strokes import Strokes
-from brushexp_media.init.drawing import contours
+from brushexp_media.init.contours import contours
 
 Array = np.ndarray
 DARK, LIGHT = 0.45, 0.6  # mean of RGB above which there are no dark accents, and below which no light ones

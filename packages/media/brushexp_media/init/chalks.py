@@ -14,9 +14,10 @@ from brushexp.contracts.members import InLayers
 from brushexp.contracts.pictures import sampled_at, structure_tensor
 from brushexp.contracts.strokes import Strokes
 from brushexp_media.init.accents import accents
-from brushexp_media.init.drawing import ANGLES, forms, hatching, noise_of
+from brushexp_media.init.hatching import ANGLES, forms, hatching
 from brushexp_media.init.ink import strokes_of
 from brushexp_media.marks import RUBBED, VARIANTS
+from brushexp_media.picture.noise import noise_of
 
 Array = np.ndarray
 BLUR = 0.004  # standard deviation of the blur under hatching, in longer sides

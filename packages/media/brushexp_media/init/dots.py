@@ -22,7 +22,7 @@ SHADOW = 56.0  # L* below which an undertouch is in shadow
 WHITE = 87.0  # L* above which an undertouch keeps its colour
 DULL, DUSK, MUTED, COOL = 0.92, 0.15, 0.6, 40.0  # of touches: lightness over the place's, less in shadow; chroma; blue
 OPPOSITE, LIGHT = 0.15, 0.2  # shares of dots of the complementary hue, and of the colour of the light
-OPPOSED, PURER = 0.55, 0.55  # shift of complementary and of purer dots, relative to those of the light
+PURER = 0.55  # shift of purer and of complementary dots, relative to dots of the colour of the light
 TURNED, UNEVEN = 0.3, 0.08  # standard deviation between dots: hue in radians, and L* relative to chroma
 
 
@@ -74,7 +74,7 @@ class Dots(Initializer):
         angle = torch.atan2(hue[:, 1], hue[:, 0]) + TURNED * turn
         own = torch.stack([angle.cos(), angle.sin()], 1)
         of_light = torch.where(lab[:, :1] > SHADE, WARM, -WARM)
-        by = torch.where(kind < OPPOSITE, -OPPOSED * own, torch.where(kind < OPPOSITE + LIGHT, of_light, PURER * own))
+        by = torch.where(kind < OPPOSITE, -PURER * own, torch.where(kind < OPPOSITE + LIGHT, of_light, PURER * own))
         room = (1 - (lab[:, :1] / 50 - 1).abs()).clamp_min(0).sqrt()  # neither black nor white has a hue
         size = (strokes.width * strokes.scale).double()[:, None]
         room = room * (size / size.max()) ** CALMER

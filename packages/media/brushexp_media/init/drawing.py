@@ -1,6 +1,5 @@
 """Place strokes as in an ink drawing: washes in the shapes of shadows, hatching, contours and the darkest accents."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated
@@ -11,34 +10,17 @@ from torch import Tensor
 
 from brushexp.contracts import Rule, UserError, above, between, register
 from brushexp.contracts.families import Initializer
-from brushexp.contracts.pictures import (
-    along_edges,
-    flattened,
-    named_color,
-    sampled_at,
-    sharpness,
-    structure_tensor,
-    worst_of_cells,
-)
+from brushexp.contracts.pictures import flattened, named_color, sampled_at, structure_tensor
 from brushexp.contracts.strokes import Strokes
+from brushexp_media.init.contours import LOOKED_AT, TINY, contours
 from brushexp_media.init.dark_shapes import DarkShapes
+from brushexp_media.init.hatching import ANGLES, EVEN, forms, hatching
 from brushexp_media.init.ink import INKED, rgb_of, strokes_of
 from brushexp_media.init.washes import between_tones, cleaned, filled
-from brushexp_media.picture.lines import (
-    BESIDE,
-    SIGMA,
-    anisotropy_of,
-    edge_lines,
-    find_apart,
-    followed,
-    luminance,
-    points_of,
-)
-from brushexp_media.picture.noise import fractal_noise
-from brushexp_media.picture.outlines import SPACING, find_outlines, strokes_over
+from brushexp_media.picture.lines import edge_lines, luminance
+from brushexp_media.picture.noise import noise_of
 
 Array = np.ndarray
-ANGLES = (-0.9, -0.7, -0.4)  # angles of hatching in radians, starting with that of the half tones
 BROADEST = 0.06  # width of a wash, in longer sides
 DEPTHS = (0.9, 2.4, 6.5)  # successive washes, as powers of the colour of the first
 LEAST_WASH = 0.003  # share of the picture below which a shape is no wash, and a hole in a wash is filled
@@ -47,30 +29,14 @@ DEEPEST = 0.33  # largest colour channel of a pixel that gets an accent
 FEATURE_BLUR = 0.0016  # standard deviation of the blur under features, in longer sides
 FEATURE_SIZES = ((0.02, 0.15, 0.5), (0.05, 0.3, 0.2))  # breadth, least depth, darkest lightness of features
 SPECK = 1.2e-3  # smallest accent relative to the area of attention
-LOOKED_AT = 0.3  # share of the largest focus above which a pixel is in the area of attention
 EDGE, LOST = 0.05, 0.7  # softness of the edge of a wash, and additional softness of a lost edge, in stroke widths
 FOUND = 5.0  # slope of darkness, per longer side, above which the edge of a wash is sharp
-CRISP = 0.3  # sharpness of an edge that gets a full contour, relative to the sharpest
-FRAME = 0.018  # longer sides from the edge of the picture within which lines are no contours
 SMOOTH, SMOOTH_WASH = 0.004, 0.008  # standard deviation of the blur of tones under hatching and washes, in longer sides
 FLAT_AT = 768  # longer side in pixels at which ``flatness`` is the weight of total variation
 MARGIN, WAVER, WAVES = 0.022, 0.35, 0.06  # longer sides that stay bare; deviation of its edge over it; longer sides
-FAINTEST = 0.12  # strength below which no line is drawn
-FEATURES = 0.35  # share of contours that are fine lines in areas of attention
-BOLD = 0.35  # share of the other contours that are single strokes, where edges are strong and straight
-SHADED = 0.6  # weakening of outlines in areas of attention, so that shading around eyes gets none
-FINER = 0.55  # size of fine contours relative to the others
 SPARED = 0.4  # share of darkness that hatching leaves to lines in areas of attention
-SUBTLE = 0.004  # least difference of fine features, relative to the lightness around them
-SPARSE = 0.3  # share of hatching lines that remain where hatching begins
 GROUPS, SWAY = 0.09, 0.12  # longer sides between groups of lines, and their rotation in radians
-PRESSED, LONGER = 0.3, 0.45  # standard deviations of the logarithms of width and length of hatching lines
-SHORTEST_LINE = 0.3  # share of the full length below which a contour is dropped
-MORE, APART = 3, 0.7  # lines traced per line drawn; least distance between two of them in widths
-FORM, TURN = 0.02, 0.9  # standard deviation of the blur of forms in longer sides; turn of hatching with forms, radians
-WEAK = 0.5  # strength of a form, relative to the mean, below which hatchings follow it less
-EVEN = 0.02  # margin of darkness that still counts as dark, so that even areas are not omitted
-TINY = 1e-9  # variation below which focus or sharpness counts as uniform
+PRESSED = 0.3  # standard deviation of the logarithm of the width of hatching lines
 INK = Rule(named_color)
 
 
@@ -198,63 +164,6 @@ class Drawing(Initializer):
         return 0.001 * self.width * side
 
 
-def contours(picture: Array, n: int, length: float, width: float, color: Array, focus: Array | None = None) -> Strokes:
-    """Draw n contours of a picture (3, H, W): single bold lines, outlines, and fine lines in the focus.
-
-    Single lines run along strong straight edges. Outlines, as chains of strokes, follow the other edges, the longest
-    and strongest first. ``length`` and ``width``, in pixels, are the largest of a stroke. With a focus (H, W), a share
-    of the strokes draws faint features there, such as eyes and mouths. Blurred edges have no contour.
-    """
-    side = max(picture.shape)
-    frame = round(FRAME * side)
-    inner = np.pad(np.ones(np.array(picture.shape[1:]) - 2 * frame), frame) if min(picture.shape[1:]) > 2 * frame else 0
-    sharp = sharpness(torch.from_numpy(picture)).numpy()
-    crisp = (sharp / max(CRISP * float(sharp.max()), TINY)).clip(0, 1)
-    straight = anisotropy_of(structure_tensor(picture, max(1.0, SMOOTH_WASH * side)))
-    clear, looked_at = inner * crisp, np.zeros(picture.shape[1:]) if focus is None else focus / focus.max()
-    few = 0 if focus is None else round(FEATURES * n)
-    bold = round(BOLD * (n - few))
-    flow = along_edges(structure_tensor(picture, max(1.0, SMOOTH * side)))
-    coarse = np.maximum(edge_lines(picture), 0.8 * edge_lines(picture, 2.0)) * clear
-    single = _traced(coarse, flow, straight, bold, length, width)
-    clear = clear * straight * (1 - SHADED * looked_at)
-    parts = [single, _outlined(picture, clear, single[0], n - few - bold, length, width)]
-    if few:
-        attended = looked_at > LOOKED_AT
-        faint = _fine_lines(picture, SUBTLE) * inner * attended * looked_at**1.5
-        parts.append(_traced(faint, flow, straight, few, FINER * length, FINER * width, float(attended.sum())))
-    curve, across = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return strokes_of(curve, across, across > 0, color, n)
-
-
-def _outlined(picture: Array, clear: Array, drawn: Array, n: int, length: float, width: float) -> tuple[Array, Array]:
-    """Follow the outlines in a picture (3, H, W) with at most n curves (m, 3, 2) and their widths (m,), broad first.
-
-    There are none where a ``drawn`` curve (k, 3, 2) runs, or where edges are not ``clear`` (H, W).
-    """
-    side, near = max(picture.shape), max(1, round(APART * width))
-    taken, curves, widths = np.zeros(picture.shape[1:], bool), [np.zeros((0, 3, 2))], [np.zeros(0)]
-    _take(taken, points_of(drawn).reshape(-1, 2), near)
-    for scale, broad, lowest in ((2.0, 1.0, 0.8 * FAINTEST), (1.0, FINER, 1.6 * FAINTEST)):
-        lines = find_outlines(luminance(picture), max(0.7, scale * SIGMA * side), clear, lowest, 2 * lowest)
-        lines.sort(key=lambda line: -float(line[1].sum()))
-        for points, strength in lines:
-            x, y = points.astype(int).T
-            if taken[y, x].mean() > BESIDE or len(points) * SPACING < SHORTEST_LINE * length:
-                continue
-            curve, middle = strokes_over(points, 0.5 * length)
-            curves.append(curve)
-            widths.append(broad * width * (0.35 + 0.65 * strength[middle]))
-            _take(taken, points, near)
-    return np.concatenate(curves)[:n], np.concatenate(widths)[:n]
-
-
-def _take(taken: Array, points: Array, near: int) -> None:
-    """Mark in a map (H, W) the pixels within ``near`` pixels of points (n, 2: x, y), along each axis."""
-    for column, row in points.astype(int).tolist():
-        taken[max(row - near, 0) : row + near + 1, max(column - near, 0) : column + near + 1] = True
-
-
 def dark_features(lightness: Array) -> Array:
     """Find pupils, lids, nostrils and the like (H, W), 0 or 1: dark shapes with lighter surroundings on all sides."""
     from scipy.ndimage import black_tophat, gaussian_filter  # noqa: PLC0415  (slow to import)
@@ -267,39 +176,6 @@ def dark_features(lightness: Array) -> Array:
     return found.astype(np.float64)
 
 
-def _fine_lines(picture: Array, least: float) -> Array:
-    """Find the lines (H, W) of a picture (3, H, W) that are at most as thick as a pen line."""
-    return np.maximum(*(edge_lines(picture, scale, least) for scale in (FINER, 1.0)))
-
-
-def _traced(
-    lines: Array, flow: Array, straight: Array, n: int, length: float, width: float, area: float | None = None
-) -> tuple[Array, Array]:
-    """Trace at most n lines of a strength map (H, W) along a flow (H, W): curves (m, 3, 2), and widths (m,).
-
-    Those in ``straight`` areas (H, W) come first. There is at most one line in each of the cells that divide an
-    ``area`` in pixels, or the whole map.
-    """
-    _, x, y = worst_of_cells(lines, max(2, round(0.6 * math.sqrt((area or lines.size) / max(n, 1)))))
-    strength = sampled_at(lines, x, y)
-    best = np.argsort(-strength * sampled_at(straight, x, y), kind="stable")[: MORE * n]
-    places, strength = np.stack([x, y], 1)[best] + 0.5, strength[best]
-    pressed = 0.35 + 0.65 * strength
-    curve = followed(places, flow, 0.5 * length * pressed, lines, FAINTEST)
-    seen = (strength > FAINTEST) & (np.linalg.norm(curve[:, 2] - curve[:, 0], axis=1) > SHORTEST_LINE * length)
-    kept = find_apart(curve[seen], lines.shape, APART * width)[:n]
-    return curve[seen][kept], (width * pressed)[seen][kept]
-
-
-def forms(picture: Array) -> Array:
-    """Compute the angle (H, W) by which hatching follows the forms of a picture (3, H, W): radians, at most `TURN`."""
-    tensor = structure_tensor(picture, FORM * max(picture.shape))
-    angle = (along_edges(tensor) - ANGLES[0] + math.pi / 2) % math.pi - math.pi / 2
-    strength = tensor[0] + tensor[2]
-    turned: Array = angle.clip(-TURN, TURN) * (strength / (WEAK * strength.mean() + TINY)).clip(0, 1)
-    return turned
-
-
 def _within_margin(size: tuple[int, ...], random: np.random.Generator) -> Array:
     """Mark the area (H, W) within the draughtsman's margin, whose edge wavers."""
     y, x = (np.minimum(np.arange(side), np.arange(side)[::-1]) / max(size) for side in size)
@@ -307,34 +183,9 @@ def _within_margin(size: tuple[int, ...], random: np.random.Generator) -> Array:
     return reach > MARGIN * (1 + WAVER * noise_of(size, WAVES, random))
 
 
-def noise_of(size: tuple[int, ...], cell: float, random: np.random.Generator) -> Array:
-    """Compute noise (H, W) of mean 0 and standard deviation 1, with cells of ``cell`` longer sides."""
-    y, x = (torch.arange(side, dtype=torch.float64) / (cell * max(size)) for side in size)
-    noise = fractal_noise(x.expand(len(y), -1), y[:, None].expand(-1, len(x)), int(random.integers(2**31)), 2)
-    return noise.double().numpy()
-
-
 def _swayed(turned: Array, random: np.random.Generator) -> Array:
     """Vary the angles of hatching (H, W), in radians, slightly from one group of lines to the next."""
     return turned + SWAY * noise_of(turned.shape, GROUPS, random)
-
-
-def hatching(
-    dark: Array, tone: float, angle: float, turned: Array, gap: float, length: float, random: np.random.Generator
-) -> Array:
-    """Draw curves (n, 3, 2) about ``gap`` pixels apart where a map (H, W) exceeds ``tone``; ``turned`` is (H, W)."""
-    height, width = dark.shape
-    half = 0.5 * math.hypot(height, width)
-    u, v = np.meshgrid(np.arange(-half, half, 0.8 * length), np.arange(-half, half, gap))
-    u = u + length * (random.uniform(-0.5, 0.5, len(v))[:, None] + 0.15 * random.standard_normal(u.shape))
-    v = v + 0.4 * gap * random.standard_normal(v.shape)
-    c, s = math.cos(angle), math.sin(angle)
-    places = np.stack([width / 2 + c * u - s * v, height / 2 + s * u + c * v], -1).reshape(-1, 2)
-    places = places[((places >= 0) & (places < (width, height))).all(1)]
-    deeper = (sampled_at(dark, *places.T) - tone) / max(1 - tone, EVEN)
-    places = places[(deeper > 0) & (random.random(len(places)) < SPARSE + (1 - SPARSE) * 1.4 * deeper)]
-    reach = 0.5 * length * random.lognormal(-0.4, LONGER, len(places))
-    return followed(places, angle + turned, reach, dark, tone)
 
 
 def slope_of(luma: Array) -> Array:

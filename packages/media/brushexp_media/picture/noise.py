@@ -3,6 +3,7 @@
 import math
 from functools import lru_cache
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -61,3 +62,10 @@ def drawn_out(noise: Tensor, angle: Tensor, reach: float) -> Tensor:
     The standard deviation is preserved.
     """
     return EVENED * averaged_along(noise[None], angle, reach)[0]
+
+
+def noise_of(size: tuple[int, ...], cell: float, random: np.random.Generator) -> np.ndarray:
+    """Compute noise (H, W) of mean 0 and standard deviation 1, with cells of ``cell`` longer sides."""
+    y, x = (torch.arange(side, dtype=torch.float64) / (cell * max(size)) for side in size)
+    noise = fractal_noise(x.expand(len(y), -1), y[:, None].expand(-1, len(x)), int(random.integers(2**31)), 2)
+    return noise.double().numpy()

@@ -1,9 +1,9 @@
 """Correct figures for the error of recovery, known from paintings whose strokes are known.
 
 Recovery loses short strokes, cuts hidden ends and rounds widths, in every view alike. `RecoveryError` holds how far the
-true figures of known paintings lay from the measured ones. Two predictors tell part of it: how sure recovery is of the
-strokes, and how elongated they look. Each draw of a figure is combined with errors of the known paintings, so that
-the median of the draws is corrected for the mean error and their spread includes its variation.
+true figures of known paintings lay from the measured ones. Two predictors explain part of it: the confidence of
+recovery in its strokes, and their elongatedness. Each draw of a figure is combined with errors of the known paintings,
+so that the median of the draws is corrected for the mean error and their spread includes its variation.
 
 `brushexp_recovery.train.errors_of_measures` fits the errors.
 """
@@ -11,6 +11,7 @@ the median of the draws is corrected for the mean error and their spread include
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -33,12 +34,12 @@ class ErrorOfMeasure:
 
     mean: float
     slopes: Array  # (2,) change of the mean by standardised `predictors_of`
-    rest: Array  # (P,) error of each known painting beside the mean fitted to the other kinds of paintings
+    rest: Array  # (P,) error of each known painting minus the mean fitted to the other kinds of paintings
 
     def sample(self, at: Array) -> Array:
-        """List errors (`SAMPLES`,) of equal chance for standardised predictors (2,).
+        """List equally probable errors (`SAMPLES`,) for standardised predictors (2,).
 
-        A new painting errs more than all P known ones, to one side, with a chance of 1 / (P + 1).
+        With a probability of 1 / (P + 1) on each side, the error of a new painting exceeds that of all P known ones.
         """
         chances = (np.arange(SAMPLES) + 0.5) / SAMPLES
         errors: Array = self.mean + at @ self.slopes + np.quantile(self.rest, chances, method="weibull")
@@ -52,7 +53,7 @@ class RecoveryError:
     weights: str  # hash of the weights
     paintings: tuple[str, ...]  # (P,) names
     predictors: Array  # (P, 2) `predictors_of` the paintings
-    errors: Mapping[str, ErrorOfMeasure]  # by `MEASURES`
+    errors: Mapping[str, ErrorOfMeasure]  # by name in `MEASURES`
 
     def correct(self, draws: Draws, confidence: Array) -> Draws:
         """Combine draws (views, draws) with all errors to draws (views, draws * `SAMPLES`).
@@ -73,7 +74,7 @@ class RecoveryError:
 
 
 def predictors_of(confidence: Any, elongatedness: Any) -> Array:
-    """Compute what predicts errors (..., 2) from the mean confidence and the median elongatedness of found strokes."""
+    """Compute the predictors of errors (..., 2): the mean confidence and median elongatedness of the found strokes."""
     return np.stack([log_odds(np.clip(confidence, *SURE)), np.log(elongatedness)], -1)
 
 
@@ -98,6 +99,7 @@ def move(values: Array, error: Array, measure: Measure) -> Array:
     return values * np.exp(error)
 
 
+@cache
 def read_errors(path: Path = FILE) -> RecoveryError:
     """Read the errors of the shipped weights."""
     data = json.loads(path.read_text(encoding="utf-8"))

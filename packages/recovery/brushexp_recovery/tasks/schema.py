@@ -77,7 +77,7 @@ class MeasureTask(Task):
     views: int = key(6, "number of views used for intervals: the photograph and small changes of it", between(1, 50))
     draws: int = key(40, "number of samples of strokes by their confidence from each view", between(1, 1000))
     correct: bool = key(
-        True, "whether figures and intervals contain recovery's error; false if you have corrected the strokes by hand"
+        True, "whether figures are corrected for recovery's error; false if you have corrected the strokes by hand"
     )
     threshold: float = key(0.5, "minimum confidence of the strokes that the page shows at first", between(0, 1))
     seed: int = key(0, "seed of views and draws", at_least(0))

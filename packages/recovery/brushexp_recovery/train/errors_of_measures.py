@@ -20,7 +20,7 @@ from brushexp_recovery.measure.recovery_error import (
 Array = NDArray[Any]
 
 EDGE = 1e-3  # shares are kept this far from 0 and 1
-LEAST = 1.0  # pixels or degrees; smaller values count as this one, because the ratio of tiny values says nothing
+LEAST = 1.0  # pixels or degrees; smaller values count as this one, because ratios of tiny values are meaningless
 RIDGE = 0.3  # penalty of squared slopes, in mean squares of a standardised predictor
 DIGITS = 4  # decimals in the file
 
@@ -63,8 +63,8 @@ def error_between(true: Array, measured: Array, measure: Measure) -> Array:
 def fit_error(error: Array, predictors: Array, kinds: Array, measure: Measure) -> ErrorOfMeasure:
     """Fit the error (P,) of a measure to the predictors (P, 2) of paintings of some ``kinds`` (P,).
 
-    The rest of each painting is its error beside the mean fitted to the paintings of the other kinds, so that it also
-    contains how kinds differ.
+    The rest of each painting is its error minus the mean fitted to the paintings of the other kinds, so it also
+    contains the differences between kinds.
     """
     at, rest = standardise(predictors, predictors), np.empty(len(error))
     for one in set(kinds):
@@ -75,7 +75,7 @@ def fit_error(error: Array, predictors: Array, kinds: Array, measure: Measure) -
 
 
 def _fit_plane(at: Array, error: Array, measure: Measure) -> tuple[float, Array]:
-    """Fit mean and slopes by ridge regression; directions err to both sides alike, so theirs are 0."""
+    """Fit mean and slopes by ridge regression; directions err equally to both sides, so their mean and slopes are 0."""
     if measure.axial:
         return 0.0, np.zeros(at.shape[1])
     middle, mean = at.mean(0), error.mean()

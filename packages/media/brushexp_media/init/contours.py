@@ -1,0 +1,131 @@
+"""Draw the contours of a picture: bold single lines, outlines as chains of strokes, and fine features."""
+
+import math
+
+import numpy as np
+import torch
+
+from brushexp.contracts.pictures import along_edges, sampled_at, sharpness, structure_tensor, worst_of_cells
+from brushexp.contracts.strokes import Strokes
+from brushexp_media.init.ink import strokes_of
+from brushexp_media.picture.lines import (
+    BESIDE,
+    SIGMA,
+    anisotropy_of,
+    edge_lines,
+    find_apart,
+    followed,
+    luminance,
+    points_of,
+)
+from brushexp_media.picture.outlines import SPACING, find_outlines, strokes_over
+
+Array = np.ndarray
+FLOW_BLUR, STRAIGHT_BLUR = 0.004, 0.008  # blur of the flow and of the straightness of edges, in longer sides
+LOOKED_AT = 0.3  # share of the largest focus above which a pixel is in the area of attention
+CRISP = 0.3  # sharpness of an edge that gets a full contour, relative to the sharpest
+FRAME = 0.018  # longer sides from the edge of the picture within which lines are no contours
+FAINTEST = 0.12  # strength below which no line is drawn
+FEATURES = 0.35  # share of contours that are fine lines in areas of attention
+BOLD = 0.35  # share of the other contours that are single strokes, where edges are strong and straight
+SHADED = 0.6  # weakening of outlines in areas of attention, so that shading around eyes gets none
+LIGHTEST = 0.35  # width of the faintest lines relative to the strongest
+OUTLINE_LENGTH = 0.5  # length of the strokes of an outline, relative to that of single lines
+FADING = 1.5  # exponent of the focus by which faint features fade
+FINER = 0.55  # size of fine contours relative to the others
+SUBTLE = 0.004  # least difference of fine features, relative to the lightness around them
+SHORTEST_LINE = 0.3  # share of the full length below which a contour is dropped
+MORE, APART = 3, 0.7  # lines traced per line drawn; least distance between two of them in widths
+TINY = 1e-9  # variation below which focus or sharpness counts as uniform
+SCALES = ((2.0, 1.0, 0.8 * FAINTEST), (1.0, FINER, 1.6 * FAINTEST))  # scale, relative width, strength of outlines
+FINEST = 0.7  # least scale of outlines in pixels
+
+
+def contours(picture: Array, n: int, length: float, width: float, color: Array, focus: Array | None = None) -> Strokes:
+    """Draw n contours of a picture (3, H, W): single bold lines, outlines, and fine lines in the focus.
+
+    Single lines run along strong straight edges. Outlines, as chains of strokes, follow the other edges, the longest
+    and strongest first. ``length`` and ``width``, in pixels, are the largest of a stroke. With a focus (H, W), a share
+    of the strokes draws faint features there, such as eyes and mouths. Blurred edges have no contour.
+    """
+    side = max(picture.shape)
+    frame = round(FRAME * side)
+    inner = np.pad(np.ones(np.array(picture.shape[1:]) - 2 * frame), frame) if min(picture.shape[1:]) > 2 * frame else 0
+    sharp = sharpness(torch.from_numpy(picture)).numpy()
+    crisp = (sharp / max(CRISP * float(sharp.max()), TINY)).clip(0, 1)
+    straight = anisotropy_of(structure_tensor(picture, max(1.0, STRAIGHT_BLUR * side)))
+    clear, looked_at = inner * crisp, np.zeros(picture.shape[1:]) if focus is None else focus / focus.max()
+    few = 0 if focus is None else round(FEATURES * n)
+    bold = round(BOLD * (n - few))
+    flow = along_edges(structure_tensor(picture, max(1.0, FLOW_BLUR * side)))
+    coarse = np.maximum(edge_lines(picture), 0.8 * edge_lines(picture, 2.0)) * clear
+    single = _traced(coarse, flow, straight, bold, length, width)
+    clear = clear * straight * (1 - SHADED * looked_at)
+    parts = [single, _outlined(picture, clear, single[0], n - few - bold, length, width)]
+    if few:
+        attended = looked_at > LOOKED_AT
+        faint = _fine_lines(picture, SUBTLE) * inner * attended * looked_at**FADING
+        parts.append(_traced(faint, flow, straight, few, FINER * length, FINER * width, float(attended.sum())))
+    curve, across = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return strokes_of(curve, across, across > 0, color, n)
+
+
+def _outlined(picture: Array, clear: Array, drawn: Array, n: int, length: float, width: float) -> tuple[Array, Array]:
+    """Follow the outlines in a picture (3, H, W) with at most n curves (m, 3, 2) and their widths (m,), broad first.
+
+    There are none where a ``drawn`` curve (k, 3, 2) runs, or where edges are not ``clear`` (H, W).
+    """
+    side, near = max(picture.shape), max(1, round(APART * width))
+    taken, curves, widths, count = np.zeros(picture.shape[1:], bool), [np.zeros((0, 3, 2))], [np.zeros(0)], 0
+    _take(taken, points_of(drawn).reshape(-1, 2), near)
+    luma = luminance(picture)
+    for scale, broad, lowest in SCALES:
+        lines = find_outlines(luma, max(FINEST, scale * SIGMA * side), clear, lowest, 2 * lowest)
+        lines.sort(key=lambda line: -float(line[1].sum()))
+        for points, strength in lines:
+            if count >= n:
+                break
+            x, y = points.astype(int).T
+            if taken[y, x].mean() > BESIDE or len(points) * SPACING < SHORTEST_LINE * length:
+                continue
+            curve, middle = strokes_over(points, OUTLINE_LENGTH * length)
+            curves.append(curve)
+            widths.append(broad * width * _pressed(strength[middle]))
+            _take(taken, points, near)
+            count += len(curve)
+    return np.concatenate(curves)[:n], np.concatenate(widths)[:n]
+
+
+def _pressed(strength: Array) -> Array:
+    """Compute the width of lines of some strength, 0 to 1, relative to the width of the strongest."""
+    return LIGHTEST + (1 - LIGHTEST) * strength
+
+
+def _take(taken: Array, points: Array, near: int) -> None:
+    """Mark in a map (H, W) the pixels within ``near`` pixels of points (n, 2: x, y), along each axis."""
+    for column, row in points.astype(int).tolist():
+        taken[max(row - near, 0) : row + near + 1, max(column - near, 0) : column + near + 1] = True
+
+
+def _fine_lines(picture: Array, least: float) -> Array:
+    """Find the lines (H, W) of a picture (3, H, W) that are at most as thick as a pen line."""
+    return np.maximum(*(edge_lines(picture, scale, least) for scale in (FINER, 1.0)))
+
+
+def _traced(
+    lines: Array, flow: Array, straight: Array, n: int, length: float, width: float, area: float | None = None
+) -> tuple[Array, Array]:
+    """Trace at most n lines of a strength map (H, W) along a flow (H, W): curves (m, 3, 2), and widths (m,).
+
+    Those in ``straight`` areas (H, W) come first. There is at most one line in each of the cells that divide an
+    ``area`` in pixels, or the whole map.
+    """
+    _, x, y = worst_of_cells(lines, max(2, round(0.6 * math.sqrt((area or lines.size) / max(n, 1)))))
+    strength = sampled_at(lines, x, y)
+    best = np.argsort(-strength * sampled_at(straight, x, y), kind="stable")[: MORE * n]
+    places, strength = np.stack([x, y], 1)[best] + 0.5, strength[best]
+    pressed = _pressed(strength)
+    curve = followed(places, flow, 0.5 * length * pressed, lines, FAINTEST)
+    seen = (strength > FAINTEST) & (np.linalg.norm(curve[:, 2] - curve[:, 0], axis=1) > SHORTEST_LINE * length)
+    kept = find_apart(curve[seen], lines.shape, APART * width)[:n]
+    return curve[seen][kept], (width * pressed)[seen][kept]

@@ -1,0 +1,43 @@
+"""Draw hatching: short lines side by side, which turn with the forms of a picture."""
+
+import math
+
+import numpy as np
+
+from brushexp.contracts.pictures import along_edges, sampled_at, structure_tensor
+from brushexp_media.picture.lines import followed
+
+Array = np.ndarray
+ANGLES = (-0.9, -0.7, -0.4)  # angles of hatching in radians, starting with that of the half tones
+SPARSE = 0.3  # share of hatching lines that remain where hatching begins
+FORM, TURN = 0.02, 0.9  # standard deviation of the blur of forms in longer sides; turn of hatching with forms, radians
+WEAK = 0.5  # strength of a form, relative to the mean, below which hatchings follow it less
+EVEN = 0.02  # margin of darkness that still counts as dark, so that even areas are not omitted
+LONGER = 0.45  # standard deviation of the logarithm of the length of hatching lines
+
+
+def forms(picture: Array) -> Array:
+    """Compute the angle (H, W) by which hatching follows the forms of a picture (3, H, W): radians, at most `TURN`."""
+    tensor = structure_tensor(picture, FORM * max(picture.shape))
+    angle = (along_edges(tensor) - ANGLES[0] + math.pi / 2) % math.pi - math.pi / 2
+    strength = tensor[0] + tensor[2]
+    turned: Array = angle.clip(-TURN, TURN) * (strength / max(WEAK * strength.mean(), np.finfo(float).tiny)).clip(0, 1)
+    return turned
+
+
+def hatching(
+    dark: Array, tone: float, angle: float, turned: Array, gap: float, length: float, random: np.random.Generator
+) -> Array:
+    """Draw curves (n, 3, 2) about ``gap`` pixels apart where a map (H, W) exceeds ``tone``; ``turned`` is (H, W)."""
+    height, width = dark.shape
+    half = 0.5 * math.hypot(height, width)
+    u, v = np.meshgrid(np.arange(-half, half, 0.8 * length), np.arange(-half, half, gap))
+    u = u + length * (random.uniform(-0.5, 0.5, len(v))[:, None] + 0.15 * random.standard_normal(u.shape))
+    v = v + 0.4 * gap * random.standard_normal(v.shape)
+    c, s = math.cos(angle), math.sin(angle)
+    places = np.stack([width / 2 + c * u - s * v, height / 2 + s * u + c * v], -1).reshape(-1, 2)
+    places = places[((places >= 0) & (places < (width, height))).all(1)]
+    deeper = (sampled_at(dark, *places.T) - tone) / max(1 - tone, EVEN)
+    places = places[(deeper > 0) & (random.random(len(places)) < SPARSE + (1 - SPARSE) * 1.4 * deeper)]
+    reach = 0.5 * length * random.lognormal(-0.4, LONGER, len(places))
+    return followed(places, angle + turned, reach, dark, tone)
