@@ -1,17 +1,16 @@
-"""Outlines of what is in a picture, as long lines that a draughtsman would draw without lifting the pen."""
+"""Find the outlines in a picture as long lines, and cover them with strokes."""
 
 import numpy as np
 
 from brushexp.contracts.pictures import sampled_at
+from brushexp_media.picture.lines import DARKEST, WIDER
 
 Array = np.ndarray
-WIDER = 1.6  # standard deviation of the larger Gaussian over that of the smaller one (Marr and Hildreth, 1980)
-DARKEST = 0.2  # lightness below which contrast is not amplified any more
 FULL = 0.3  # relative contrast of an edge of full strength
 SPACING = 2.0  # pixels between the points of an outline
-SMOOTH = 3.0  # standard deviation, in points, of the blur of places and strengths along an outline
+SMOOTH = 3.0  # standard deviation, in points, of the blur of positions and strengths along an outline
 LOOSE = 0.03  # largest distance of a stroke from its outline, relative to the length of the stroke
-SHARES = (1.0, 0.7, 0.5, 0.35, 0.2)  # lengths of strokes that are tried, relative to the longest
+SHARES = (1.0, 0.7, 0.5, 0.35, 0.2)  # lengths of strokes to try, relative to the longest
 OVERLAP = 0.5  # share of a stroke that the next one covers, so that tapered ends do not show
 
 
@@ -20,10 +19,10 @@ def find_outlines(
 ) -> list[tuple[Array, Array]]:
     """Find the edges of a picture (H, W), 0 to 1, at a scale in pixels: points (k, 2: x, y) and strengths (k,), 0 to 1.
 
-    Strengths are weighted by a map (H, W), 0 to 1, of how ``clear`` edges are.
+    Strengths are multiplied by a map (H, W), 0 to 1, of how ``clear`` edges are.
 
     Source: the zero crossings of a difference of Gaussians (Marr and Hildreth, 1980), kept with hysteresis (Canny,
-    1986): an outline is as long as its strength stays above ``lowest``, and exceeds ``highest`` somewhere.
+    1986): an outline ends where its strength falls below ``lowest``, and exceeds ``highest`` somewhere.
     """
     from scipy.ndimage import gaussian_filter, gaussian_filter1d, gaussian_gradient_magnitude  # noqa: PLC0415  (slow)
     from skimage.measure import find_contours  # noqa: PLC0415  (slow to import)
@@ -47,9 +46,9 @@ def find_outlines(
 
 
 def strokes_over(points: Array, longest: float) -> tuple[Array, Array]:
-    """Cover an outline (k, 2) with overlapping quadratic curves (n, 3, 2); also the middle point's index of each (n,).
+    """Cover an outline (k, 2) with overlapping curves (n, 3, 2); also return the index of each one's middle point (n,).
 
-    Curves are as long as the outline allows without leaving it, at most ``longest`` pixels.
+    Curves are quadratic, as long as they stay on the outline, and at most ``longest`` pixels long.
     """
     most, last, first = max(2, round(longest / SPACING)), len(points) - 1, 0
     curves, middles = [], []
