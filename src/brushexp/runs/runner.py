@@ -15,6 +15,7 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig
 
+from brushexp.compat.deferred_compiler import defer_compiler
 from brushexp.compat.first_compilation import log_compilation
 from brushexp.compat.hidden_packages import hide_packages
 from brushexp.config.check import check
@@ -92,7 +93,7 @@ def _run_job(cfg: DictConfig, hydra: HydraConf) -> dict[str, object] | float:
 
 def _run_in(folder: Path, cfg: DictConfig, start: float) -> dict[str, object] | float:
     """Run the task of a checked config in the folder of its run."""
-    with hide_packages("scipy", "matplotlib"):
+    with hide_packages("scipy", "matplotlib"), defer_compiler():
         task = importlib.import_module(TASKS[cfg.task].module)
     if TASKS[cfg.task] not in (PaintTask, ExportTask):  # other tasks show their own progress or wait for input
         heartbeat.end()

@@ -10,6 +10,7 @@ import torch
 from torch import nn, optim
 
 from brushexp.bounds import above, between, one_of
+from brushexp.compat.deferred_compiler import without_compiler
 from brushexp.errors import UserError
 from brushexp.plugins.optimizer.base import Optimizer
 from brushexp.registry import register
@@ -111,4 +112,5 @@ def class_of(library: str, name: str, options: dict[str, Any]) -> Callable[..., 
         if unknown:
             choices = ", ".join(parameters)
             raise UserError(f"optimizer.options has {unknown[0]!r}, which {name} does not accept; it accepts {choices}")
-    return Lbfgs if kind is optim.LBFGS else kind
+        return kind
+    return without_compiler(Lbfgs if kind is optim.LBFGS else kind)
