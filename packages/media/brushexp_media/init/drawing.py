@@ -23,7 +23,7 @@ from brushexp_media.picture.noise import noise_of
 Array = np.ndarray
 BROADEST = 0.06  # width of a wash, in longer sides
 DEPTHS = (0.9, 2.4, 6.5)  # successive washes, as powers of the colour of the first
-LEAST_WASH = 0.003  # share of the picture below which a shape is no wash, and a hole in a wash is filled
+LEAST_WASH = 0.006  # share of the picture below which a shape is no wash, and a hole in a wash is filled
 REED, BLUNT = 0.0065, (2.2, 0.04)  # broadest accent in longer sides; scale and least difference of accent lines
 DEEPEST = 0.33  # largest colour channel of a pixel that gets an accent
 FEATURE_BLUR = 0.0016  # standard deviation of the blur under features, in longer sides
@@ -32,6 +32,8 @@ SPECK = 1.2e-3  # smallest accent relative to the area of attention
 EDGE, LOST = 0.05, 0.7  # softness of the edge of a wash, and additional softness of a lost edge, in stroke widths
 FOUND = 5.0  # slope of darkness, per longer side, above which the edge of a wash is sharp
 SMOOTH, SMOOTH_WASH = 0.004, 0.008  # standard deviation of the blur of tones under hatching and washes, in longer sides
+SMOOTH_FAR = 0.025  # standard deviation of the blur of tones under washes away from the focus, in longer sides
+FADED = 0.7  # by how much the exponent of darkness grows away from the focus, where washes are lighter
 FLAT_AT = 768  # longer side in pixels at which ``flatness`` is the weight of total variation
 MARGIN, WAVER, WAVES = 0.022, 0.35, 0.06  # longer sides that stay bare; deviation of its edge over it; longer sides
 SPARED = 0.4  # share of darkness that hatching leaves to lines in areas of attention
@@ -101,7 +103,7 @@ class Drawing(Initializer):
         steep = slope_of(inner * (1 - luminance(picture)))
         sparing = gaussian_filter(dark * (1 - SPARED * attended), SMOOTH * side)
         return Strokes.join(
-            self._washes(gaussian_filter(dark, SMOOTH_WASH * side), steep, washes, random),
+            self._washes(_simplified(dark, np.ones(size) if weight is None else attended), steep, washes, random),
             self._hatching(sparing, _swayed(forms(picture), random), n - washes - lines - accents, random),
             contours(picture, lines, self._longest(side), self._widest(side), rgb_of(self.color), weight),
             self._inked(edge_lines(simple, *BLUNT) * (simple.max(0) < DEEPEST) * inner, inner, accents // 2, random),
@@ -174,6 +176,16 @@ def dark_features(lightness: Array) -> Array:
         pixels = 2 * max(1, round(0.5 * breadth * side)) + 1
         found |= (black_tophat(even, size=pixels) > least) & (even < darkest)
     return found.astype(np.float64)
+
+
+def _simplified(dark: Array, attended: Array) -> Array:
+    """Blur darkness (H, W) for washes: broadly where ``attended`` (H, W) is 0, so that backgrounds are of few shapes."""
+    from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
+
+    side = max(dark.shape)
+    near, far = (gaussian_filter(dark, blur * side) for blur in (SMOOTH_WASH, SMOOTH_FAR))
+    share = gaussian_filter(attended.clip(0, LOOKED_AT) / LOOKED_AT, SMOOTH_FAR * side)
+    return (far + share * (near - far)) ** (1 + FADED * (1 - share))
 
 
 def _within_margin(size: tuple[int, ...], random: np.random.Generator) -> Array:

@@ -10,7 +10,7 @@ from brushexp_media.picture.lines import followed
 Array = np.ndarray
 ANGLES = (-0.9, -0.7, -0.4)  # angles of hatching in radians, starting with that of the half tones
 SPARSE = 0.3  # share of hatching lines that remain where hatching begins
-FORM, TURN = 0.02, 0.9  # standard deviation of the blur of forms in longer sides; turn of hatching with forms, radians
+FORM, TURN = 0.02, 0.4  # standard deviation of the blur of forms in longer sides; turn of hatching with forms, radians
 WEAK = 0.5  # strength of a form, relative to the mean, below which hatchings follow it less
 EVEN = 0.02  # margin of darkness that still counts as dark, so that even areas are not omitted
 LONGER = 0.45  # standard deviation of the logarithm of the length of hatching lines
