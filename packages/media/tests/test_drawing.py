@@ -13,8 +13,8 @@ from brushexp.errors import UserError
 from brushexp.registry import build_named
 
 
-def drawn(target, n=300, **options):
-    strokes = build_named("init", "drawing", options)(target, n, torch.Generator().manual_seed(0))
+def drawn(target, n=300, focus=None, **options):
+    strokes = build_named("init", "drawing", options)(target, n, torch.Generator().manual_seed(0), focus)
     return strokes[strokes.opacity > 0]
 
 
@@ -58,7 +58,7 @@ def test_a_drawing_leaves_a_margin():
 def test_washes_end_crisply_at_edges_and_are_lost_in_soft_forms(soft, expected):
     x = torch.arange(400) - 200.0
     dark = 0.5 + 0.3 * (x.sign() if not soft else torch.tanh(x / (10 * soft)))
-    tones = (0.55, 0.98, 0.99)
+    tones = (0.62, 0.98, 0.99)
     strokes = drawn((1 - dark).expand(3, 200, 400).contiguous(), contours=0.0, washes=1.0, wash_tones=tones)
     inside = ((strokes.position - torch.tensor([280.0, 100.0])).abs() < 50).all(1)  # nearer to this edge than to others
     softness = (strokes.softness / strokes.width)[inside]
@@ -114,3 +114,21 @@ def test_hatching_is_straight_where_a_picture_has_no_forms():
     turned = np.abs(forms(picture))
     assert turned[:, 200:].max() < 0.05
     assert turned[:, :40].mean() > 0.3
+
+
+def test_a_light_picture_also_gets_a_wash_where_it_is_darkest_and_a_white_one_stays_white():
+    picture = torch.full((3, 120, 160), 0.95)
+    picture[:, 40:80, 60:110] = 0.7  # lighter than every tone
+    places = drawn(picture, contours=0.0, washes=1.0).position
+    assert len(places)
+    assert bool(((places > torch.tensor([55.0, 35.0])) & (places < torch.tensor([115.0, 85.0]))).all())
+    assert not len(drawn(torch.ones(3, 120, 160), contours=0.0, washes=1.0))
+
+
+def test_washes_are_lighter_and_simpler_away_from_the_focus():
+    picture = torch.full((3, 200, 300), 0.95)
+    picture[:, 60:140, 40:120] = picture[:, 60:140, 180:260] = 0.55
+    focus = torch.full((200, 300), 0.1)
+    focus[:, 150:] = 2.0
+    places = drawn(picture, focus=focus, contours=0.0, washes=1.0).position
+    assert int((places[:, 0] > 150).sum()) > 2 * int((places[:, 0] < 150).sum())

@@ -34,6 +34,7 @@ FOUND = 5.0  # slope of darkness, per longer side, above which the edge of a was
 SMOOTH, SMOOTH_WASH = 0.004, 0.008  # standard deviation of the blur of tones under hatching and washes, in longer sides
 SMOOTH_FAR = 0.025  # standard deviation of the blur of tones under washes away from the focus, in longer sides
 FADED = 0.7  # by how much the exponent of darkness grows away from the focus, where washes are lighter
+KEPT = 0.5  # share of the given tone, rather than the one that leaves just enough white, in light pictures
 FLAT_AT = 768  # longer side in pixels at which ``flatness`` is the weight of total variation
 MARGIN, WAVER, WAVES = 0.022, 0.35, 0.06  # longer sides that stay bare; deviation of its edge over it; longer sides
 SPARED = 0.4  # share of darkness that hatching leaves to lines in areas of attention
@@ -58,8 +59,8 @@ class Drawing(Initializer):
         washes: share of the strokes that are washes, 0 to 1.
         accents: share of the strokes that fill small dark shapes, 0 to 1.
         flatness: flattening of forms by total variation, in proportion to the size of the picture; 0 = none.
-        tones: darkness (0 white to 1 black) at which the first, second and third hatching begin.
-        wash_tones: darkness at which the light, middle and dark wash begin.
+        tones: darkness (0 white to 1 black) at which the three hatchings begin; less in light pictures.
+        wash_tones: darkness at which the light, middle and dark wash begin; less in light pictures.
         white: smallest share of the picture that stays without hatching and wash, 0 to 1.
         width: contour width, in thousandths of the longer side.
         length: line length, in hundredths of the longer side.
@@ -155,9 +156,10 @@ class Drawing(Initializer):
         return Strokes.join(*parts)
 
     def _above(self, tones: Sequence[float], dark: Array) -> list[float]:
-        """Raise the tone thresholds if the picture is so dark that too little of the paper would stay white."""
+        """Adapt tone thresholds to a picture: raise them if too little paper would stay white, else lower them."""
         left = [1 - (1 - self.white) / 2**k for k in range(len(tones))]
-        return [max(tone, float(np.quantile(dark, share)) - EVEN) for tone, share in zip(tones, left, strict=True)]
+        most = [float(np.quantile(dark, share)) - EVEN for share in left]
+        return [max(one, one + KEPT * (tone - one)) for tone, one in zip(tones, most, strict=True)]
 
     def _longest(self, side: int) -> float:
         return 0.01 * self.length * side
@@ -179,7 +181,7 @@ def dark_features(lightness: Array) -> Array:
 
 
 def _simplified(dark: Array, attended: Array) -> Array:
-    """Blur darkness (H, W) for washes: broadly where ``attended`` (H, W) is 0, so that backgrounds are of few shapes."""
+    """Blur darkness (H, W) for washes: broadly where ``attended`` (H, W) is 0, so that backgrounds have few shapes."""
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
 
     side = max(dark.shape)
