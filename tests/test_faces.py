@@ -39,7 +39,7 @@ from brushexp.pictures.faces.detection import (
 )
 from brushexp.pictures.faces.marked import marked_faces
 from brushexp.pictures.faces.network import HEADS, LANDMARKS, STRIDES, _decoded, open_network
-from brushexp.pictures.faces.spots import MOST_SPOTS, find_eyes, find_spots
+from brushexp.pictures.faces.spots import MOST_SPOTS, contrast_of_spot, find_eyes, find_spots
 from brushexp.pictures.focus import attention
 from brushexp.pictures.load import load_picture
 from brushexp.plugins.density.fixed import Fixed
@@ -394,6 +394,15 @@ def test_even_pictures_have_no_spots_and_others_at_most_a_few(size):
         assert find_spots(torch.full((3, *size), level), torch.ones(size)) == []
     assert len(find_spots(torch.rand(3, *size), torch.ones(size))) <= MOST_SPOTS
     assert find_spots(torch.rand(3, *size), torch.zeros(size)) == []
+
+
+@pytest.mark.parametrize(("luma", "count"), [(0.2, 1), (0.3, 1), (0.5, 0)])
+def test_a_spot_that_hardly_differs_from_its_surroundings_is_no_eye(luma, count):
+    y, x = torch.meshgrid(torch.arange(200) + 0.5, torch.arange(300) + 0.5, indexing="ij")
+    inside = torch.hypot(x - 150, y - 100) < 4
+    picture = torch.where(inside, luma, 0.6).expand(3, 200, 300)
+    assert contrast_of_spot(picture[0].numpy(), 150, 100, 2.5) == pytest.approx(1 - luma / 0.6)
+    assert len(find_spots(picture, torch.ones(200, 300))) == count
 
 
 def test_the_eyes_of_a_cat_are_spots():

@@ -20,8 +20,9 @@ MOUTH_RADIUS = 0.22  # sides of a face
 UNKNOWN_RADIUS = 0.6  # sides of a face, radius of the drawn part if eyes and mouth are unknown
 FLOOR = 120  # minimum number of small strokes for an eye or a mouth
 FLOOR_OF_FACE = 6 * FLOOR  # minimum number of small strokes for a face whose eyes and mouth are unknown
-FLOOR_OF_SPOT = 60  # minimum number of small strokes for a spot, which may be the eye of an animal
+FLOOR_OF_SPOT = 30  # minimum number of small strokes for a spot, which may be the eye of an animal or anything dark
 RADII_PER_WIDTH = 6.0  # radius of a feature over the width of its broadest stroke
+SPOT_RADII_PER_WIDTH = 4.5  # the same for a spot
 BROAD = 2.0  # width of a stroke that hides an eye or a mouth, over the largest width of a small stroke
 THINNEST_STROKE = 1.5  # width in pixels of the smallest strokes for a feature
 TYPED_SHARE = 0.5  # largest share of a typed number of strokes for features
@@ -65,7 +66,10 @@ def features_of(faces: Sequence[Face], spots: Sequence[Spot] = ()) -> list[Featu
         features += [Feature(x, y, EYE_RADIUS * face.side) for x, y in face.eyes.tolist()]
         x, y = face.mouth.tolist()
         features.append(Feature(x, y, MOUTH_RADIUS * face.side))
-    return features + [Feature(spot.x, spot.y, spot.radius, FLOOR_OF_SPOT, is_certain=False) for spot in spots]
+    uncertain = [
+        Feature(spot.x, spot.y, spot.radius, FLOOR_OF_SPOT, SPOT_RADII_PER_WIDTH, is_certain=False) for spot in spots
+    ]
+    return features + uncertain
 
 
 def places_of(features: Sequence[Feature], size: tuple[int, int]) -> Tensor | None:

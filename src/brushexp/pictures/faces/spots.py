@@ -19,6 +19,8 @@ CALM_DETAIL = 0.01  # strength below which detail around a spot is ignored
 WEAKEST_SPOT = 1e-3  # strength of the weakest spot
 SPOTS_APART = 6.0  # smallest distance between two spots, in sigmas of the larger one
 SPOT_RADIUS = 3.5  # sigmas, radius of a spot with its immediate surroundings
+MIDDLE, RING = 1.0, (2.5, 4.0)  # sigmas, radius of the middle of a spot, and radii of the ring around it
+LEAST_CONTRAST = 0.45  # smallest difference between ring and middle of a spot, relative to the ring
 TINY = 1e-9  # prevents division by zero where luma is constant
 MOST_SPOTS = 12  # maximum number of spots in a picture or a head
 EYE_SIGMAS = (0.01, 0.015, 0.022, 0.033)  # like `SIGMAS`, for spots in the square around a head
@@ -37,11 +39,12 @@ class Spot:
 
 
 def find_spots(picture: Tensor, attended: Tensor, scales: Sequence[float] = SIGMAS) -> list[Spot]:
-    """Find up to `MOST_SPOTS` small dark spots in a picture (3, H, W), weighted by ``attended`` (H, W), 0 to 1.
+    """Find up to `MOST_SPOTS` small dark spots in a picture (3, H, W), weighted by attention (H, W) in [0, 1].
 
-    A spot is a maximum, over place and size, of the smaller eigenvalue of the scale-normalised Hessian of luma
-    (Lindeberg, 1998), so it is dark and round. Its strength is divided by the strength of the surrounding detail, which
-    favours isolated spots, and multiplied by the attention, which favours places where people look first.
+    A spot is a maximum, over position and size, of the smaller eigenvalue of the scale-normalised Hessian of luma
+    (Lindeberg, 1998), so it is dark and round. Its strength is divided by that of the surrounding detail, which favours
+    isolated spots, and multiplied by the attention, which favours places where people look first. A spot whose contrast
+    is below `LEAST_CONTRAST` is ignored.
     """
     from scipy.ndimage import gaussian_filter, maximum_filter  # noqa: PLC0415  (slow to import)
 
@@ -66,13 +69,31 @@ def find_spots(picture: Tensor, attended: Tensor, scales: Sequence[float] = SIGM
     found: list[tuple[float, float, float]] = []
     for scale, row, column in sorted(peaks.tolist(), key=lambda peak: -strength[tuple(peak)]):
         x, y, sigma = column + 0.5, row + 0.5, sigmas[scale]
-        if all(math.hypot(x - a, y - b) > SPOTS_APART * max(sigma, c) for a, b, c in found):
+        if len(found) == MOST_SPOTS:
+            break
+        is_apart = all(math.hypot(x - a, y - b) > SPOTS_APART * max(sigma, c) for a, b, c in found)
+        if is_apart and contrast_of_spot(luma, x, y, sigma) > LEAST_CONTRAST:
             found.append((x, y, sigma))
-    return [Spot(zoom * x, zoom * y, zoom * SPOT_RADIUS * sigma) for x, y, sigma in found[:MOST_SPOTS]]
+    return [Spot(zoom * x, zoom * y, zoom * SPOT_RADIUS * sigma) for x, y, sigma in found]
+
+
+def contrast_of_spot(luma: np.ndarray, x: float, y: float, sigma: float) -> float:
+    """Compute the contrast between a spot at (x, y) and its surroundings in luma (H, W), relative to the latter.
+
+    The spot is the disc of radius `MIDDLE` sigmas, and its surroundings are a ring; at least one pixel counts as each.
+    """
+    reach = math.ceil(RING[1] * sigma) + 1
+    top, left = max(0, int(y) - reach), max(0, int(x) - reach)
+    around = luma[top : int(y) + reach + 1, left : int(x) + reach + 1]
+    rows, columns = np.ogrid[: around.shape[0], : around.shape[1]]
+    distance = np.hypot(rows + top + 0.5 - y, columns + left + 0.5 - x)
+    middle = around[distance <= max(MIDDLE * sigma, 1.0)].mean()
+    ring = around[(distance >= RING[0] * sigma) & (distance <= RING[1] * sigma + 1)].mean()
+    return float((ring - middle) / max(ring, TINY))
 
 
 def find_eyes(picture: Tensor, heads: Sequence[Face]) -> list[Spot]:
-    """Find the darkest spots in each of the first animal heads in a picture (3, H, W), up to `MOST_SPOTS` per head."""
+    """Find up to `MOST_SPOTS` dark spots, the likely eyes, in each of the first animal heads in a picture (3, H, W)."""
     height, width = picture.shape[1:]
     eyes = []
     for head in heads[:MOST_HEADS]:
