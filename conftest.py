@@ -1,10 +1,10 @@
-"""Where tests begin. The process that deals them out to others needs nothing that takes seconds to import."""
+"""Set up pytest without slow imports in the process that only distributes tests to worker processes."""
 
 import pytest
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Know the fixtures where tests are run or listed; they bring these into the same order everywhere."""
+    """Import the fixtures only where tests are run or listed; their plugin also sorts the tests in a fixed order."""
     if config.option.dist == "no" or config.option.collectonly:
         config.pluginmanager.import_plugin("shared_fixtures")
     if getattr(config, "workerinput", {}).get("workerid") == "gw1":

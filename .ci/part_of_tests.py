@@ -1,4 +1,4 @@
-"""Run tests that need nothing but this process, on systems where the fixtures of the others cannot be made."""
+"""Run the tests that need no fixtures, on systems on which the fixtures of the other tests cannot be created."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Render the ``painting.glb`` of ``to=gltf`` from the front and the side with Blender (``pip install bpy``).
+"""Render a ``painting.glb`` written by ``to=gltf`` from the front and the side in Blender (``pip install bpy``).
 
 python benchmarks/blender.py outputs/x/painting.glb sheet.png --frame 250 --pixels 480
 """
@@ -16,7 +16,7 @@ VIEWS = (((0, -1.6, 0), (0, 0, 0)), ((0.42, -0.3, -0.28), (0.12, 0, 0)))  # posi
 
 
 def main() -> None:
-    """Render a painting and write the sheet."""
+    """Render a painting and write both views as one sheet."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("painting", type=Path)
     parser.add_argument("sheet", type=Path)
@@ -49,7 +49,7 @@ def main() -> None:
 
 
 def placed(thing: bpy.types.Object) -> bpy.types.Object:
-    """Add an object to the scene."""
+    """Add an object to the scene and return it."""
     bpy.context.scene.collection.objects.link(thing)
     return thing
 

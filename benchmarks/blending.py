@@ -1,11 +1,11 @@
-"""Measure the time saved by blending only the top layers: the thesis's top-k (2020, 6.3), without the rest of a step.
+"""Measure the time that blending only the top k layers saves (thesis 2020, 6.3), without the rest of a step.
 
     python benchmarks/blending.py            (a minute on one idle core, 3 GB of memory)
 
-The layers of 384 strokes on 196 x 196 pixels, whose colours vary from pixel to pixel, are blended forward and backward
-in three ways: all layers; the top k nonempty layers, with the k of the fullest pixel (eq. 6.8); and the same k layers
-with the thesis's product over pairs of layers (eq. 6.16 to 6.21). All three give the same picture. The results of five
-scenes are recorded for ``task=verdicts``.
+The layers of 384 strokes on 196 x 196 pixels, whose colours vary from pixel to pixel, are blended, and gradients are
+backpropagated, in three ways: all layers; the top k nonempty layers, where k is the largest number of nonempty layers
+at any pixel (eq. 6.8); and the same k layers with the thesis's product over pairs of layers (eq. 6.16 to 6.21). All
+three produce the same picture. The results for five scenes are recorded for ``task=verdicts``.
 """
 
 import argparse
@@ -33,7 +33,7 @@ QUESTION = "How much time does it save to blend the uppermost layers alone, apar
 
 
 def layers_of(seed: int) -> tuple[Tensor, Tensor]:
-    """Draw short strokes around a lattice: their alpha (1, N, P), and colours (1, N, P, 3) that vary slightly."""
+    """Place short strokes around a lattice; return their alpha (1, N, P) and slightly varied colours (1, N, P, 3)."""
     generator = torch.Generator().manual_seed(seed)
     pitch = SIDE / N**0.5
     place = (torch.cartesian_prod(*2 * [torch.arange(20.0)])[:N] + 0.5) * SIDE / 20
@@ -52,7 +52,7 @@ def layers_of(seed: int) -> tuple[Tensor, Tensor]:
 
 
 def uppermost(alpha: Tensor, color: Tensor, k: int) -> tuple[Tensor, Tensor]:
-    """Gather the top k nonempty layers of each pixel: alpha (1, k, P) and colours (1, k, P, 3)."""
+    """Gather the alpha (1, k, P) and the colours (1, k, P, 3) of the top k nonempty layers at each pixel."""
     filled = alpha > 0
     rank = torch.where(filled, filled.cumsum(1) - 1, k).clamp_max(k)
     place = torch.zeros(1, k + 1, alpha.shape[2], dtype=torch.long)
@@ -63,7 +63,7 @@ def uppermost(alpha: Tensor, color: Tensor, k: int) -> tuple[Tensor, Tensor]:
 
 
 def over_in_pairs(alpha: Tensor, color: Tensor) -> Tensor:
-    """Blend k layers with products over pairs of layers, (1, k, k, P), as the thesis does."""
+    """Blend k layers as the thesis does, using a product over all pairs of layers (1, k, k, P)."""
     k = alpha.shape[1]
     lies_above = torch.ones(k, k, dtype=torch.bool).tril(-1)[None, :, :, None]
     above = torch.where(lies_above, 1 - alpha[:, None], 1.0).prod(2)
@@ -71,7 +71,7 @@ def over_in_pairs(alpha: Tensor, color: Tensor) -> Tensor:
 
 
 def cpu_seconds_of(blend: Callable[[Tensor, Tensor], Tensor], alpha: Tensor, color: Tensor) -> tuple[float, Tensor]:
-    """Return the median CPU time of blending forward and backward, after an untimed run, and the picture."""
+    """Return the median CPU time of a forward and a backward pass, after an untimed run, and the blended picture."""
     times = []
     for _ in range(RUNS + 1):
         leaves = [one.clone().requires_grad_() for one in (alpha, color)]
@@ -83,7 +83,7 @@ def cpu_seconds_of(blend: Callable[[Tensor, Tensor], Tensor], alpha: Tensor, col
 
 
 def main() -> None:
-    """Measure, print and record the times."""
+    """Measure the times, print them and record them."""
     torch.set_num_threads(1)
     rows, begin = {}, time.process_time()
     for seed in range(SCENES):

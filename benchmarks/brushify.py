@@ -1,11 +1,11 @@
-"""Compare G'MIC's Brushify, if installed, with our looks: each painting as a whole, and a detail enlarged four times.
+"""Compare G'MIC's Brushify with brushexp's looks: each whole painting next to a detail of it, enlarged four times.
 
     python benchmarks/brushify.py FIGURE.jpg astronaut@190,60 photo.jpg@20,200
     python benchmarks/brushify.py FIGURE.jpg chelsea@150,90 --looks oil vangogh --folder paintings
 
-A picture is a file or a sample of scikit-image, as for image=; the numbers after @ are the left and top edges of its
-detail, in pixels of the painting. With --folder, existing paintings are reused. G'MIC is separate free software
-(gmic.eu; Debian's package gmic) and not part of this program; if it is missing, so is its column.
+A picture is a file or the name of a scikit-image sample, as for image=; the numbers after @ are the left and top edges
+of the detail, in pixels of the painting. With --folder, existing paintings are reused. G'MIC is separate free software
+(gmic.eu; Debian package gmic) and not part of this program; if it is not installed, its column is omitted.
 """
 
 import argparse
@@ -31,14 +31,14 @@ CELL, ZOOM, GAP = 320, 4, 8  # CELL and GAP in pixels of the figure
 
 
 def brushified(target: Image.Image, path: Path) -> None:
-    """Paint a picture with G'MIC."""
+    """Paint a picture with G'MIC's Brushify and save the result."""
     with tempfile.TemporaryDirectory() as folder:
         target.save(source := Path(folder) / "target.png")
         subprocess.run(["gmic", source, "fx_brushify", BRUSHIFY, "-o", path], check=True, capture_output=True)
 
 
 def paintings(picture: str, looks: list[str], folder: Path) -> list[Image.Image]:
-    """Return the paintings of one picture: by Brushify, if installed, and in each look."""
+    """Return the paintings of one picture, first by Brushify if it is installed, then in each look."""
     found = []
     for painter in [*(["brushify"] if shutil.which("gmic") else []), *looks]:
         path = folder / f"{quote(picture, safe='')}_{painter}.png"  # a/1.jpg and b/1.jpg are different pictures
@@ -51,7 +51,7 @@ def paintings(picture: str, looks: list[str], folder: Path) -> list[Image.Image]
 
 
 def row(made: list[Image.Image], left: int, top: int) -> Image.Image:
-    """Combine each painting and its detail into one row."""
+    """Combine the paintings of a picture and their enlarged details into one row."""
     height = round(CELL * made[0].height / made[0].width)
     side = CELL // ZOOM
     sheet = Image.new("RGB", (2 * len(made) * (CELL + GAP), max(height, CELL) + GAP), "white")

@@ -1,10 +1,10 @@
-"""Measure how many strokes a file of a given size should hold: PSNR of the decoded painting against bits per stroke.
+"""Measure the PSNR of decoded paintings against bits per stroke, for files of a given size.
 
     python benchmarks/byte_goal.py docs/records/byte_goal.csv
 
-Paints three photographs of scikit-image with `look=plain`. The number of strokes is what the file can hold at a given
-number of bits per stroke, beyond the 60 bytes of a file without strokes; the strokes are rounded as finely as the size
-allows. The share of `bits=` in `brushexp_coding.goal` follows from the table.
+Three scikit-image photographs are painted with `look=plain`. The number of strokes is what fits into the file at a
+given number of bits per stroke, after 60 bytes for a file without strokes; the strokes are rounded as finely as the
+size allows. The number of bits per stroke that `bits=` assumes (`brushexp_coding.goal`) was chosen from the table.
 """
 
 import csv
@@ -21,7 +21,7 @@ COLUMNS = ("photograph", "side", "size", "bits_a_stroke", "strokes", "bytes", "p
 
 
 def row_of(name, side, size, bits):
-    """Paint a photograph with the strokes that fit at ``bits`` bits each, and return its row of the table."""
+    """Paint a photograph with as many strokes as fit at ``bits`` bits each, and return its row of the table."""
     painting = brushexp.paint(
         name,
         look="plain",

@@ -1,4 +1,4 @@
-"""Measure whether a canvas on disk costs the same per megapixel at any size, and how much two workers gain.
+"""Measure whether the cost per megapixel of a canvas on disk depends on its size, and the speed-up from two workers.
 
     python benchmarks/canvas.py             (4, 16 and 64 megapixels; about ten minutes on two idle cores)
     python benchmarks/canvas.py --sizes 4 16 64 100
@@ -36,7 +36,7 @@ def mirrored(side: int) -> Image.Image:
 
 
 def painted(picture: Path, folder: Path, workers: int, *more: str) -> dict[str, float]:
-    """Paint a picture with ``workers`` workers in a separate process, and return its metrics."""
+    """Paint a picture with ``workers`` workers in a separate process, and return the metrics of the run."""
     words = [str(picture), f"canvas={folder / 'canvas.zarr'}", f"output={folder / 'run'}", f"workers={workers}", *more]
     subprocess.run([sys.executable, "-m", "brushexp", *words, *SETTINGS], check=True)
     figures: dict[str, float] = json.loads((folder / "run" / "metrics.json").read_text())
@@ -44,7 +44,7 @@ def painted(picture: Path, folder: Path, workers: int, *more: str) -> dict[str, 
 
 
 def tell_seams(grids: tuple[int, int], workers: int) -> None:
-    """Print the error along the borders of each of two grids, relative to the other grid's error at the same places."""
+    """Print the errors along the borders of two grids, each relative to the other grid's error at the same pixels."""
     errors, distances = [], []
     with TemporaryDirectory() as folder:
         mirrored(side := round(math.sqrt(SMALL * 1e6))).save(picture := Path(folder, "picture.png"), compress_level=1)
@@ -61,7 +61,7 @@ def tell_seams(grids: tuple[int, int], workers: int) -> None:
 
 
 def main() -> None:
-    """Print a row for each size and number of workers, or the error along borders."""
+    """Print a row for each size and number of workers, or the errors along tile borders."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--sizes", type=int, nargs="+", default=[4, 16, 64], help="megapixels")
     words = f"all are used up to {SMALL} megapixels, only the last above"

@@ -1,4 +1,4 @@
-"""Test whether the intervals of ``task=measure`` hold the true figures of paintings whose strokes are known.
+"""Test how often the confidence intervals of ``task=measure`` contain the true values, on paintings with known strokes.
 
     python benchmarks/coverage_of_measures.py measure fitted --views 2 --seeds 0 4
     python benchmarks/coverage_of_measures.py fit fitted
@@ -6,10 +6,11 @@
     python benchmarks/coverage_of_measures.py report tested docs/records/measures.csv
     python benchmarks/coverage_of_measures.py show docs/records/measures.csv
 
-Each seed of each kind is a painting; even seeds are clean, odd seeds are weathered photographs. ``measure`` writes a
-file per painting with its true figures and the draws of its views. ``fit`` fits the errors of recovery that ship with
-the program; ``report`` writes the figures of paintings with and without these errors, and ``show`` their coverage. A
-true figure is that of the strokes that show 30 % of their area and 12 pixels, at their full length.
+Each combination of kind and seed is one painting; pictures are clean for even seeds, and weathered photographs for odd
+seeds. ``measure`` writes a file for each painting with its true values and the samples from its views. ``fit`` fits
+the recovery errors that ship with the program; ``report`` writes the measured values with and without a correction for
+these errors, and ``show`` prints the coverage of their intervals. True values refer to strokes of which at least 30 %
+of the area and at least 12 pixels are visible, at their full length.
 """
 
 import argparse
@@ -43,7 +44,7 @@ RESAMPLES = 4000  # of the bootstrap over paintings
 
 
 def paint(kind, seed):
-    """Paint a known painting; return its truth and its picture (H, W, 3), weathered if the seed is odd."""
+    """Paint known strokes; return their ground truth and the picture (H, W, 3), which is weathered for odd seeds."""
     random = np.random.default_rng([SEED, seed, *kind.encode()])
     side, count = int(random.choice(SIDES)), int(random.choice(COUNTS))
     painting = paint_scene(Scene(kind, count, seed), side, SEED)
@@ -51,14 +52,14 @@ def paint(kind, seed):
 
 
 def figures_of_truth(truth):
-    """Compute the true figures of a painting, in the units of `intervals_of`."""
+    """Compute the true values of all measures of a painting, in the units of `intervals_of`."""
     strokes = Sighting(torch.from_numpy(truth.curve), truth.width, truth.counts.astype(float), truth.labels, View())
     figures = draw_figures([strokes], areas_of(None, truth.labels.shape), 1, 0)[WHOLE]
     return {name: float(values[0, 0]) * MEASURES[name].factor(None) for name, values in figures.items()}
 
 
 def measure(folder, kinds, seeds, views):
-    """Measure paintings, and write a file for each."""
+    """Measure paintings, and write a file for each of them."""
     torch.set_num_threads(1)
     load_plugins(Path("plugins"), warns=False)
     folder.mkdir(parents=True, exist_ok=True)
@@ -79,7 +80,7 @@ def measure(folder, kinds, seeds, views):
 
 
 def read(folder):
-    """Read measured paintings: by name true figures, draws, and confidences of the photograph's strokes."""
+    """Read measured paintings; return true values, samples and confidences of strokes by the name of the painting."""
     paintings = {}
     for path in sorted(folder.glob("*.npz")):
         arrays = read_npz(path)
@@ -89,7 +90,7 @@ def read(folder):
 
 
 def fit(folder, path):
-    """Fit the errors of recovery to measured paintings."""
+    """Fit the recovery errors to measured paintings, and write them to a file."""
     paintings = read(folder)
     true, draws, confidence = zip(*paintings.values(), strict=True)
     figures = [intervals_of(one) for one in draws]
@@ -104,7 +105,7 @@ def fit(folder, path):
 
 
 def report(folder, path):
-    """Write the figures of measured paintings, with and without the errors of recovery, and show their coverage."""
+    """Write the measured values with and without a correction for recovery errors, and show their coverage."""
     errors, rows = read_errors(), []
     for painting, (true, draws, confidence) in read(folder).items():
         kind, _, seed = painting.rpartition("-")
@@ -120,7 +121,7 @@ def report(folder, path):
 
 
 def holds(rows, of):
-    """Check whether intervals hold the true figures; directions are equal at 180 degrees."""
+    """Check whether intervals contain the true values; directions that differ by 180 degrees are equal."""
     axial = rows["measure"].map(lambda name: MEASURES[name].axial)
     near = rows[of] + (rows["true"] - rows[of] + 90) % 180 - 90
     true = rows["true"].where(~axial, near)
@@ -128,14 +129,14 @@ def holds(rows, of):
 
 
 def widths(rows, of):
-    """Compute the widths of intervals: of shares and directions as they are, of all others relative to the figure."""
+    """Compute the widths of intervals: absolute for fractions and directions, relative for all other measures."""
     width = rows[f"{of}_high"] - rows[f"{of}_low"]
     plain = rows["measure"].map(lambda name: MEASURES[name].axial or MEASURES[name].share)
     return width.where(plain, width / rows[of])
 
 
 def describe(rows):
-    """Describe the coverage of rows, with its interval over paintings, and the median width of relative intervals."""
+    """Format the coverage of rows, with its confidence interval over paintings, and the median relative width."""
     cells, random = [], np.random.default_rng(0)
     relative = rows["measure"].map(lambda name: not MEASURES[name].axial and not MEASURES[name].share)
     for of in ("found", "corrected"):
@@ -147,7 +148,7 @@ def describe(rows):
 
 
 def table_of_paintings(rows):
-    """Tabulate the coverage by kinds of paintings, as lines of Markdown."""
+    """Tabulate the coverage by kind of painting, as lines of Markdown."""
     unseen = rows["kind"].isin(UNSEEN)
     parts = {"all": unseen | ~unseen, "kinds of the fit": ~unseen, "other kinds": unseen}
     lines = ["| paintings | number | `found` | width | corrected | width |", "|---|---:|---|---:|---|---:|"]
@@ -165,13 +166,13 @@ def table_of_measures(rows):
 
 
 def show(path):
-    """Print the coverage in a record of `report`, by kinds of paintings and by measure."""
+    """Print the coverage recorded by `report`, by kind of painting and by measure."""
     rows = pd.read_csv(path)
     print("\n".join([*table_of_paintings(rows), "", *table_of_measures(rows)]))
 
 
 def main():
-    """Read the command line."""
+    """Parse the command line and run the chosen command."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     actions = parser.add_subparsers(dest="action", required=True)
     measured, fitted, reported, shown = (actions.add_parser(name) for name in ("measure", "fit", "report", "show"))

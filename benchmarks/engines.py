@@ -1,10 +1,10 @@
-"""Compare brush simulators: the same twelve strokes, strokes per second, and colour errors.
+"""Compare brush simulators by their pictures of the same twelve strokes, their speed and their colour errors.
 
     python benchmarks/engines.py             print the tables
     python benchmarks/engines.py FIGURE.png  also draw the strokes
 
-The strokes are copied from a picture of Fluid Paint itself: 200 pixels long in a window of 256, bent by 0, 50 and -80,
-with brush radii of 8, 15, 25 and 40.
+The strokes are copied from a picture made with Fluid Paint itself. They are 200 pixels long in a window of 256 pixels,
+bent by 0, 50 and -80 pixels, with brush radii of 8, 15, 25 and 40 pixels.
 """
 
 import sys
@@ -47,12 +47,12 @@ def twelve() -> Tensor:
 
 
 def over_paper(images: Tensor) -> Tensor:
-    """Blend RGBA images (n, 4, S, S) over light grey: (n, 3, S, S)."""
+    """Composite RGBA images (n, 4, S, S) over light grey paper; return RGB images (n, 3, S, S)."""
     return images[:, :3] * images[:, 3:] + PAPER * (1 - images[:, 3:])
 
 
 def panel(name: str, window: int) -> np.ndarray:
-    """Draw the twelve strokes of one engine in four rows of three: (H, W, 3) uint8."""
+    """Arrange the twelve strokes of one engine in four rows of three, as a picture (H, W, 3) uint8."""
     engine: Engine = build_named("engine", name, {"window": window})
     pictures = over_paper(engine(twelve(), seed=0).images)
     seen = slice(window * 3 // 16, window * 12 // 16)  # the rest of the window is empty
@@ -63,7 +63,7 @@ def panel(name: str, window: int) -> np.ndarray:
 
 
 def figure(names: list[str]) -> Image.Image:
-    """Draw all engines in columns: large windows at the top, magnified windows of 64 pixels below."""
+    """Arrange the engines in columns, with large windows at the top and magnified windows of 64 pixels below."""
     panels = [[panel(name, window) for name in names] for window in (LARGE, 64)]
     high, wide = panels[0][0].shape[:2]
     sheet = Image.new("RGB", (len(names) * (wide + 8), 2 * (high + HEAD)), "white")
@@ -77,7 +77,7 @@ def figure(names: list[str]) -> Image.Image:
 
 
 def strokes_per_second(name: str, options: dict[str, object], n: int = 512) -> float:
-    """Measure the strokes simulated per second of wall time, after a first batch."""
+    """Measure how many strokes are simulated per second of wall time, after an untimed first batch."""
     engine: Engine = build_named("engine", name, options)
     parameters = parameters_of(sample_prior(2 * n))
     engine(parameters[:n], seed=0)
@@ -87,7 +87,7 @@ def strokes_per_second(name: str, options: dict[str, object], n: int = 512) -> f
 
 
 def color_error(name: str) -> tuple[float, float]:
-    """Return the mean and 99th percentile of |shown - recorded| colour where a stroke covers more than half, 0 to 1."""
+    """Return the mean and the 99th percentile of |shown - recorded| colour, 0 to 1, where alpha is greater than 0.5."""
     engine: Engine = build_named("engine", name, {})
     parameters = parameters_of(sample_prior(1000, seed=1))
     images = engine(parameters, seed=0).images
@@ -97,7 +97,7 @@ def color_error(name: str) -> tuple[float, float]:
 
 
 def pigment_error(n: int = 2000, tried: int = 41) -> tuple[float, float]:
-    """Estimate the error of inverting the original's pigments: mean and 99th percentile distance to their gamut."""
+    """Estimate the mean and 99th percentile distance of random colours from the gamut of the original's pigments."""
     grid = torch.linspace(0, 1, tried, dtype=torch.float64)
     points = torch.cartesian_prod(grid, grid, grid)
     shown = torch.zeros_like(points)

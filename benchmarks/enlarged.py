@@ -1,11 +1,11 @@
-"""Measure how much of a simulated stroke's finest detail `renderer=textured` preserves when a painting is enlarged.
+"""Measure how much of the finest detail in simulated strokes `renderer=textured` preserves in enlarged paintings.
 
     python benchmarks/enlarged.py            print a table
     python benchmarks/enlarged.py STROKE.png also draw them: simulated above, textured below
 
 Strokes of several widths at 4096 px, each seven times as long as wide, are simulated at that size and drawn with
-several textures. The energy of the finest octave is the mean square of the coverage minus the coverage blurred by a
-Gaussian of 1 pixel; that of the next octave is the mean square of the difference between the blurs of 1 and 2 pixels.
+several textures. The energy in the finest octave is the mean square of the coverage minus the coverage blurred by a
+Gaussian of 1 pixel; the energy in the next octave is the mean square of the difference between blurs of 1 and 2 pixels.
 """
 
 import sys
@@ -30,7 +30,7 @@ SEEDS = 3
 
 
 def pair(pixels: int, number: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the coverage (S, S) of one stroke, simulated and textured."""
+    """Return the coverage (S, S) of one stroke twice: as simulated, and as drawn by the textured renderer."""
     window = round(pixels * ASPECT / INSET)
     width = INSET / ASPECT
     row = torch.tensor([[-INSET, 0, 0, 0, INSET, 0, width_parameter(width), 0, 0, 0]])
@@ -41,7 +41,7 @@ def pair(pixels: int, number: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def octaves(picture: np.ndarray) -> tuple[float, float]:
-    """Return the energy of the finest octave and of the next one."""
+    """Return the energies in the finest octave and in the next coarser octave of a picture."""
     fine, coarse = gaussian_filter(picture, 1.0), gaussian_filter(picture, 2.0)
     return float(((picture - fine) ** 2).mean()), float(((fine - coarse) ** 2).mean())
 

@@ -1,12 +1,12 @@
-"""Measure how far float32 kernels deviate from float64, by layers, opacity, pixels, distance and thinness.
+"""Measure how far float32 kernels deviate from float64 as layers, opacity, pixels, distance and thinness increase.
 
     python benchmarks/error_growth.py                       tables (20 s of processor time, 1.4 GB)
     python benchmarks/error_growth.py --plots docs/images   also draw the plots numerics_*.png
 
-The reference is eager PyTorch in float64 on exactly the same (float32) strokes. The error of a picture is the largest
-difference at any pixel and channel. The error of a gradient (of a randomly weighted sum of the picture) is |g - G| /
-|G| over all strokes, for the field with the largest error. Errors are the same on every machine except for the last
-bits of vector units.
+The reference is eager PyTorch in float64 on exactly the same (float32) strokes. The error in a picture is the largest
+difference at any pixel and channel. The error in a gradient (of a randomly weighted sum of the picture) is |g - G| /
+|G| over all strokes, for the field with the largest error. Errors are the same on every machine except for differences
+in the last bits, which depend on the vector unit.
 """
 
 import argparse
@@ -46,7 +46,7 @@ LEAST = 1e-10  # smallest error that the plots show
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of a picture and of its gradient."""
+    """Errors in a picture and in its gradient."""
 
     picture: float
     gradient: float
@@ -56,7 +56,7 @@ Table = dict[float, dict[str, Errors]]  # variable -> kernel -> errors
 
 
 def strokes_of(n: int, *, side: float = 8.0, length: float = 12.0, width: float = 7.0, seed: int = 0) -> Strokes:
-    """Make ``n`` slightly bent, opaque strokes in all directions across the middle of ``side`` x ``side`` pixels."""
+    """Make ``n`` slightly bent, opaque strokes in random directions near the centre of ``side`` x ``side`` pixels."""
     generator = torch.Generator().manual_seed(seed)
 
     def uniform(*shape: int) -> Tensor:
@@ -79,7 +79,7 @@ def strokes_of(n: int, *, side: float = 8.0, length: float = 12.0, width: float 
 def painted(
     blend: Blend, renderer: Renderer, strokes: Strokes, size: tuple[int, int], weight: Tensor
 ) -> tuple[Tensor, dict[str, Tensor]]:
-    """Return the picture, and the gradient of its last columns, weighted by ``weight``, in each field."""
+    """Return the picture's last columns, and the gradient of their sum, weighted by ``weight``, for each field."""
     leaves = strokes.map(lambda value: value.clone().requires_grad_())
     image = blend(renderer(leaves), torch.arange(len(strokes)), size, BACKGROUND.to(strokes.width)).image
     image = image[:, :, -weight.shape[2] :]
@@ -88,10 +88,10 @@ def painted(
 
 
 def errors_of(blend: Blend, renderer: Renderer, strokes: Strokes, side: int, *, far: int = 0) -> Errors:
-    """Measure the errors of float32 strokes on ``side`` x ``side`` pixels, or ``far`` pixels to the right.
+    """Measure the errors for float32 strokes on ``side`` x ``side`` pixels, moved ``far`` pixels to the right.
 
-    The canvas then has ``far`` more columns on the left. The strokes are moved to the right and rounded to float32; the
-    reference paints the rounded strokes at the origin.
+    The canvas has ``far`` additional columns on the left. The moved strokes are rounded to float32; the reference
+    paints the rounded strokes, moved back to the origin.
     """
     weight = torch.randn(3, side, side, generator=torch.Generator().manual_seed(1))
     moved = strokes.moved(shift=(far, 0))
@@ -107,7 +107,7 @@ def errors_of(blend: Blend, renderer: Renderer, strokes: Strokes, side: int, *, 
 
 
 def layers() -> Table:
-    """Measure errors with more and more strokes over the same 64 pixels."""
+    """Measure errors for increasing numbers of strokes over the same 64 pixels."""
     found: Table = {}
     for n in (1, 3, 10, 30, 100, 300, 1000, 3000, 10_000):
         found[n] = {}
@@ -122,7 +122,7 @@ def layers() -> Table:
 
 
 def opacities() -> Table:
-    """Measure errors as alpha approaches 1: 30 strokes over the same pixels."""
+    """Measure errors for 30 strokes over the same pixels as alpha approaches 1."""
     found: Table = {}
     for k in range(1, 9):
         strokes = strokes_of(30)
@@ -133,7 +133,7 @@ def opacities() -> Table:
 
 
 def distances() -> Table:
-    """Measure errors of strokes far from the origin."""
+    """Measure errors for strokes at increasing distances from the origin."""
     found: Table = {}
     for far in (0, 8, 80, 800, 8000, 80_000, 1_000_000):
         strokes = strokes_of(20, side=24.0)
@@ -142,7 +142,7 @@ def distances() -> Table:
 
 
 def sizes() -> tuple[Table, Table]:
-    """Measure errors of strokes smaller than a pixel, also relative to the change that the strokes cause."""
+    """Measure errors for strokes smaller than a pixel, absolute and relative to the change that the strokes cause."""
     plain, relative = Table(), Table()
     renderers = RENDERERS | {"analytic, taper 0.5": Analytic(taper=0.5)}
     for exponent in range(2, -9, -1):
@@ -172,7 +172,7 @@ def values(count: int, part: Tensor) -> Iterator[Tensor]:
 
 
 def sums() -> dict[int, dict[str, float]]:
-    """Measure relative errors of means over pixels in float32: losses, a stroke's gradient, a running sum."""
+    """Measure relative errors in float32 means over pixels: losses, a stroke's gradient, and a running sum."""
     generator = torch.Generator().manual_seed(0)
     image, target = torch.rand(2, 3, 600, 600, generator=generator)
     parts = {
@@ -196,7 +196,7 @@ def sums() -> dict[int, dict[str, float]]:
 
 
 def running(numbers: "np.ndarray[tuple[int], np.dtype[np.float32]]") -> np.float32:
-    """Sum numbers as a plain loop does."""
+    """Sum numbers in sequence, in float32."""
     total = np.float32(0)
     for begin in range(0, len(numbers), 10**7):
         piece = numbers[begin : begin + 10**7].copy()
@@ -206,7 +206,7 @@ def running(numbers: "np.ndarray[tuple[int], np.dtype[np.float32]]") -> np.float
 
 
 def of_a_stroke(numbers: Tensor) -> float:
-    """Measure the relative error of a sum over pixels in float32: first within tiles of 64, then over the tiles."""
+    """Measure the relative error in a float32 sum over pixels, accumulated within tiles of 64, then over the tiles."""
     tiles = numbers[: len(numbers) // 64 * 64].reshape(-1, 64)
     pairs = np.zeros((len(tiles), 1), np.float32)
     for k in range(64):
@@ -219,7 +219,7 @@ def of_a_stroke(numbers: Tensor) -> float:
 
 
 def save_small(figure: Figure, path: Path) -> None:
-    """Write a PNG with few colours, which takes a third of the bytes."""
+    """Save a figure as a PNG reduced to 64 colours, which needs a third of the bytes."""
     save_figure(figure, path)
     with Image.open(path) as image:
         few = image.convert("RGB").quantize(64)
@@ -227,7 +227,7 @@ def save_small(figure: Figure, path: Path) -> None:
 
 
 def show(title: str, varies: str, table: Table) -> None:
-    """Print a table in Markdown with picture / gradient in each cell."""
+    """Print a Markdown table with the errors in the picture and the gradient in each cell."""
     names = list(next(iter(table.values())))
     print(f"\n{title}\n\n| {varies} | {' | '.join(names)} |\n|{'---|' * (len(names) + 1)}")
     for x, row in table.items():
@@ -236,7 +236,7 @@ def show(title: str, varies: str, table: Table) -> None:
 
 
 def plot(path: Path, varies: str, table: Table, *, falling: bool = False, picture: str = "picture") -> None:
-    """Plot errors of picture and gradient side by side, on logarithmic axes."""
+    """Plot the errors in the picture and the gradient side by side, on logarithmic axes."""
     figure = new_figure(4.2)
     for axes, what in zip(figure.subplots(1, 2), ("picture", "gradient"), strict=True):
         for number, name in enumerate(next(iter(table.values()))):
@@ -255,7 +255,7 @@ def plot(path: Path, varies: str, table: Table, *, falling: bool = False, pictur
 
 
 def plot_sums(path: Path, table: dict[int, dict[str, float]]) -> None:
-    """Plot relative errors of sums against pixels."""
+    """Plot the relative errors in sums against the number of pixels."""
     figure = new_figure(4.2)
     axes = figure.subplots()
     for number, name in enumerate(next(iter(table.values()))):

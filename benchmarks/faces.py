@@ -1,4 +1,4 @@
-"""Count the faces that `find_faces` finds and misses, and its false hits, by tilt and size.
+"""Count the faces that `find_faces` finds and misses, and its false positives, by tilt and size.
 
 python benchmarks/faces.py              # two portraits, and pictures without faces, from scikit-image and matplotlib
 python benchmarks/faces.py faces.csv    # your own pictures: lines of picture,x,y,side; without numbers: no face
@@ -35,7 +35,7 @@ Truth = tuple[float, float, float]  # x, y and side of a face, in pixels
 
 @dataclass
 class Count:
-    """Counts of found, missed and false faces in some pictures."""
+    """Counts of found, missed and falsely detected faces in a set of pictures."""
 
     faces: int = 0
     hits: int = 0
@@ -44,7 +44,7 @@ class Count:
     made_up: list[str] = field(default_factory=list)
 
     def add(self, name: str, truths: list[Truth], found: list[Face]) -> None:
-        """Match the faces found with the true ones, one to one."""
+        """Match detected faces one to one with the true faces of a picture, and add the result to the counts."""
         left = list(found)
         for x, y, side in truths:
             hit = next((face for face in left if is_hit(face, x, y, side)), None)
@@ -61,12 +61,12 @@ class Count:
 
 
 def is_hit(face: Face, x: float, y: float, side: float) -> bool:
-    """Check whether a found face matches a true one, given by its middle and side in pixels."""
+    """Check whether a detected face matches a true face, given by its centre and side in pixels."""
     return math.hypot(face.x - x, face.y - y) < NEAR * side and 1 / LIKE < face.side / side < LIKE
 
 
 def samples() -> dict[str, list[Truth]]:
-    """List pictures that come with scikit-image and matplotlib, and their faces."""
+    """List sample pictures from scikit-image and matplotlib, and the faces in them."""
     hopper = Path(matplotlib.get_data_path()) / "sample_data" / "grace_hopper.jpg"
     pictures: dict[str, list[Truth]] = {
         str(Path(data_dir) / "astronaut.png"): [(225, 121, 100)],
@@ -81,7 +81,7 @@ def samples() -> dict[str, list[Truth]]:
 
 
 def read(table: Path) -> dict[str, list[Truth]]:
-    """Read the faces of pictures from a table; paths are relative to the table."""
+    """Read the true faces in each picture from a CSV file; paths are relative to the file's folder."""
     pictures: dict[str, list[Truth]] = defaultdict(list)
     with table.open() as file:
         for picture, *face in csv.reader(file):
@@ -104,7 +104,7 @@ def turned(picture: Image.Image, truths: list[Truth], tilt: float) -> tuple[Imag
 
 
 def main() -> None:
-    """Print a line for each size and tilt."""
+    """Detect faces at each size and tilt, and print a line for each combination."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("table", nargs="?", type=Path, help="CSV of picture,x,y,side in pixels of the file")
     parser.add_argument("--sizes", type=int, nargs="+", default=[256, 512, 768, 1024], help="longer side in pixels")

@@ -1,4 +1,4 @@
-"""Compare a painted film with its pictures painted individually with the same settings: flicker, PSNR and time.
+"""Compare the flicker, PSNR and time of a painted film with those of its frames painted one by one.
 
     python benchmarks/film.py                          a piece of a photograph moving over another photograph
     python benchmarks/film.py clip.mp4 --count 12      the first pictures of a film
@@ -6,8 +6,9 @@
     python benchmarks/film.py --side 256 --sheet film.jpg    also save three painted pictures and how they change
     python benchmarks/film.py --cut --count 5 --override steps=8    PSNR of each picture around a cut
 
-Flicker is the mean change (levels of 255) from picture to picture where the target does not change, measured on the
-pictures as displayed, under their lamp. PSNR compares the colours.
+All frames are painted with the same look and at the same size. Flicker is the mean change (in levels of 255) from one
+picture to the next where the target does not change, measured on the pictures as displayed, with lighting. PSNR is
+computed from the colours, without lighting.
 """
 
 import argparse
@@ -42,7 +43,7 @@ MOVED = 6  # pixels from picture to picture
 
 
 def scene(count: int, side: int) -> list[np.ndarray]:
-    """Make pictures of a round piece of one photograph moving over another, still one."""
+    """Make frames in which a round piece of one photograph moves across another photograph."""
     still = transform.resize(data.coffee()[:, 100:500], (side, side), anti_aliasing=True)
     piece = transform.resize(data.chelsea()[20:280, 110:370], (side // 3, side // 3), anti_aliasing=True)
     row, column = np.mgrid[: side // 3, : side // 3] - (side // 3 - 1) / 2
@@ -57,7 +58,7 @@ def scene(count: int, side: int) -> list[np.ndarray]:
 
 
 def cut(count: int, side: int) -> list[np.ndarray]:
-    """Make pictures of two photographs, one after the other, each moving to the left."""
+    """Make frames of one photograph, then of another photograph, each moving to the left."""
     parts = (data.coffee()[:, :400], data.chelsea()[:, :300])
     larger = [transform.resize(part, (side, side + MOVED * count), anti_aliasing=True) for part in parts]
     places = [(picture, MOVED * k) for picture in larger for k in range(count)]
@@ -65,7 +66,7 @@ def cut(count: int, side: int) -> list[np.ndarray]:
 
 
 def tell_pictures(folder: Path, clip: Path) -> None:
-    """Print the PSNR of every picture of a painted film, in the colours of its strokes."""
+    """Print the PSNR of each picture in a painted film, painted without lighting."""
     catalogues = sorted((folder / FRAMES).glob("*.h5"))
     for path, shown in zip(catalogues, timed_pictures(open_clip(clip)), strict=False):
         painted = export_job(load_catalogue(path)).bare().picture()
@@ -73,7 +74,7 @@ def tell_pictures(folder: Path, clip: Path) -> None:
 
 
 def write_sheet(sheet: Path, folder: Path, clip: Path) -> None:
-    """Write the first, middle and next-to-last painted pictures of a film, and how each changes in the next one."""
+    """Save the first, middle and next-to-last frames, their paintings, and the changes to the next paintings."""
     shown = [one.picture for one in timed_pictures(open_clip(clip))]
     paths = sorted((folder / FRAMES).glob("*.h5"))
     painted = [export_job(load_catalogue(path)).picture().astype(int) for path in paths]
@@ -85,7 +86,7 @@ def write_sheet(sheet: Path, folder: Path, clip: Path) -> None:
 
 
 def main() -> None:
-    """Print a Markdown table."""
+    """Paint the film both ways, and print the comparison as a Markdown table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("clip", nargs="?", help="a film; one is made by default")
     parser.add_argument("--look", default="oil")

@@ -2,8 +2,8 @@
 
     python benchmarks/gpu.py kodim03.png    (a few minutes; needs the extras gpu and test)
 
-Writes the results, with the card's name, into the last section of docs/gpu.md. The picture is optional; the default is
-a photograph of scikit-image, resampled to the same size.
+The results and the name of the card are written to the last section of docs/gpu.md. The picture is optional; the
+default is a scikit-image photograph, resampled to the same size.
 """
 
 import argparse
@@ -43,14 +43,14 @@ Step = Callable[[], tuple[torch.Tensor, ...]]
 
 
 def missing() -> str | None:
-    """Describe what this machine lacks, or return None."""
+    """Describe what this machine lacks for the benchmark; return None if nothing is missing."""
     if not torch.cuda.is_available():
         return f"PyTorch {torch.__version__} finds no CUDA device"
     return None if find_spec("triton") else "Triton is not installed"
 
 
 def step_of(kind: str, kernel: str, device: str = "cuda", side: int = SIDE, count: int = STROKES) -> Step:
-    """Make a function that takes one step on one kind of strokes: forward, mean squared error, backward."""
+    """Make a function that takes one step for one kind of stroke: forward pass, mean squared error, backward pass."""
     blend: Any = Tiled(kernel=kernel)
     blend = Compositor(blend, Pigment()) if kind == "pigment" else blend
     renderer = Textured().requires_grad_(False).eval() if kind == "textured" else Analytic()
@@ -73,7 +73,7 @@ def step_of(kind: str, kernel: str, device: str = "cuda", side: int = SIDE, coun
 
 
 def seconds_of(step: Step, runs: int) -> tuple[float, float]:
-    """Return the wall time of the first run, including compilation, and the median of the others."""
+    """Return the wall time of the first run, including compilation, and the median wall time of the later runs."""
     times = []
     for _ in range(runs + 1):
         start = time.perf_counter()
@@ -84,7 +84,7 @@ def seconds_of(step: Step, runs: int) -> tuple[float, float]:
 
 
 def steps() -> Iterator[str]:
-    """Compare steps of all kinds of strokes with PyTorch's."""
+    """Compare Triton's steps with PyTorch's for all kinds of strokes."""
     yield "| strokes | Triton ms | PyTorch ms | times | first step s | memory MB | picture, difference | gradient |"
     yield "|---|---|---|---|---|---|---|---|"
     for kind in ("plain", "shaped", "textured", "pigment"):
@@ -103,7 +103,7 @@ def steps() -> Iterator[str]:
 
 
 def side_by_side() -> Iterator[str]:
-    """Compare numbers of tiles per Triton program."""
+    """Compare step times for different numbers of tiles per Triton program."""
     from brushexp_gpu import rasterization  # noqa: PLC0415  (imports Triton)
 
     chosen, times = rasterization.TILES, []
@@ -116,7 +116,7 @@ def side_by_side() -> Iterator[str]:
 
 
 def painting(picture: Path | None) -> Iterator[str]:
-    """Paint a picture of Kodak's size until it reaches the PSNR."""
+    """Paint a picture of 768 x 512 pixels, the size of Kodak's pictures, until it reaches the target PSNR."""
     source: Any = picture or transform.resize(data.rocket(), (512, 768))
     for again in ("first", "again"):
         done = brushexp.paint(source, look="even", strokes=STROKES, psnr=PSNR, steps=1500, device="cuda")
@@ -150,7 +150,7 @@ def where_time_goes() -> Iterator[str]:
 
 
 def tests() -> Iterator[str]:
-    """Run the tests marked gpu."""
+    """Run the tests that are marked with ``gpu``."""
     versions = "-Wdefault"  # other builds of PyTorch bring libraries that warn; these are no faults of ours
     command = [sys.executable, "-m", "pytest", "-n", "auto", versions, "-m", "gpu", *TESTS]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
@@ -159,7 +159,7 @@ def tests() -> Iterator[str]:
 
 
 def report(picture: Path | None) -> str:
-    """Return all results as the section of the page."""
+    """Return all results as the text of the page's section."""
     import triton  # noqa: PLC0415  (it may not be there)
 
     card, capability = torch.cuda.get_device_name(), "".join(map(str, torch.cuda.get_device_capability()))
@@ -178,7 +178,7 @@ def report(picture: Path | None) -> str:
 
 
 def main() -> None:
-    """Write the section, or report what is missing."""
+    """Write the section, or exit with a message if this machine lacks something."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("picture", type=Path, nargs="?", help="a picture of 768 x 512 pixels")
     picture = parser.parse_args().picture

@@ -1,4 +1,4 @@
-"""Measure two figures of saved paintings: the share of pixels that show the ground by over a tenth, and median bend.
+"""Measure the fraction of pixels with over a tenth of the ground visible, and the median bend, in saved paintings.
 
 python benchmarks/ground.py outputs/a/catalogue.h5 outputs/b/catalogue.h5
 """
@@ -22,7 +22,7 @@ VISIBLE = 0.1  # share of the light that passes through all strokes at a pixel
 
 @torch.no_grad()
 def ground_visible(saved: Saved) -> float:
-    """Return the share of the pixels at which more than a tenth of the light passes through all strokes."""
+    """Return the fraction of pixels at which more than a tenth of the light passes through all strokes."""
     renderer, blend, order = renderer_of(saved), build_named("blend", "tiled", {}), saved.depth.argsort(descending=True)
     on_white, on_black = (
         torch.cat(

@@ -1,4 +1,4 @@
-"""Measure the cost of losses: milliseconds of a gradient step at 512 x 512 pixels, and the ratio to a step with mse.
+"""Measure the cost of losses: milliseconds per gradient step at 512 x 512 pixels, and the ratio to a step with mse.
 
     python benchmarks/losses.py                    every loss that needs no file (about two minutes on two idle cores)
     python benchmarks/losses.py lpips perceptual   only these losses
@@ -32,7 +32,7 @@ WARM = 5  # uncounted steps: perceptual views the target at four offsets
 
 
 def on_the_picture(loss: Loss) -> Callable[[], None]:
-    """Make a function that computes a loss and its gradient in the picture and the strokes."""
+    """Make a function that computes a loss and its gradient with respect to the picture and the strokes."""
     image = torch.rand(3, SIDE, SIDE, requires_grad=True)
     target, strokes = torch.rand(3, SIDE, SIDE), scene(N, SIDE).map(lambda value: value.requires_grad_())
 
@@ -44,7 +44,7 @@ def on_the_picture(loss: Loss) -> Callable[[], None]:
 
 
 def of_a_painting(losses: list[Loss]) -> Callable[[], None]:
-    """Make a function that renders strokes and computes a weighted sum of losses and its gradient in the strokes."""
+    """Make a function that renders strokes and computes the gradient of a weighted sum of losses."""
     leaves = scene(N, SIDE).map(lambda value: value.requires_grad_())
     target, order, renderer, blend = torch.rand(3, SIDE, SIDE), torch.arange(N), Analytic(), Tiled()
 
@@ -59,7 +59,7 @@ def of_a_painting(losses: list[Loss]) -> Callable[[], None]:
 
 
 def against(function: Callable[[], None], other: Callable[[], None], runs: int) -> tuple[float, float]:
-    """Return the median milliseconds of a step, and the median ratio to another step, measured in alternation."""
+    """Return the median time of a step in ms, and its median ratio to another step, measured in alternation."""
     for _ in range(WARM):
         function()
         other()
@@ -74,7 +74,7 @@ def _milliseconds(function: Callable[[], None]) -> float:
 
 
 def main(chosen: list[str], runs: int) -> None:
-    """Print the table."""
+    """Measure the chosen losses, and print the table."""
     load_plugins(Path(__file__).parents[1] / "plugins")
     nodes = {plugin.name: OmegaConf.structured(plugin.config) for plugin in plugins("loss")}
     mse: Loss = build(nodes["mse"])

@@ -1,4 +1,4 @@
-"""Measure the program's exports: their time, size, memory and faithfulness.
+"""Measure the time, file size, memory and fidelity of exports.
 
     python benchmarks/outputs.py                      (about three minutes on two idle cores)
     python benchmarks/outputs.py --strokes 2621 --resolution 4096
@@ -6,9 +6,9 @@
     python benchmarks/outputs.py --runs outputs/a     (the same for existing paintings)
     python benchmarks/outputs.py --replay outputs/a   (only how smoothly the page of this run replays)
 
-Paints the default picture twice, with default settings and at 1000 px with 10,000 strokes, then exports it; each export
-is a separate process whose time and memory include the imports. Pages are opened in headless Chromium. PSNR compares
-painting.png with the SVG as drawn by resvg and by Chromium, and with the last picture of the page's replay.
+The default picture is painted twice, with default settings and at 1000 px with 10,000 strokes, and then exported. Each
+export is a separate process, whose time and memory include the imports. Pages are opened in headless Chromium. PSNR
+compares painting.png with the SVG, as rendered by resvg and by Chromium, and with the last frame of the page's replay.
 """
 
 import argparse
@@ -45,7 +45,7 @@ PLAY = """async () => {
 
 
 def program(*overrides: str) -> tuple[float, float]:
-    """Run run.py, and return the seconds it took and the peak memory (MB) of the process."""
+    """Run run.py, and return its duration in seconds and the peak memory of its process in MB."""
     meter = (
         "import resource, subprocess, sys; "
         "code = subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode; "
@@ -58,7 +58,7 @@ def program(*overrides: str) -> tuple[float, float]:
 
 
 def exported(catalogue: Path, folder: Path, form: str, *overrides: str) -> Path:
-    """Export in one format, print a row of the table, and return the folder."""
+    """Export a painting in one format, print a row of the table, and return the folder of the export."""
     seconds, memory = program(
         "task=export", f"catalogue={catalogue}", f"to=[{form}]", f"output={folder / form}", *overrides
     )
@@ -68,7 +68,7 @@ def exported(catalogue: Path, folder: Path, form: str, *overrides: str) -> Path:
 
 
 def psnr(drawn: bytes, painting: Path) -> float:
-    """Compute the PSNR between a PNG and an encoded picture drawn by another program, scaled to the size of the PNG."""
+    """Compute the PSNR between a painting's PNG and an encoded picture, which is scaled to the size of the PNG."""
     ours = Image.open(painting).convert("RGB")
     theirs = Image.open(io.BytesIO(drawn)).convert("RGB").resize(ours.size)
     return -10 * math.log10(((np.asarray(theirs, float) - np.asarray(ours, float)) ** 2).mean() / 255**2)
@@ -87,7 +87,7 @@ def chromium() -> Iterator[Any]:
 
 
 def replayed(browser: Any, run: Path) -> bytes:
-    """Return the last picture of the replay on a run's page."""
+    """Return the last frame of the replay on a run's page, as an encoded picture."""
     width, height = Image.open(run / "painting.png").size
     tab = browser.new_page(viewport={"width": 1440, "height": round(1560 * height / width)}, reduced_motion="reduce")
     tab.goto((run / "report.html").as_uri())
@@ -104,7 +104,7 @@ def painted(look: str, folder: Path) -> Path:
 
 
 def vectors(runs: Iterable[Path]) -> None:
-    """Print how faithful the SVG and the replay of each run are."""
+    """Print a table of the fidelity of each run's SVG and replay."""
     import resvg_py  # noqa: PLC0415
 
     print(
@@ -123,7 +123,7 @@ def vectors(runs: Iterable[Path]) -> None:
 
 
 def page(run: Path) -> None:
-    """Print the time to write and to open the page of a run, and how smoothly it replays."""
+    """Print the times to write and to open a run's page, and how smoothly the page replays the painting."""
     from brushexp_studio.view import read_painting  # noqa: PLC0415
 
     from brushexp.config.publish import prepare  # noqa: PLC0415
@@ -148,7 +148,7 @@ def page(run: Path) -> None:
 
 
 def main() -> None:
-    """Print the tables in Markdown."""
+    """Measure the exports, and print the results as Markdown tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--strokes", type=int, default=10_000, help="strokes of the larger painting")
     parser.add_argument("--resolution", type=int, default=8192, help="pixels on the longer side of the largest exports")

@@ -1,10 +1,10 @@
-"""Measure the cost of painting beyond its steps: a second picture in one process, and a folder in one process.
+"""Measure the overhead of painting beyond the steps, for a second picture and for a folder of pictures in one process.
 
     python benchmarks/overhead.py second              brushexp.paint at 512 px, after a first call
     python benchmarks/overhead.py folder photos/      brushexp photos/ against brushexp photo for each picture
     python benchmarks/overhead.py folder photos/ --count 4 quality=draft jobs=2
 
-Times are minima over several alternating rounds; words with = are settings. CPU seconds include all threads.
+Times are minima over several alternating rounds; arguments with = are settings. CPU seconds include all threads.
 """
 
 import argparse
@@ -27,7 +27,7 @@ STEPS = 5
 
 
 def second(rounds: int, words: list[str]) -> None:
-    """Print, for each look, the seconds of a later call that its steps do not account for."""
+    """Print, for each look, the seconds that a later call takes in addition to its steps."""
     options = dict(word.split("=", 1) for word in words)
     least = {look: float("inf") for look in LOOKS}
     for number in range(rounds + 1):
@@ -52,7 +52,7 @@ def spent_on(words: list[str]) -> tuple[float, float]:
 
 
 def folder(place: str, count: int, rounds: int, words: list[str]) -> None:
-    """Print a Markdown table of both ways, in seconds and as a ratio."""
+    """Print the seconds needed to paint pictures one by one and as a folder, and their ratio, as a table."""
     pictures = [Path(name).resolve() for name in pictures_in(place)[:count]]
     singly = [word for word in words if not word.startswith("jobs=")]
     least = {"one by one": (float("inf"), float("inf")), "the folder": (float("inf"), float("inf"))}
@@ -77,7 +77,7 @@ def folder(place: str, count: int, rounds: int, words: list[str]) -> None:
 
 
 def main() -> None:
-    """Print a Markdown table."""
+    """Parse the command line, and print the Markdown table of the chosen benchmark."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=["second", "folder"])
     parser.add_argument("place", nargs="?", help="folder of pictures")

@@ -1,9 +1,9 @@
-"""Measure the time and memory of steps with partial updates, compared with steps on the whole canvas.
+"""Compare the time and memory of steps with partial updates with those of steps on the whole canvas.
 
     python benchmarks/partial.py            (about three minutes on two idle cores)
 
-Every table is one run: read the ratios, not the seconds. Each row comes from a separate process, so that its peak
-memory is its own.
+Every table is one run: read the ratios, not the seconds. Each row is measured in a separate process, so that its peak
+memory does not include that of other rows.
 """
 
 import argparse
@@ -31,7 +31,7 @@ STEPS = 30
 
 
 class StepTimes(L.Callback):
-    """Callback that records the seconds of each step."""
+    """Callback that records the duration of each step in seconds."""
 
     def __init__(self) -> None:
         self.seconds: list[float] = []
@@ -44,7 +44,7 @@ class StepTimes(L.Callback):
 
 
 def row(side: int, sampler: str) -> None:
-    """Print milliseconds and peak memory of steps on ``side`` x ``side`` pixels with one stroke per 105 pixels."""
+    """Print the time (ms) and peak memory of steps on ``side`` x ``side`` pixels with one stroke per 105 pixels."""
     target = torch.rand(3, side, side)
     parts = standard_components(steps=10**6, sampler=Whole() if sampler == "whole" else Patches())
     strokes = scene(side * side // 105, side)

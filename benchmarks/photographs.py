@@ -1,10 +1,10 @@
-"""Measure time and memory of default paintings of 1 to 50 megapixels, and how many pixels strokes need.
+"""Measure the time and memory of default paintings of 1 to 50 megapixels, and how many pixels each stroke needs.
 
     python benchmarks/photographs.py                     whole runs, relative to 1,024 pixels
     python benchmarks/photographs.py --pixels            PSNR and seconds against working pixels per stroke
 
-The photographs are samples of scikit-image, enlarged, with added grain. Each is painted in a separate process; a first,
-uncounted run compiles the kernels.
+The photographs are enlarged scikit-image samples with added grain. Each is painted in a separate process, after an
+untimed run that compiles the kernels.
 """
 
 import argparse
@@ -33,7 +33,7 @@ SEEN_SIDE = 2048  # side in pixels at which paintings are compared with the phot
 
 
 def make_photograph(name: str, side: int, folder: Path) -> Path:
-    """Enlarge a sample to ``side`` pixels on its longer side, 3 to 4, add grain, and save it as a JPEG."""
+    """Crop a sample to 4:3, enlarge it to ``side`` pixels on its longer side, add grain, and save it as a JPEG."""
     sample = Image.open(samples()[name]).convert("RGB")
     height, width = side * 3 // 4, side
     fitted = sample.crop((0, 0, sample.width, min(sample.height, sample.width * 3 // 4)))
@@ -45,7 +45,7 @@ def make_photograph(name: str, side: int, folder: Path) -> Path:
 
 
 def paint(image: Path, folder: Path, *words: str) -> dict[str, float]:
-    """Paint as a user would, and return wall and CPU seconds and peak memory of the process."""
+    """Paint as a user would, and return the wall time, CPU time (s) and peak memory (MB) of the process."""
     command = [sys.executable, str(ROOT / "run.py"), f"image={image}", f"output={folder}", "overwrite=true", *words]
     start = time.perf_counter()
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -57,7 +57,7 @@ def paint(image: Path, folder: Path, *words: str) -> dict[str, float]:
 
 
 def print_sizes(names: list[str], folder: Path) -> None:
-    """Print time and memory of whole runs by size, and their ratios to the smallest size."""
+    """Print the time and memory of whole runs by picture size, and the ratios to the smallest size."""
     print("| photograph | size | wall s | ratio | CPU s | ratio | memory MB | PSNR dB |")
     print("|---|---|---|---|---|---|---|---|")
     for name in names:
@@ -75,7 +75,7 @@ def print_sizes(names: list[str], folder: Path) -> None:
 
 
 def print_pixels(names: list[str], folder: Path) -> None:
-    """Print the PSNR of paintings of many strokes, by the number of pixels they are optimised on."""
+    """Print the PSNR of paintings with many strokes by the number of working pixels per stroke."""
     print("| photograph | pixels a stroke | working side | PSNR dB at 2,048 px | optimisation s |")
     print("|---|---|---|---|---|")
     for name in names:
@@ -93,7 +93,7 @@ def print_pixels(names: list[str], folder: Path) -> None:
 
 
 def main() -> None:
-    """Print one of two Markdown tables."""
+    """Print a Markdown table by picture size or, with ``--pixels``, by working pixels per stroke."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("samples", nargs="*", default=["coffee", "astronaut"], help="samples of scikit-image")
     parser.add_argument("--pixels", action="store_true", help="compare numbers of working pixels per stroke")

@@ -1,10 +1,10 @@
-"""Measure whole runs of the program, started as a user would: wall time, PSNR, SSIM and strokes.
+"""Measure the wall time, PSNR, SSIM and number of strokes of whole runs, started as a user would start them.
 
     python benchmarks/pictures.py                        the default picture
     python benchmarks/pictures.py a.jpg b.png --strokes 10000 --override quality=fine
 
-Each picture is painted in a separate process, with look=plain unless another is given; a first, uncounted run compiles
-the kernels.
+Each picture is painted in a separate process, with look=plain unless another look is given, after an untimed run that
+compiles the kernels.
 """
 
 import argparse
@@ -19,7 +19,7 @@ ROOT = Path(__file__).parents[1]
 
 
 def run(overrides: list[str], folder: Path) -> dict[str, float]:
-    """Paint once and return metrics.json, with the wall time of the whole process as ``wall``."""
+    """Paint once, and return the contents of metrics.json with the wall time of the process added as ``wall``."""
     start = time.perf_counter()
     look = [] if any(word.startswith("look=") for word in overrides) else ["look=plain"]
     command = [sys.executable, str(ROOT / "run.py"), f"output={folder}", *look, *overrides]
@@ -29,7 +29,7 @@ def run(overrides: list[str], folder: Path) -> dict[str, float]:
 
 
 def main() -> None:
-    """Print a Markdown table."""
+    """Paint the pictures, and print their metrics as a Markdown table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("pictures", nargs="*", default=["astronaut"], help="files, or samples of scikit-image")
     parser.add_argument("--strokes", type=int, help="number of strokes; one per 100 pixels by default")

@@ -1,12 +1,12 @@
-"""Compute the reflectances of the paints of color=pigment.
+"""Compute the reflectances of the paints that color=pigment mixes.
 
     python benchmarks/pigments.py        (less than a minute)
 
-The unknowns are the shares of light that six pure paints reflect in seven bands; white reflects all light. They
-determine the matrix from bands to linear RGB, which gives each paint exactly its colour. A least-squares fit requires
-that mixtures (geometric means) of two paints have the colours of MIXTURES, that no mixture of two colours leaves the
-gamut of displays, and that spectra and matrix are smooth. The target colours are those that painters expect, not
-measurements.
+The unknowns are the fractions of light that six pure paints reflect in seven bands; white reflects all light. They
+determine the matrix from bands to linear RGB, which reproduces the colour of each paint exactly. The terms of a
+least-squares fit are the differences between mixtures (geometric means) of two paints and the colours in MIXTURES, the
+amounts by which mixtures exceed the display gamut, and the roughness of spectra and matrix. The target colours are
+those that painters expect, not measurements.
 """
 
 import torch
@@ -29,12 +29,12 @@ def color(text: str) -> Tensor:
 
 
 def logarithms(light: Tensor, spectra: Tensor) -> Tensor:
-    """Return the logarithms of the channels before scaling."""
+    """Return the logarithms of the bands' reflectances, before they are scaled."""
     return (paints(light) @ spectra + DEEPEST).log()
 
 
 def started() -> Tensor:
-    """Return the initial spectra, blocks with soft edges, before the sigmoid."""
+    """Return the logits of the initial spectra, which are blocks with soft edges."""
     place = torch.linspace(0, 1, BANDS, dtype=torch.float64)
 
     def block(low: float, high: float) -> Tensor:
@@ -45,7 +45,7 @@ def started() -> Tensor:
 
 
 def main() -> None:
-    """Print the table, the matrix and the mixtures."""
+    """Fit the reflectances, and print the table, the matrix and the mixtures."""
     torch.manual_seed(0)
     pure, white = torch.tensor(PURE, dtype=torch.float64), torch.ones(1, BANDS, dtype=torch.float64)
     light = [torch.stack([linear_of(color(pair.split()[k])) for pair in MIXTURES]) for k in (0, 1)]

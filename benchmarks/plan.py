@@ -1,13 +1,14 @@
-"""Compare plans painted under the constraints of a table with a palette applied afterwards, on pictures from packages.
+"""Compare plans painted under the constraints of a table with paintings that are converted to the table afterwards.
 
     python benchmarks/plan.py        (a minute for each picture and number of mixtures, on one core)
 
 Each picture is painted twice with the same numbers of strokes and steps: with `tubes=`, and with look=even, whose
-strokes then get the same mixtures and brushes. The latter strokes are painted in the order of the plan and in their own
-order, and the better result counts. Both plans are played back, with brushes that run dry. The table has the median
-CIEDE2000 from the target if each pixel had its nearest mixture (pixels), for the painting with look=even before (plain)
-and after (afterwards) it gets mixtures, and for the plan (planned). The last column compares the plan with the
-photograph, whose tones are not yet within those of the paints. Means are geometric, with two standard errors.
+strokes are then converted to the same mixtures and brushes. The converted strokes are played back in the order of the
+plan and in their own order, and the better result is reported. Both plans are played back with brushes that run dry.
+The table has the median CIEDE2000 difference from the target for four pictures: the target with each pixel replaced by
+its nearest mixture (pixels), the painting with look=even before (plain) and after conversion (afterwards), and the
+plan (planned). The last column compares the plan with the photograph before its tones are mapped to those of the
+paints. Means are geometric, with two standard errors.
 """
 
 import argparse
@@ -37,19 +38,19 @@ QUIET = {"frames": 0, "report": False, "logger": []}
 
 
 def shown(job: ExportJob) -> Tensor:
-    """Play back a painting as a tensor (3, H, W)."""
+    """Render a painting as a tensor (3, H, W) in [0, 1]."""
     return torch.from_numpy(job.picture()).movedim(2, 0) / 255
 
 
 def best_pixels(target: Tensor, table: Table) -> Tensor:
-    """Give each pixel the perceptually nearest mixture."""
+    """Replace the colour of each pixel by the perceptually nearest mixture."""
     colors, which = np.unique((255 * target.flatten(1).T).round().byte().numpy(), axis=0, return_inverse=True)
     nearest = torch.cat([table.mixture_of(part) for part in (torch.from_numpy(colors) / 255).split(4096)])
     return table.mixtures.color[nearest[torch.from_numpy(which)]].T.reshape(target.shape)
 
 
 def paint_plain(cfg: DictConfig, strokes: int, target: Tensor) -> ExportJob:
-    """Paint a target with look=even, with the same numbers of strokes and steps."""
+    """Paint a target with look=even, a given number of strokes and the steps in ``cfg``."""
     same = {"strokes": strokes, "steps": cfg.steps, "resolution": cfg.resolution, "threads": cfg.threads}
     free = settings_of("paint", {"image": target.movedim(0, 2).numpy(), "look": "even", **same, **QUIET})
     with free.as_asked():
@@ -57,7 +58,7 @@ def paint_plain(cfg: DictConfig, strokes: int, target: Tensor) -> ExportJob:
 
 
 def compare(image: str, options: dict[str, object], counts: list[int]) -> Iterator[dict[str, object]]:
-    """Paint a picture both ways for each number of mixtures, and measure the differences from the target."""
+    """Paint a picture both ways for each number of mixtures, and yield the differences from the target."""
     plain = None
     for count in counts:
         constrained = settings_of("paint", {"image": image, "tubes": "eight", "mixtures": count, **options, **QUIET})
@@ -81,7 +82,7 @@ def compare(image: str, options: dict[str, object], counts: list[int]) -> Iterat
 
 
 def main() -> None:
-    """Print a row for each picture, and the geometric mean of the ratios with an interval."""
+    """Print a row for each picture, and the geometric mean of the ratios with its interval."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--pictures", nargs="+", default=[])
     parser.add_argument("--mixtures", nargs="+", type=int, default=[24, 96])

@@ -1,12 +1,12 @@
-"""Measure the quality of strokes that a network predicts: without a step, after some steps, and at equal time.
+"""Measure the quality of predicted strokes without optimisation, after some steps, and at equal CPU time.
 
     python benchmarks/predictor.py                               thesis12 at 512 px (about half an hour on one core)
     python benchmarks/predictor.py --pictures kodak --side 0     a folder at full size
     python benchmarks/predictor.py --only strokes                one table of: strokes, steps, seconds, edges, drafts
     python benchmarks/predictor.py --sheet sheet.jpg             two pictures and their predicted strokes
 
-Differences are paired by picture, with intervals of Student's t at 95 %. Times are CPU seconds of one thread, including
-the initialisation.
+Differences are paired by picture, with 95 % confidence intervals from Student's t. Times are CPU seconds of one thread
+and include the initialisation.
 """
 
 import argparse
@@ -48,19 +48,19 @@ Row = Sequence[str | int | float]
 
 @cache
 def target_of(name: str, side: int) -> Tensor:
-    """Load a picture, once."""
+    """Load a picture and cache it."""
     return load_picture(name, side or None)
 
 
 def begin(name: str, side: int, init: str, n: int, **options: object) -> tuple[Strokes, float]:
-    """Create initial strokes, and measure the CPU seconds."""
+    """Create initial strokes; return them and the CPU seconds spent."""
     target, start = target_of(name, side), time.process_time()
     strokes = brushexp.create("init", init, **options)(target, n, torch.Generator().manual_seed(0))
     return strokes, time.process_time() - start
 
 
 def paint(name: str, side: int, init: str, n: int, steps: int) -> tuple[float, float, float]:
-    """Paint a picture, and return PSNR in dB, perceptual distance, and CPU seconds without the initialisation."""
+    """Paint a picture; return PSNR in dB, perceptual distance, and CPU seconds without initialisation."""
     keys: dict[str, str | int] = {"look": "even", "strokes": n, "init": init, "steps": steps, "threads": 1}
     if init == "predicted" and not steps:
         keys["painter"] = "predictor"  # which keeps the predicted order; an optimiser starts with its own
@@ -79,14 +79,14 @@ def table(title: str, head: Row, rows: Sequence[Row]) -> None:
 
 
 def paired(ours: Sequence[float], theirs: Sequence[float]) -> str:
-    """Format the mean difference with its interval."""
+    """Format the mean difference between paired values with its confidence interval."""
     mean, low, high = interval(one - other for one, other in zip(ours, theirs, strict=True))
     digits = 2 if max(map(abs, theirs)) > 1 else 3
     return f"{mean:+.{digits}f} [{low:+.{digits}f}, {high:+.{digits}f}]"
 
 
 def by_strokes(names: Sequence[str], side: int, counts: Sequence[int]) -> None:
-    """Print the quality and the time of paintings without a step."""
+    """Print the quality and the time of paintings without optimisation."""
     rows = []
     for n in counts:
         ours = [paint(name, side, "predicted", n, 0) for name in names]
@@ -111,7 +111,7 @@ def wall_of(name: str, side: int, n: int) -> float:
 
 
 def by_steps(names: Sequence[str], side: int, n: int, steps: Sequence[int]) -> None:
-    """Print the quality of paintings after some steps."""
+    """Print the quality of paintings after each number of steps."""
     rows = []
     for count in steps:
         found = {init: [paint(name, side, init, n, count)[0] for name in names] for init in INITS}
@@ -122,7 +122,7 @@ def by_steps(names: Sequence[str], side: int, n: int, steps: Sequence[int]) -> N
 
 
 def by_seconds(names: Sequence[str], side: int, n: int, budgets: Sequence[float]) -> None:
-    """Print the quality of paintings at equal CPU time."""
+    """Print the quality of paintings at equal CPU times."""
     a_step = statistics.median(paint(name, side, "slic", n, 20)[2] / 20 for name in names[:4])
     starts = {init: statistics.median(begin(name, side, init, n)[1] for name in names[:4]) for init in INITS}
     rows = []
@@ -138,7 +138,7 @@ def by_seconds(names: Sequence[str], side: int, n: int, budgets: Sequence[float]
 
 
 def by_place(names: Sequence[str], side: int, n: int) -> None:
-    """Print how much larger the error is near the edge of a painting."""
+    """Print the ratio of the error near the edge of paintings to the error elsewhere."""
     ratios = []
     for name in names:
         target = target_of(name, side)
@@ -158,7 +158,7 @@ def by_place(names: Sequence[str], side: int, n: int) -> None:
 
 
 def draft(name: str, side: int, look: str, keys: dict[str, str | int | float]) -> tuple[float, float, float]:
-    """Paint a draft, and return PSNR in dB, perceptual distance, and CPU seconds of initialisation and steps."""
+    """Paint a draft; return PSNR in dB, perceptual distance, and CPU seconds of initialisation and steps."""
     size = {"resolution": side} if side else {}
     metrics = brushexp.paint(name, look=look, quality="draft", threads=1, **keys, **size).metrics
     own = {"init": "predicted", "checkpoint": "brushed"} if keys["init"] == "brushed" else {"init": str(keys["init"])}
@@ -170,7 +170,7 @@ def draft(name: str, side: int, look: str, keys: dict[str, str | int | float]) -
 
 
 def by_draft(names: Sequence[str], side: int) -> None:
-    """Print the quality of drafts, both now and before they started from a network's strokes."""
+    """Print the quality of drafts with the former, the present and alternative settings."""
     rows = []
     for look, choices in DRAFTS.items():
         found = [list(zip(*(draft(name, side, look, keys) for name in names), strict=True)) for keys in choices]
@@ -188,7 +188,7 @@ def by_draft(names: Sequence[str], side: int) -> None:
 def sheet(
     path: Path, names: Sequence[str] = ("coffee", "astronaut"), counts: Sequence[int] = (200, 1000, 2600)
 ) -> None:
-    """Save pictures side by side with their paintings, which have more and more strokes."""
+    """Save a sheet that shows pictures next to their predicted paintings with increasing numbers of strokes."""
     rows = []
     for name in names:
         target = target_of(name, 400)[:, :266].contiguous()
@@ -203,7 +203,7 @@ def sheet(
 
 
 def main() -> None:
-    """Print the requested tables."""
+    """Print the requested tables, or save the sheet."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--pictures", nargs="+", default=["thesis12"], help="names, files, folders or sets")
     parser.add_argument("--side", type=int, default=512, help="longer side in pixels; 0 keeps the size")

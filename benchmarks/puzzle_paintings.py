@@ -1,9 +1,9 @@
-"""Assemble the paintings of GCompris's puzzle for the studies' set ``pictures=held_out_paintings``.
+"""Assemble the paintings in GCompris's puzzle for ``pictures=held_out_paintings``, a picture set used in studies.
 
     apt-get download gcompris-qt-data && dpkg -x gcompris-qt-data_*.deb gcompris
     python benchmarks/puzzle_paintings.py gcompris/usr/share/gcompris-qt/rcc/paintings.rcc paintings/
 
-This writes 21 pictures (without the photograph of a sculpture); the set has their checksums for version 3.1.
+This writes 21 pictures, omitting the photograph of a sculpture; the set lists their checksums for version 3.1.
 """
 
 import argparse
@@ -31,7 +31,7 @@ PIECE = re.compile(r'"image/(.*?)",\s*"x"\s*:\s*"([\d.]+)",\s*"y"\s*:\s*"([\d.]+
 
 
 def files_in(data: bytes) -> Iterator[tuple[str, bytes]]:
-    """Yield names and contents of files in a Qt resource file (version 3) that are unpacked or packed with zlib."""
+    """Yield the names and contents of files in a Qt resource file (version 3), except those packed with Zstandard."""
     _, tree, contents, names = struct.unpack(">4I", data[4:20])
     waiting = [0]
     while waiting:
@@ -47,7 +47,7 @@ def files_in(data: bytes) -> Iterator[tuple[str, bytes]]:
 
 
 def painting_of(board: str, files: dict[str, bytes]) -> Image.Image:
-    """Assemble the pieces of a board, and fill gaps between them with the nearest pixels."""
+    """Assemble the pieces of a puzzle board, and fill the gaps between them with the nearest pixels."""
     size = tuple(int(re.search(rf'"{side}": (\d+)', board)[1]) for side in ("width", "height"))  # type: ignore[index]
     whole = Image.new("RGBA", size)
     for name, x, y in PIECE.findall(board):

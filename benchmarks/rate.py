@@ -1,13 +1,13 @@
-"""Compare rate and distortion of coded strokes and picture codecs: PSNR of the decoded picture against bits per pixel.
+"""Compare the rate and distortion of coded strokes and picture codecs: PSNR of decoded pictures against bits per pixel.
 
     python benchmarks/rate.py paint records.csv --kodak ../shared/images/kodak   # paint, code, and add to the records
     python benchmarks/rate.py show records.csv figure.png                        # print the tables, and draw the figure
 
-The pictures are icons drawn by this script, photographs of scikit-image, and some of Kodak's pictures from a folder,
-all reduced. Each is painted with several numbers of strokes, which are coded; Pillow writes JPEG, WebP, AVIF and JPEG
-2000 files at many qualities. Rates include the whole files. Pictures already in the records are skipped. Bjontegaard's
-difference of rates (2001) is the mean difference of log rate over the range of PSNR that two curves share, here of
-monotone cubic curves; intervals are of 2,000 bootstrap samples of the pictures of a set.
+The pictures are icons drawn by this script, scikit-image photographs, and some of Kodak's pictures from a folder, all
+reduced in size. Each is painted with several numbers of strokes, which are coded; Pillow writes JPEG, WebP, AVIF and
+JPEG 2000 files at many quality settings. Rates count whole files. Pictures that are already in the records are skipped.
+Bjontegaard's rate difference (2001) is the mean difference in log rate over the range of PSNR that two curves share;
+curves are monotone cubics here. Confidence intervals come from 2,000 bootstrap samples of the pictures in a set.
 """
 
 import argparse
@@ -103,7 +103,7 @@ def _badge(draw: ImageDraw.ImageDraw) -> None:
 
 
 def pictures(kodak: Path | None) -> Iterator[tuple[str, str, np.ndarray]]:
-    """Yield set, name and pixels (H, W, 3) of each picture, alternating between the sets."""
+    """Yield the set, name and pixels (H, W, 3) of each picture, alternating between the sets."""
     drawn = [("icons", name, np.asarray(picture)) for name, picture in icons().items()]
     taken = [("scikit-image", name, _shrunk(Image.fromarray(getattr(data, name)()), SIDE)) for name in PHOTOGRAPHS]
     paths = [] if kodak is None else [kodak / f"{name}.png" for name in KODAK]
@@ -119,12 +119,12 @@ def _shrunk(picture: Image.Image, side: int) -> np.ndarray:
 
 
 def psnr(picture: np.ndarray, target: np.ndarray) -> float:
-    """Compute the PSNR in dB of two 8-bit pictures."""
+    """Compute the PSNR between two 8-bit pictures in dB."""
     return float(-10 * np.log10(np.square((picture.astype(float) - target) / 255).mean() + 1e-12))
 
 
 def by_codecs(target: np.ndarray) -> Iterator[tuple[str, str, float, float]]:
-    """Yield codec, setting, bits per pixel and PSNR of the files that Pillow writes."""
+    """Yield codec, setting, bits per pixel and PSNR for each file that Pillow writes."""
     for codec, (form, qualities) in CODECS.items():
         for options in qualities:
             Image.fromarray(target).save(file := io.BytesIO(), form, **options)
@@ -138,7 +138,7 @@ def by_codecs(target: np.ndarray) -> Iterator[tuple[str, str, float, float]]:
 
 
 def by_strokes(target: np.ndarray) -> Iterator[tuple[str, str, float, float]]:
-    """Paint, code and decode strokes, and yield the same values as `by_codecs`."""
+    """Paint a picture, code and decode its strokes, and yield the same values as `by_codecs`."""
     import brushexp  # noqa: PLC0415  (tables need none of it)
     from brushexp.contracts import build_named  # noqa: PLC0415
     from brushexp.contracts.families import Comparison  # noqa: PLC0415
@@ -154,7 +154,7 @@ def by_strokes(target: np.ndarray) -> Iterator[tuple[str, str, float, float]]:
 
 
 def paint(records: Path, kodak: Path | None) -> None:
-    """Append missing rows to the records."""
+    """Measure the pictures that are missing in the records, and append their rows."""
     done = {(row["set"], row["picture"], row["codec"]) for row in read(records)} if records.exists() else set()
     with records.open("a", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -174,13 +174,13 @@ def paint(records: Path, kodak: Path | None) -> None:
 
 
 def read(records: Path) -> list[Record]:
-    """Read the records."""
+    """Read the rows of a records file."""
     with records.open(newline="") as file:
         return list(csv.DictReader(file))
 
 
 def curves(rows: list[Record]) -> dict[tuple[str, str, str], Curve]:
-    """Collect the points of each set, picture and codec by rate, omitting dominated points."""
+    """Collect a curve of points, sorted by rate and without dominated points, for each set, picture and codec."""
     points = defaultdict(list)
     for row in rows:
         points[row["set"], row["picture"], row["codec"]].append((float(row["bits_per_pixel"]), float(row["psnr"])))
@@ -195,7 +195,7 @@ def curves(rows: list[Record]) -> dict[tuple[str, str, str], Curve]:
 
 
 def quality_at(curve: Curve, rate: float) -> float:
-    """Interpolate the PSNR at a rate; nan outside the curve."""
+    """Interpolate the PSNR on a curve at a rate; return nan outside the curve."""
     rates, qualities = np.array(curve).T
     if not rates[0] <= rate <= rates[-1]:
         return float("nan")
@@ -203,7 +203,7 @@ def quality_at(curve: Curve, rate: float) -> float:
 
 
 def difference_of_rates(curve: Curve, against: Curve) -> float:
-    """Compute Bjontegaard's mean difference of log rate; nan where the curves share no range of PSNR."""
+    """Compute Bjontegaard's mean difference in log rate; return nan if the curves share no range of PSNR."""
     low = max(curve[0][1], against[0][1])
     high = min(curve[-1][1], against[-1][1])
     if high <= low:
@@ -216,7 +216,7 @@ def difference_of_rates(curve: Curve, against: Curve) -> float:
 
 
 def show(records: Path, figure: Path | None) -> None:
-    """Print the tables, and draw the figure."""
+    """Print the tables, and plot the figure if its path is given."""
     found = curves(read(records))
     groups = list(dict.fromkeys(group for group, _, _ in found))
     codecs = [OURS, *CODECS]
@@ -254,7 +254,7 @@ def show(records: Path, figure: Path | None) -> None:
 
 
 def draw(found: dict[tuple[str, str, str], Curve], groups: list[str], codecs: list[str], figure: Path) -> None:
-    """Draw the curves of all pictures, a panel for each set."""
+    """Plot the curves of all pictures, with one panel per set."""
     import matplotlib  # noqa: PLC0415
 
     matplotlib.use("Agg")
@@ -280,7 +280,7 @@ def draw(found: dict[tuple[str, str, str], Curve], groups: list[str], codecs: li
 
 
 def main() -> None:
-    """Paint pictures, or show the records."""
+    """Parse the command line, and paint pictures or show the records."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=["paint", "show"])
     parser.add_argument("records", type=Path, help="CSV file")

@@ -1,12 +1,12 @@
-"""Measure how much a few hand-drawn marks improve the recovery of other strokes, in known and in marked paintings.
+"""Measure how much marking a few strokes improves the recovery of other strokes, in known and in hand-marked paintings.
 
     python benchmarks/recovery_marks.py --kinds impasto daubs dabs
     python benchmarks/recovery_marks.py --kinds --hand FOLDER        # NAME.json and NAME.png
 
-In each known painting, weathered, ``--marks`` random strokes replace the marks of a person: they determine the scale
-and train the region scorers, as in ``recover marks=``. A row has the recall of the other strokes at an IoU of 0.5
-before and after, and F1 of all regions. One half of the marks by hand is used for training and the other half for
-testing, then the other way round.
+In each weathered painting with known strokes, ``--marks`` random strokes take the place of hand-drawn marks: as with
+``recover marks=``, they determine the scale and train the region scorers. A row has the recall of the other strokes at
+an IoU of 0.5, before and after training, and the F1 of all regions. Of hand-drawn marks, one half is used for training
+and the other half for testing, and then the halves are swapped.
 """
 
 import argparse
@@ -34,18 +34,18 @@ LEAST_PIXELS = 12  # area of the smallest region that counts
 
 
 def find(model, image, scale=None):
-    """Find regions like `recover`."""
+    """Find regions as `recover` does without marks."""
     return find_regions(model, image, scale, 1, lambda *_: None)
 
 
 def find_with(model, image, marks):
-    """Find regions like ``recover marks=``, before marks replace regions."""
+    """Find regions as ``recover marks=`` does before marks replace regions."""
     scale = choose_scale(model, image, marks)
     return find(fit_judges(model, image, marks, scale, 0), image, scale)
 
 
 def marks_of(truth, chosen):
-    """Make marks from the ``chosen`` known strokes, with their visible regions."""
+    """Make marks from the known strokes with indices ``chosen``, with outlines of their visible regions."""
     outlines = outlines_of(truth.labels, len(truth))
     strokes = [
         Mark(str(k), truth.curve[k], np.full(3, truth.width[k]), (outlines[k],) if len(outlines[k]) > 2 else ())
@@ -55,7 +55,7 @@ def marks_of(truth, chosen):
 
 
 def compare_known(model, options):
-    """Print a row for each kind of painting, and the means."""
+    """Print a row for each kind of painting with known strokes, and the means over kinds."""
     print(f"| {options.marks} marks | scale | recall of the rest | F1 |\n|---|---|---|---|")
     gains = []
     for kind in options.kinds:
@@ -79,7 +79,7 @@ def compare_known(model, options):
 
 
 def compare_hand(model, folder):
-    """Print, for each picture, the recall of each half of its marks before and after training on the other half."""
+    """Print, for each picture, the recall of either half of its marks before and after training on the other half."""
     print("| marks by hand | recall at 0.5 | at 0.3 | marks in the test |\n|---|---|---|---|")
     for path in sorted(folder.glob("*.json")):
         marks = read_marks(path)
@@ -103,7 +103,7 @@ def compare_hand(model, folder):
 
 
 def main():
-    """Compare on known paintings, then on marks by hand."""
+    """Run the comparison on paintings with known strokes, then on hand-marked paintings."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kinds", nargs="*", default=sorted(find_families()))
     parser.add_argument("--marks", type=int, default=20)

@@ -1,9 +1,9 @@
-"""Recover scanned strokes on a plain ground, at the automatic scale with and without the rule for plain grounds.
+"""Compare the recovery of scanned strokes on plain grounds with and without the scale rule for plain grounds.
 
     python benchmarks/recovery_on_ground.py --seeds 0 3
 
-Paints the scans that ship with the program, in random colours, at random places and angles, on black, white and brown
-grounds, and prints F1 at an IoU of 0.5 for each ground and number of strokes, pooled over the seeds.
+Paints the scans that ship with the program in random colours, at random positions and angles, on black, white and brown
+grounds. Prints F1 at an IoU of 0.5 for each ground and number of strokes, pooled over the seeds.
 """
 
 import argparse
@@ -31,7 +31,7 @@ LEAST_PIXELS = 60  # of a visible stroke that counts
 
 
 def paint(ground, count, seed, scans, enlargement):
-    """Paint a square picture, ``enlargement`` times `SIDE` wide, and its labels, -1 on the ground."""
+    """Paint a square picture, `SIDE` times ``enlargement`` pixels wide; return it and its labels, -1 on the ground."""
     random = np.random.default_rng([seed, count])
     image, labels = np.ones((SIDE, SIDE, 3)) * ground, np.full((SIDE, SIDE), -1, np.int32)
     for number in range(count):
@@ -51,14 +51,14 @@ def paint(ground, count, seed, scans, enlargement):
 
 
 def matches(known, found):
-    """Count matched, known and found strokes."""
+    """Count the matched, known and found strokes in two label images."""
     sizes = [count_pixels(labels, int(labels.max()) + 1) for labels in (known, found)]
     iou = overlaps_between(known, found, len(sizes[0]), len(sizes[1])).iou
     return np.array([(iou >= MATCH_IOU).sum(), (sizes[0] >= LEAST_PIXELS).sum(), len(sizes[1])])
 
 
 def main():
-    """Paint, recover and print."""
+    """Paint the pictures, recover their strokes and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", nargs=2, type=int, default=(0, 3), help="first seed, and the one after the last")
     parser.add_argument("--enlargement", type=float, default=2.0, help="of the pictures of 320 pixels")

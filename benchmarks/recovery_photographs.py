@@ -1,11 +1,11 @@
-"""Measure whether recovery recognises bare ground, and photographs that show no painting.
+"""Measure whether recovery recognises bare ground, and photographs that do not show paintings.
 
     python benchmarks/recovery_photographs.py camera.png coins.png kodim15.png kodim23.png --side 224
 
-Recovers strokes from photographs, resampled to ``--side`` pixels, and from known paintings of 192 pixels. A row for
-each has the number of strokes, their median confidence, the share of pixels classified as bare, and whether `recover`
-reports that the picture does not look like paint. For the paintings it also prints the precision of bare pixels, and
-their recall on the ground that no recovered stroke covers.
+Recovers strokes from photographs, resampled to ``--side`` pixels, and from known paintings of 192 pixels. The row for
+each picture has the number of strokes, their median confidence, the fraction of pixels classified as bare ground, and
+whether `recover` reports that the picture does not look like paint. For the paintings, the precision of bare pixels and
+their recall on the ground that no recovered stroke covers are printed as well.
 """
 
 import argparse
@@ -45,7 +45,7 @@ PAINTINGS = (
 
 
 def look_at(model, name, image):
-    """Recover strokes, print a row, and return the recovered painting."""
+    """Recover the strokes in a picture, print its row, and return the recovered painting."""
     recovered = recover_with(model, image, None, 1, lambda *_: None)
     table = tabulate_strokes(recovered)
     median = np.median(recovered.confidence) if len(table) else 0.0

@@ -1,14 +1,14 @@
-"""Find the scale at which strokes are recovered best, and how close recovery comes to it, on known rescaled paintings.
+"""Find the best scale for recovering strokes from rescaled known paintings, and compare it with the automatic scale.
 
     python benchmarks/recovery_scale.py scales.csv
     python benchmarks/recovery_scale.py others.csv --rounds 3 7 --sides
 
-Paints a painting of each of the `KINDS` in each round, enlarges or reduces it, and recovers its strokes at the scale
-that `recover` chooses, by one search and by all (`SEARCHES`), and by one search at the scales that resample it to each
-of the sides (`--sides`: none). The file gets a row per painting and scale: F1, and the quantities that a criterion can
-use without ground truth. Existing rows are kept, so an interrupted run continues. At the end it prints, per criterion,
-how often the chosen scale lies within a factor of 1.4 of the best one, and F1 there, and what all searches gain over
-one.
+In each round, the script paints a picture of each of the `KINDS`, enlarges or reduces it, and recovers its strokes: by
+one search and by all `SEARCHES` at the scale that `recover` chooses, and by one search at each scale that resamples the
+picture to one of the ``--sides`` (no scales if ``--sides`` is empty). The file gets a row per painting and scale, with
+F1 and the quantities that a criterion can use without ground truth. Existing rows are kept, so an interrupted run
+continues. Finally, the script prints for each criterion how often the chosen scale is within a factor of 1.4 of the
+best scale, the F1 at the chosen scale, and the improvement from one search to all searches.
 """
 
 import argparse
@@ -63,7 +63,7 @@ PRESENT, ALL, LADDER = "present", "all searches", "ladder"  # choices
 
 
 def list_pictures(first, last):
-    """List kind, strokes, round, enlargement and look of the paintings of rounds ``first`` to ``last - 1``."""
+    """List the kind, strokes, round, enlargement and look of each painting in rounds ``first`` to ``last - 1``."""
     pictures = []
     for turn in range(first, last):
         for number, kind in enumerate(KINDS):
@@ -74,7 +74,7 @@ def list_pictures(first, last):
 
 
 def make_picture(kind, count, turn, enlargement, look):
-    """Paint a picture (H, W, 3) at a wrong resolution; return it, its labels and the scale that its widths suggest."""
+    """Paint a rescaled picture (H, W, 3); return it, its labels, and the scale that suits its stroke widths."""
     painting = paint_scene(Scene(kind, count, turn), SIDE, SEED)
     before = painting.hard if look == "hard" else painting.clean
     image = np.clip(resample(before.astype(np.float32), enlargement), 0, 1)
@@ -88,14 +88,14 @@ def make_picture(kind, count, turn, enlargement, look):
 
 
 def f1_of(known, found):
-    """Compute F1 at an IoU of 0.5 of two label images (H, W)."""
+    """Compute the F1 score between two label images (H, W) at an IoU of 0.5."""
     counts = [count_pixels(labels, int(labels.max()) + 1) for labels in (known, found)]
     iou = overlaps_between(known, found, len(counts[0]), len(counts[1])).iou
     return 2 * (iou >= MATCH_IOU).sum() / max(sum((count >= LEAST_PIXELS).sum() for count in counts), 1)
 
 
 def look_at(model, image, labels, scale, searches):
-    """Recover strokes at a scale, and compute F1 and the figures that need no ground truth."""
+    """Recover strokes at a scale; return F1 and the quantities that need no ground truth."""
     regions = find_regions(model, image, scale, 1, lambda *_: None, searches)
     area = count_pixels(regions.labels, len(regions.chance))
     return {
@@ -108,7 +108,7 @@ def look_at(model, image, labels, scale, searches):
 
 
 def measure(options, path, done):
-    """Write the rows that are not in the file yet."""
+    """Measure the paintings that are not in the file yet, and append their rows."""
     model = load_model(options.weights)
     with path.open("a", newline="") as file:
         writer = csv.DictWriter(file, FIELDS)
@@ -132,7 +132,7 @@ def measure(options, path, done):
 
 
 def choose_explained(lines):
-    """Choose the scale whose regions, if enough, explain most, and clearly more than those at the present scale."""
+    """Choose the scale with enough regions that explains most; keep the present scale if the gain is small."""
     enough = [line for line in lines if line["regions"] >= FEWEST_REGIONS] or lines[:1]
     best = max(enough, key=lambda line: line["explained"])
     return best["scale"] if best["explained"] > GAIN * lines[0]["explained"] else lines[0]["scale"]
@@ -149,14 +149,14 @@ CRITERIA = {  # of lines, the present one first
 
 
 def f1_at(lines, scale):
-    """Interpolate F1 at a scale."""
+    """Interpolate F1 at a scale between measured scales."""
     ordered = sorted(lines, key=lambda line: line["scale"])
     scales = np.log([line["scale"] for line in ordered])
     return float(np.interp(np.log(scale), scales, [line["f1"] for line in ordered]))
 
 
 def report(rows):
-    """Print how well each criterion chooses, and what all searches gain."""
+    """Print how well each criterion chooses the scale, and how much all searches improve on one search."""
     pictures = {}
     for row in rows:
         line = {key: value if key in ("painting", "choice") else float(value) for key, value in row.items()}
@@ -182,7 +182,7 @@ def report(rows):
 
 
 def main():
-    """Measure, then report."""
+    """Measure the missing paintings, then report on all of them."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("file", type=Path)
     parser.add_argument("--rounds", type=int, nargs=2, default=(0, 3), metavar=("FIRST", "END"))

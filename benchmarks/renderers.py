@@ -1,12 +1,12 @@
-"""Compare renderers by the strokes they draw per second and by their similarity to simulated strokes.
+"""Compare renderers by speed, in strokes per second, and by the similarity of their strokes to simulated strokes.
 
     brushexp task=evaluate renderer=neural data=data/brushes other_data=true n=2500 output=judged/neural
     python benchmarks/renderers.py FRONT.png judged/*
 
-The folders are runs of task=evaluate on an idle machine, one after another, and their names are the labels. Prints a
-table, and plots the Frechet distance of the sets of strokes and the bristle energy of thick strokes against the speed.
-A renderer is on the front if no other is both as fast and as accurate; too much energy counts as an error, like too
-little.
+The folders are runs of task=evaluate, made one after another on an idle machine; their names are the labels. The script
+prints a table, and plots the Frechet distance between the sets of strokes and the bristle energy of thick strokes
+against speed. A renderer is on the front if no other renderer is both as fast and as accurate; too much energy counts
+as an error just as too little does.
 """
 
 import sys
@@ -30,7 +30,7 @@ BESIDE = ((6, 4), (6, -12))  # points from a dot to its label, alternately above
 
 
 def main(picture: Path, folders: list[Path]) -> None:
-    """Print the table of all runs, and plot their fronts."""
+    """Print the table of all runs, and plot both fronts."""
     metrics = gather(folders, Path())["metric"].reindex(columns=SHOWN).astype(float)
     metrics.insert(0, "renderer", [folder.name for folder in folders])
     print(markdown_table(metrics, {name: metric.digits for name, metric in quantities().items()}))

@@ -1,11 +1,11 @@
-"""Measure the cost of rounding strokes: PSNR and bits per stroke, compared with a plain packing.
+"""Measure the loss of PSNR and the bits per stroke when strokes are rounded, compared with a plain packing.
 
     python benchmarks/rounding.py
 
-Paints three photographs of scikit-image at 192 px with 1,024 strokes of `look=plain` in 500 steps. Codes each painting
-with a loss of at most 0.15 dB, and with the loss of the plain packing. The plain packing rounds points, widths and
-softness to quarters of a pixel, colours and drifts to 8 bits, opacity to 6 bits and widening to 5 bits and a sign, and
-compresses the columns with LZMA. Prints a table in Markdown, with the CPU seconds of the first coding.
+Three scikit-image photographs are painted at 192 px with 1,024 strokes of `look=plain` in 500 steps. Each painting is
+coded twice: with a loss of at most 0.15 dB, and with the loss of the plain packing. The plain packing rounds points,
+widths and softness to quarters of a pixel, colours and drifts to 8 bits, opacity to 6 bits, and widening to 5 bits and
+a sign, and compresses the columns with LZMA. The printed Markdown table includes the CPU seconds of the first coding.
 """
 
 import lzma
@@ -31,7 +31,7 @@ PLACES, LEVELS, OPACITIES, WIDENINGS = 4, 255, 63, 31  # steps per pixel, colour
 
 
 def pack(strokes):
-    """Pack strokes in the plain format, and return the LZMA bytes and the decoded strokes."""
+    """Pack strokes in the plain format; return the compressed bytes and the decoded strokes."""
     start, control, end = curve_of(strokes).unbind(1)
     across = torch.stack([2 * half_width_of(strokes), softness_of(strokes)], dim=1)
     lengths = torch.cat([start, control - start, end - start, across], dim=1) * PLACES
@@ -49,7 +49,7 @@ def pack(strokes):
 
 
 def row_of(name):
-    """Paint a photograph, print its row of the table, and return both ratios of its bits to the plain packing."""
+    """Paint a photograph and print its row; return the sizes of both codings relative to the plain packing."""
     keys = {
         "look": "plain",
         "density": "adaptive",
@@ -90,7 +90,7 @@ def row_of(name):
 
 
 def main():
-    """Print the table and the mean shares of bits relative to the plain packing."""
+    """Print the table, and the mean sizes of both codings relative to the plain packing."""
     heads = ("plain packing: bits per stroke, PSNR", f"at {LOSS} dB", "at the loss of the plain packing", "CPU, s")
     print(f"| photograph | PSNR of the strokes | {' | '.join(heads)} |\n|---{'|---:' * 5}|")
     shares = np.mean([row_of(name) for name in PHOTOGRAPHS], 0)

@@ -1,9 +1,9 @@
-"""Straighten scanned strokes along their curves into one grey picture for marks and `task=train_recovery`.
+"""Straighten scanned strokes along their curves, and combine them into one grey picture for `task=train_recovery`.
 
     python benchmarks/scanned_strokes.py ../shared/real/public/strokes
 
-The folder holds a picture of the coverage of each stroke, and ``strokes.json`` with its curve. Scans with a poorly
-fitting curve (a bend that one curve cannot follow) are left out.
+The folder contains a picture of each stroke's coverage, and ``strokes.json`` with the curves. Scans with a poorly
+fitting curve (a bend that one curve cannot follow) are omitted.
 """
 
 import json
@@ -23,7 +23,7 @@ POINTS = 400  # per curve
 
 
 def straighten(cover, curve, width):
-    """Sample the coverage of a stroke along and across its curve: (SCAN_ROWS, SCAN_COLUMNS)."""
+    """Sample a stroke's coverage along and across its curve, as an array (SCAN_ROWS, SCAN_COLUMNS)."""
     (points,) = points_on(np.asarray(curve, float)[None], POINTS)
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     way = np.concatenate([[0.0], np.cumsum(steps)])
@@ -42,7 +42,7 @@ def straighten(cover, curve, width):
 
 
 def main(folder):
-    """Write the straightened strokes of a folder, one below another, to one picture."""
+    """Write the straightened strokes of a folder to one picture, one below another."""
     sheets = []
     for stroke in json.loads((Path(folder) / "strokes.json").read_text()):
         if stroke["fit_iou"] < LEAST_FIT:

@@ -1,12 +1,12 @@
-"""Paint the sealed set once: pictures on which no choice was based.
+"""Paint the sealed test set once: pictures that were not used for any design choice.
 
     python benchmarks/sealed.py collect unpacked/ sealed/    (unpacked/: the packages named in sealed.yaml)
     python benchmarks/sealed.py paint sealed/ outputs/sealed
 
-`collect` copies the pictures of the list from anywhere below a folder. Before the first stroke, `paint` records the
-date and the version in sealed.json; then it paints each picture with the settings in `WORDS`, and writes the metrics of
-each picture to sealed.csv. A set that has been painted before is rejected. `--again REASON` paints it nevertheless and
-records the reason; from then on it is a development set, and reports must say so.
+`collect` copies the listed pictures from a folder and its subfolders. Before the first stroke, `paint` records the date
+and the version in sealed.json; then it paints each picture with the settings in `WORDS`, and writes the metrics of each
+picture to sealed.csv. If the set has been painted before, `paint` refuses to paint it again. `--again REASON` paints it
+nevertheless and records the reason; from then on it is a development set, and reports must say so.
 """
 
 import argparse
@@ -29,7 +29,7 @@ WORDS = ("experiment=kodak24", "resolution=768", "threads=1", "logger=[]", "repo
 
 
 def digests_in(listed: Path) -> dict[str, str]:
-    """Read the SHA-256 of each file in a list of pictures."""
+    """Read the file names and SHA-256 digests in a list of pictures."""
     lines = yaml_of(read_text(listed, "give a list of pictures with their SHA-256"), list)
     return {name: digest for line in lines for name, digest in line.items()}
 
@@ -40,7 +40,7 @@ def digest_of(path: Path) -> str:
 
 
 def collect(packages: Path, into: Path, listed: Path = LIST) -> None:
-    """Copy the pictures of a list from anywhere below a folder; exit if some are missing."""
+    """Copy the listed pictures from a folder and its subfolders; exit if any are missing."""
     digests = digests_in(listed)
     found = {path.name: path for path in packages.rglob("*") if digests.get(path.name) and path.is_file()
              and digest_of(path) == digests[path.name]}  # fmt: skip
@@ -55,7 +55,7 @@ def paint(
     pictures: Path, output: Path, again: str = "", listed: Path = LIST, words: Sequence[str] = WORDS,
     run: Callable[[Sequence[str]], int] = subprocess.call,
 ) -> None:  # fmt: skip
-    """Paint the pictures of a list and write their metrics next to it; exit if they have been painted before."""
+    """Paint the listed pictures and write their metrics next to the list; exit if they have been painted before."""
     openings = listed.with_suffix(".json")
     before = json_of(read_text(openings, "")) if openings.is_file() else []
     if before and not again:
@@ -85,7 +85,7 @@ def paint(
 
 
 def commit_of(folder: Path) -> str:
-    """Return the commit checked out in a folder, with ``-dirty`` if files differ; "" outside a repository."""
+    """Return the commit checked out in a folder, with ``-dirty`` if files differ, or "" outside a repository."""
     described = subprocess.run(
         ["git", "describe", "--always", "--dirty", "--abbrev=40"],
         cwd=folder,
@@ -97,7 +97,7 @@ def commit_of(folder: Path) -> str:
 
 
 def main() -> None:
-    """Collect or paint, depending on the command line."""
+    """Parse the command line, and collect or paint the pictures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True)
     collecting = commands.add_parser("collect", help="copy the pictures into one folder")

@@ -1,16 +1,17 @@
-"""Find the settings that are worth their CPU seconds, on several pictures: records, a table and a figure.
+"""Compare settings by PSNR and CPU time on several pictures, with records, a table and a figure.
 
     python benchmarks/speed_accuracy.py paint records.csv              # paint all settings, and add to the records
     python benchmarks/speed_accuracy.py show records.csv figure.png regrets.csv    # print a table, draw, write the rest
 
-The settings are those of `experiment=speed_accuracy`; the pictures, a development set, are drawn or come from
-scikit-image. One process paints one picture after another with all settings, in a different random order for each
-picture, so that other load disturbs all settings alike. A painting's seconds begin when its settings have been checked,
-and end with its last step: they include the first strokes, but neither metrics nor compilation, which a first painting
-per setting takes care of. Records that are there already are skipped.
+The settings are those of `experiment=speed_accuracy`; the pictures, a development set, are drawn by a script or come
+from scikit-image. One process paints one picture after another with all settings, in a different random order for each
+picture, so that other load on the machine affects all settings equally. The time of a painting is measured from the
+check of its settings to its last step. It includes the initial strokes, but excludes metrics and compilation, because
+an untimed painting with each setting comes first. Paintings that are already in the records are skipped.
 
-The regret of a setting on a picture is the difference, in dB, between its PSNR and the best PSNR of all settings that
-took no more CPU seconds and no more strokes there. Bands are of 2,000 bootstrap samples of the pictures.
+The regret of a setting on a picture is the difference, in dB, between its PSNR and the best PSNR among all settings
+that took no more CPU seconds and no more strokes on that picture. Confidence intervals come from 2,000 bootstrap
+samples of the pictures.
 """
 
 import argparse
@@ -85,7 +86,7 @@ ANALYTIC = "analytic"
 
 
 class Stopwatch(L.Callback):
-    """Measures the seconds of the process from its creation to the last step: by the clock, and of the CPU."""
+    """Callback that measures wall and CPU seconds from its creation to the end of training."""
 
     def __init__(self) -> None:
         self.begin = self.now()
@@ -93,7 +94,7 @@ class Stopwatch(L.Callback):
 
     @staticmethod
     def now() -> tuple[float, float]:
-        """Read both clocks."""
+        """Read the wall clock and the CPU clock."""
         return time.perf_counter(), time.process_time()
 
     def teardown(self, trainer: L.Trainer, pl_module: L.LightningModule, stage: str) -> None:
@@ -101,12 +102,12 @@ class Stopwatch(L.Callback):
 
 
 def settings_of_experiment() -> list[str]:
-    """List the settings of `experiment=speed_accuracy`, each as it would be typed."""
+    """List the settings of `experiment=speed_accuracy`, each as typed on the command line."""
     return list(yaml_of(read_text(EXPERIMENT, ""))["hydra"]["sweeper"]["settings"])
 
 
 def paint(picture: Image.Image, settings: str, metrics: list[str]) -> dict[str, Any]:
-    """Paint a picture in plain, unless the settings say otherwise, and return its metrics and seconds."""
+    """Paint a picture, with look=plain unless the settings choose another look; return its metrics and times."""
     words = dict(word.split("=", 1) for word in expand_arguments(["look=plain", *shlex.split(settings)]))
     keys: dict[str, Any] = {key: value for key, value in words.items() if key != "image"}
     plan = plan_of(picture, None, {}, {"metric": metrics, "threads": 1, **keys})
@@ -116,7 +117,7 @@ def paint(picture: Image.Image, settings: str, metrics: list[str]) -> dict[str, 
 
 
 def measure(records: Path) -> None:
-    """Paint each picture with each setting, and append each record to a file as soon as it is there."""
+    """Paint each picture with each setting, and append each record to a file as soon as it is measured."""
     settings = settings_of_experiment()
     done = set[tuple[str, str]]()
     if records.exists():
@@ -136,7 +137,7 @@ def measure(records: Path) -> None:
 
 
 def record_of(name: str, words: str) -> dict[str, Any]:
-    """Paint a picture with a setting, and return its record; strokes of networks are slow to code, so have no bits."""
+    """Paint a picture with a setting; return its record, without bits for neural strokes, which are slow to code."""
     metrics = METRICS[:2] if "renderer=neural" in words else METRICS
     found = paint(scene(name, SIDE), words, metrics)
     digits = {"cpu_seconds": 3, "seconds": 3, "psnr": 3, "perceptual": 4, "bits": 4, "psnr_decoded": 3}
@@ -153,11 +154,11 @@ def record_of(name: str, words: str) -> dict[str, Any]:
 
 
 def judge(records: pd.DataFrame) -> pd.DataFrame:
-    """Tabulate means over pictures, the regret with its band, and the setting that gains most within the same limits.
+    """Tabulate mean metrics, regrets with confidence intervals, and the best alternative to each setting.
 
-    Rows are settings in the order of their CPU seconds. ``regret``, ``low`` and ``high`` are in dB; ``instead`` names
-    the single setting with the highest mean PSNR among those whose mean CPU seconds and strokes are no higher, if it is
-    not the setting itself, and ``gain`` is its mean gain in dB.
+    Rows are settings, sorted by CPU seconds. ``regret``, ``low`` and ``high`` are in dB. ``instead`` names the setting
+    with the highest mean PSNR among all settings whose mean CPU seconds and strokes are no higher; it is empty if that
+    is the row's own setting. ``gain`` is the mean gain in PSNR from this alternative, in dB.
     """
     wide = {name: records.pivot_table(name, "picture", "settings") for name in ("cpu_seconds", "strokes", "psnr")}
     regrets = regrets_of(*(table.to_numpy() for table in wide.values()))
@@ -173,25 +174,25 @@ def judge(records: pd.DataFrame) -> pd.DataFrame:
 
 
 def within(seconds: np.ndarray, strokes: np.ndarray) -> np.ndarray:
-    """Mark in row i the settings that take no more CPU seconds and no more strokes than setting i (N, N)."""
+    """Return a mask (N, N) whose row i marks the settings with no more CPU seconds and strokes than setting i."""
     return (seconds[None, :] <= seconds[:, None]) & (strokes[None, :] <= MORE_STROKES * strokes[:, None])
 
 
 def regrets_of(seconds: np.ndarray, strokes: np.ndarray, psnr: np.ndarray) -> np.ndarray:
-    """Measure the regret in dB of each setting on each picture; all arrays are (pictures, settings)."""
+    """Compute the regret in dB of each setting on each picture; all arrays have shape (pictures, settings)."""
     rows = zip(seconds, strokes, psnr, strict=True)
     return np.stack([np.where(within(s, n), q[None, :], -np.inf).max(1) - q for s, n, q in rows])
 
 
 def kind_of(settings: str) -> str:
-    """Return the group of settings to which the figure assigns one."""
+    """Return the group to which the figure assigns a setting."""
     if settings in PRESETS:
         return "presets"
     return next((kind for kind, words in KINDS.items() if settings.startswith(words)), OTHERS)
 
 
 def show(records: Path, picture: Path | None = None, regrets: Path | None = None) -> None:
-    """Print presets, renderers, looks and settings without regret; draw the figure and write all regrets if asked."""
+    """Print the table; if paths are given, also plot the figure to ``picture`` and write all rows to ``regrets``."""
     measured = pd.read_csv(records)
     table = judge(measured)
     is_shown = (table["regret"] == 0) | np.array([kind_of(name) not in (OTHERS, "predictor") for name in table.index])
@@ -210,7 +211,7 @@ def show(records: Path, picture: Path | None = None, regrets: Path | None = None
 
 
 def draw(table: pd.DataFrame, path: Path) -> None:
-    """Draw PSNR against CPU seconds: all settings with one renderer, and the renderers at one number of strokes."""
+    """Plot PSNR against CPU seconds in two panels, one for all settings and one that compares renderers."""
     figure = plotting.new_figure(HEIGHT)
     everything, renderers = figure.subplots(1, 2, width_ratios=(2, 1), sharey=True)
     paint_points(everything, table[[kind_of(name) != "renderers" for name in table.index]])
@@ -225,9 +226,9 @@ def draw(table: pd.DataFrame, path: Path) -> None:
 
 
 def paint_points(axes: Axes, table: pd.DataFrame) -> None:
-    """Draw settings by kind, and the front of those with at most 1, 2 and 4 times the strokes of quality=normal.
+    """Plot settings by kind, and the fronts of settings with up to 1, 2 and 4 times the strokes of quality=normal.
 
-    Labels of settings on a front are to the left above it, most others to the right below their point.
+    Labels of settings on a front are above their points and to the left; most other labels are below and to the right.
     """
     normal, leading = table.loc["quality=normal", "strokes"], set[str]()
     for times, color in FRONTS.items():
@@ -253,14 +254,14 @@ def paint_points(axes: Axes, table: pd.DataFrame) -> None:
 
 
 def label_of(settings: str) -> str:
-    """Shorten a setting to its label in the figure."""
+    """Shorten a setting to a label for the figure."""
     words = [word for word in settings.split() if word not in BESIDE_PREDICTED]
     label = SHORT.get(settings, " ".join(words) if settings.startswith("init=") else settings)
     return label.replace("init=", "").replace("density=", "")
 
 
 def paint_renderers(axes: Axes, table: pd.DataFrame) -> None:
-    """Draw the front of each renderer at the number of strokes of quality=normal; analytic strokes as they are."""
+    """Plot the front of each renderer among settings with at most as many strokes as quality=normal."""
     normal = table.loc["quality=normal", "strokes"]
     table = table[table["strokes"] <= MORE_STROKES * normal]
     table = table[[kind_of(name) != "other looks" for name in table.index]]
@@ -278,13 +279,13 @@ def paint_renderers(axes: Axes, table: pd.DataFrame) -> None:
 
 
 def renderer_of(settings: str) -> str:
-    """Return the renderer that a setting chooses."""
+    """Return the name of the renderer that a setting chooses."""
     words = dict(word.split("=", 1) for word in settings.split())
     return words.get("renderer", ANALYTIC)
 
 
 def main() -> None:
-    """Paint, or show what was painted."""
+    """Parse the command line, and paint the pictures or show the records."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True)
     for name, of in (("paint", "add paintings to the records"), ("show", "print the table and draw the figure")):

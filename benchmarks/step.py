@@ -1,4 +1,4 @@
-"""Measure one gradient step: the compiled blend against eager PyTorch and the thesis's top-k, memory, and growth.
+"""Measure the time, memory and growth of gradient steps, and compare the compiled blend with eager PyTorch and top-k.
 
     python benchmarks/step.py            everything (about four minutes on two idle cores, 10 GB of memory)
     python benchmarks/step.py --quick    without the eager blends
@@ -53,7 +53,7 @@ def scene(n: int, side: int) -> Strokes:
 
 
 def gradient_step(blend: Blend, strokes: Strokes, target: torch.Tensor) -> Callable[[], tuple[torch.Tensor, ...]]:
-    """Make a function that takes one step: forward, mean squared error, backward."""
+    """Make a function that takes one step: forward pass, mean squared error, backward pass."""
     leaves = strokes.map(lambda value: value.clone().requires_grad_(bool(value.any())))
     order, size = torch.arange(len(strokes)), (target.shape[1], target.shape[2])
     renderer = Analytic()
@@ -69,7 +69,7 @@ def gradient_step(blend: Blend, strokes: Strokes, target: torch.Tensor) -> Calla
 
 
 def seconds_of(function: Callable[[], object], runs: int) -> float:
-    """Return the median wall time after an untimed run."""
+    """Return the median wall time of a function in seconds, after an untimed run."""
     function()
     times = []
     for _ in range(runs):
@@ -80,7 +80,7 @@ def seconds_of(function: Callable[[], object], runs: int) -> float:
 
 
 def against_eager() -> None:
-    """Compare the compiled blend, eager PyTorch on the same tile lists, and the thesis's top-k."""
+    """Compare the compiled blend with eager PyTorch on the same tile lists and with the thesis's top-k blend."""
     strokes, target = scene(10_000, 1024), torch.rand(3, 1024, 1024)
     fast = gradient_step(Tiled(), strokes, target)
     reference, seconds = fast(), seconds_of(fast, 15)
@@ -102,7 +102,7 @@ def against_eager() -> None:
 
 @torch.no_grad()
 def against_double() -> None:
-    """Print the deviation of the float32 pictures from eager PyTorch in float64."""
+    """Print the maximum deviation of float32 pictures from eager PyTorch in float64."""
     strokes, order = scene(10_000, 1024), torch.arange(10_000)
 
     def picture(blend: Blend, dtype: torch.dtype) -> torch.Tensor:
@@ -116,7 +116,7 @@ def against_double() -> None:
 
 
 def growth() -> None:
-    """Print the cost against pixels and strokes."""
+    """Print the time of a step for increasing numbers of pixels and strokes."""
     print("\nGrowth at 105 px per stroke\n\n| megapixels | strokes | ms per step | per megapixel, against the first |")
     print("|---|---|---|---|")
     first = 0.0
@@ -129,7 +129,7 @@ def growth() -> None:
 
 
 def switches() -> None:
-    """Print the time of a step with different settings of the blend."""
+    """Print the time of a step for different options of the blend."""
     strokes, target = scene(10_000, 1024), torch.rand(3, 1024, 1024)
     print("\nSwitches of the tiled blend, 1024 x 1024 px, 10,000 strokes\n\n| setting | ms per step |\n|---|---|")
     for text, blend in (
@@ -141,13 +141,13 @@ def switches() -> None:
 
 
 def memory() -> None:
-    """Print the peak memory of ten steps at a megapixel in a separate process, beyond that of the imports."""
+    """Print the peak memory that ten steps at one megapixel need in addition to the imports, in a separate process."""
     code = "from step import memory_of_ten_steps; memory_of_ten_steps()"
     subprocess.run([sys.executable, "-c", code], check=True, cwd=sys.path[0])
 
 
 def memory_of_ten_steps() -> None:
-    """Print the growth of this process's peak memory."""
+    """Print the increase in this process's peak memory during ten steps."""
     Tiled()
     before = peak_memory()
     step = gradient_step(Tiled(), scene(10_000, 1024), torch.rand(3, 1024, 1024))
@@ -159,9 +159,9 @@ def memory_of_ten_steps() -> None:
 
 
 def lightning_cost(blocks: int = 12, steps: int = 15) -> None:
-    """Compare a painter's step in Lightning, with the callbacks of a run, with a bare loop over the same parts.
+    """Compare a step in Lightning, with the callbacks of a run, with a step in a bare loop over the same components.
 
-    The bare loop does not check that its results are finite; the cost of that check is in a separate row.
+    The bare loop does not check that its results are finite; the cost of this check is printed in a separate row.
     """
     import lightning as L  # noqa: PLC0415
 
@@ -177,7 +177,7 @@ def lightning_cost(blocks: int = 12, steps: int = 15) -> None:
     times: dict[str, list[float]] = {"bare": [], "lightning": [], "bare, only the check for finite numbers": []}
 
     class Alternate(L.Callback):
-        """Callback that runs an equal number of bare steps after each block of Lightning's steps."""
+        """Callback that takes an equal number of bare steps after each block of Lightning steps."""
 
         begin = 0.0
 
@@ -211,7 +211,7 @@ def lightning_cost(blocks: int = 12, steps: int = 15) -> None:
 
 
 def bare_step(catalogue: Catalogue, parts: Components, target: torch.Tensor) -> Callable[[], None]:
-    """Make a function that takes one bare step: view, render, blend, loss, backward, optimiser, clamp."""
+    """Make a function that takes one bare step: view, render, blend, loss, backward pass, optimiser, clamp."""
     optimizer = parts.optimizer.over(catalogue.parameters())
     renderer, size = parts.stages[0].renderer, (target.shape[1], target.shape[2])
     order, generator = torch.arange(len(catalogue)), torch.Generator()

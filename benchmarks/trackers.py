@@ -1,11 +1,11 @@
-"""Measure the cost of trackers: whole runs of the program with and without each, and the trackers alone.
+"""Measure the cost of trackers, in whole runs with and without each tracker, and on their own.
 
     python benchmarks/trackers.py                     (about five minutes on two idle cores)
     python benchmarks/trackers.py --rounds 1 --steps 50
 
-Each run is a separate process. The runs of a round follow each other, and the ratio is the median of the ratios within
-the rounds. A point of the curves is logged about every 0.25 s, so a millisecond per point is 0.4 % of the run. Nothing
-is sent, because wandb is offline.
+Each run is a separate process. Each round consists of consecutive runs, and the reported ratio is the median of the
+ratios within rounds. A point of the curves is logged about every 0.25 s, so a millisecond per point is 0.4 % of a run.
+Nothing is sent, because wandb is offline.
 """
 
 import argparse
@@ -31,7 +31,7 @@ CHOICES = {
 
 
 def alone(names: list[str], folder: Path) -> None:
-    """Print how long the trackers take to open, including imports, to log a point of the curves, and to end a run."""
+    """Print how long trackers take to open, including imports, to log one point of the curves, and to finish a run."""
     import lightning  # noqa: F401, PLC0415  (the program has it anyway)
 
     from brushexp.config.publish import prepare  # noqa: PLC0415
@@ -58,7 +58,7 @@ def alone(names: list[str], folder: Path) -> None:
 
 
 def main() -> None:
-    """Print a Markdown table."""
+    """Measure the trackers, and print a Markdown table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=5, help="runs of each choice")
     parser.add_argument("--steps", type=int, default=300, help="steps of each run")

@@ -1,12 +1,13 @@
-"""Compare the number of strokes chosen by strokes=auto psnr=30 with the smallest fixed number that reaches the PSNR.
+"""Compare the number of strokes that strokes=auto psnr=30 chooses with the smallest fixed number that reaches 30 dB.
 
     python benchmarks/worth.py
     python benchmarks/worth.py --scenes emblem,horse --side 96
     python benchmarks/worth.py --prices   (the same price on a logo, a portrait and a street, at 512 px)
 
 The oracle paints repeatedly with `look=plain density=traced_surplus`, a fixed number of strokes and 500 steps. It
-searches for the smallest sufficient number until it is within 4 % of an insufficient one. strokes=auto takes at most
-1,000 steps. The scenes are drawn here or come from scikit-image; they are a development set.
+searches for the smallest sufficient number of strokes, and stops at a number within 4 % of an insufficient number.
+strokes=auto takes at most 1,000 steps. The scenes are drawn by this script or come from scikit-image; they are a
+development set.
 """
 
 import argparse
@@ -42,7 +43,7 @@ def emblem() -> Image.Image:
 
 
 def flag() -> Image.Image:
-    """Draw stripes and stars."""
+    """Draw a flag with stripes and stars."""
     picture = Image.new("RGB", (DRAWN, DRAWN // 2), (250, 250, 250))
     draw = ImageDraw.Draw(picture)
     for row in range(0, 13, 2):
@@ -59,7 +60,7 @@ def flag() -> Image.Image:
 
 
 def horizon() -> Image.Image:
-    """Draw a sunset with smooth colours, three hills and a sun."""
+    """Draw a sunset with a smoothly coloured sky, a sun and three hills."""
     y, x = np.mgrid[0:1:512j, 0:1:768j]
     sky = np.stack([0.95 - 0.5 * (1 - y), 0.6 - 0.3 * (1 - y), 0.35 + 0.4 * (1 - y)], axis=-1)
     sky[(x - 0.3) ** 2 + ((y - 0.5) * 2 / 3) ** 2 < 0.005] = (1.0, 0.93, 0.7)
@@ -97,7 +98,7 @@ def street() -> Image.Image:
 
 
 def photograph(name: str) -> Image.Image:
-    """Load a photograph from scikit-image."""
+    """Load a scikit-image photograph as RGB."""
     pixels = skimage.data.stereo_motorcycle()[0] if name == "motorcycle" else getattr(skimage.data, name)()
     return Image.fromarray(pixels if pixels.dtype == np.uint8 else (255 * pixels).astype(np.uint8)).convert("RGB")
 
@@ -107,7 +108,7 @@ SCENES = (*DRAWINGS, *PHOTOGRAPHS)
 
 
 def scene(name: str, side: int) -> Image.Image:
-    """Return a scene with ``side`` pixels on its longer side."""
+    """Draw or load a scene, and resize it to ``side`` pixels on its longer side."""
     picture = DRAWINGS[name]() if name in DRAWINGS else photograph(name)
     zoom = side / max(picture.size)
     width, height = (max(1, round(zoom * length)) for length in picture.size)
@@ -115,14 +116,14 @@ def scene(name: str, side: int) -> Image.Image:
 
 
 def figures_of(picture: Image.Image, **keys: Any) -> Mapping[str, Any]:
-    """Paint a picture with plain strokes and one thread, and return its metrics."""
+    """Paint a picture with look=plain on one thread, and return its metrics."""
     return brushexp.paint(picture, look="plain", metric=["psnr"], frames=0, threads=1, **keys).metrics
 
 
 def fewest(picture: Image.Image, psnr: float, guess: int) -> tuple[int, int]:
-    """Find the smallest fixed number of strokes that reaches a PSNR, and count the paintings needed.
+    """Find the smallest fixed number of strokes that reaches a PSNR; return it and the number of paintings needed.
 
-    Secant search, since PSNR is nearly linear in the logarithm of the number.
+    This is a secant search, because PSNR is nearly linear in the logarithm of the number of strokes.
     """
     seen: dict[int, float] = {}
     count = guess
@@ -143,7 +144,7 @@ def fewest(picture: Image.Image, psnr: float, guess: int) -> tuple[int, int]:
 
 
 def compare(names: list[str], side: int, psnr: float) -> None:
-    """Print the results of strokes=auto and of the oracle for each scene."""
+    """Print the numbers of strokes that strokes=auto and the oracle choose for each scene."""
     print(f"| scene, {side} px | strokes=auto psnr={psnr:g} | PSNR, dB | CPU, s | oracle | ratio |")
     print("|---|---|---|---|---|---|", flush=True)
     for name in names:
@@ -157,7 +158,7 @@ def compare(names: list[str], side: int, psnr: float) -> None:
 
 
 def price(names: list[str], side: int) -> None:
-    """Print the number of strokes chosen at the same price for each scene."""
+    """Print the number of strokes that strokes=auto chooses for each scene at the same price."""
     print(f"| scene, {side} px | strokes=auto | PSNR, dB | steps | CPU, s |")
     print("|---|---|---|---|---|", flush=True)
     for name in names:

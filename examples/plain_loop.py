@@ -1,9 +1,9 @@
-"""Paint a picture in one plain loop: strokes at random places, a renderer, a squared error, Adam.
+"""Paint a picture in one plain loop: random initial strokes, a renderer, a squared error, and Adam.
 
     python examples/plain_loop.py photo.jpg painting.png
 
-`brushexp.paint` starts from the edges of the picture, has more losses and falling learning rates, orders strokes by
-size and replaces weak ones. The loop is the same.
+`brushexp.paint` runs the same loop, but it starts from the edges in the picture, offers more losses, decreases the
+learning rates, orders strokes by size, and replaces weak strokes.
 """
 
 import sys
@@ -30,7 +30,7 @@ def load_picture(path: str) -> torch.Tensor:
 
 
 def random_strokes(target: torch.Tensor) -> Strokes:
-    """Lay straight strokes at random, long ones below short ones, in the colours that the picture has there."""
+    """Place straight strokes at random, long ones below short ones, in the colours of the picture at their centres."""
     _, height, width = target.shape
     middle = torch.rand(STROKES, 2) * torch.tensor([width, height])
     column, row = middle.long().T
@@ -41,7 +41,7 @@ def random_strokes(target: torch.Tensor) -> Strokes:
 
 
 def paint(target: torch.Tensor) -> torch.Tensor:
-    """Move strokes by the gradient of the squared error until they look like the target."""
+    """Optimise strokes by gradient descent on the squared error to match the target; return the painting."""
     strokes = random_strokes(target).map(lambda value: value.requires_grad_())
     optimizer = torch.optim.Adam([{"params": [getattr(strokes, name)], "lr": rate} for name, rate in RATES.items()])
     for step in range(STEPS):

@@ -1,10 +1,10 @@
 """An example of a neural renderer in one file: ``renderer=dual`` predicts the shape of a stroke but not its colour.
 
 The shape of paint does not depend on its colour, so the network does not need to learn colours. It receives only the
-seven numbers of the shape and draws two planes, a mask (alpha) and a shading; the exact colour is applied afterwards.
+seven shape parameters and draws two planes, a mask (alpha) and a shading; the exact colour is applied afterwards.
 
-The framework does the rest: `PatchRenderer` brings the parameters into the range of training, calls `draw`, places the
-windows on the canvas and saves memory; `restore` loads the weights of ``checkpoint``;
+The framework does the rest: `PatchRenderer` brings the parameters into the training range, calls `draw`, places the
+windows on the canvas and saves memory; `restore` loads the weights in ``checkpoint``;
 ``brushexp task=train renderer=dual data=data/fluid`` trains the network;
 ``brushexp renderer=dual renderer.checkpoint=outputs/x/dual.safetensors`` paints with it.
 """
@@ -26,7 +26,7 @@ class Dual(PatchRenderer):
 
     Args:
         window: side of the picture in pixels, a multiple of 16.
-        width: number of channels of the finest convolutions; the coarsest ones have four times as many.
+        width: number of channels of the finest convolutions; the coarsest convolutions have four times as many.
         shading: maximum relative change of a colour's lightness by shading, 0 (none) to 1.
         precision: precision of the network while painting; the framework applies it.
         checkpoint: path of a .safetensors file written by task=train; null = random weights, for training.

@@ -9,14 +9,14 @@ from brushexp.contracts.families import Loss, PaintedView
 
 
 def slopes(image: Tensor) -> Tensor:
-    """Compute the differences (2, 3, H, W) from each pixel to its right and lower neighbours; 0 at the border."""
+    """Compute the differences (2, 3, H, W) between each pixel and its right and lower neighbours; 0 at the border."""
     padded = functional.pad(image[None], (0, 1, 0, 1), mode="replicate")[0]
     return torch.stack([padded[:, :-1, 1:] - image, padded[:, 1:, :-1] - image])
 
 
 @register("loss", "edges")
 class EdgeLoss(Loss):
-    """Mean absolute difference between the slopes of two pictures: rewards strokes that end at edges of the target."""
+    """Mean absolute difference between the slopes of two pictures; rewards strokes that end at the target's edges."""
 
     weight = 0.5
     cost = "1.3 x mse"

@@ -21,7 +21,7 @@ class Scatter(Initializer):
     """Place strokes at random, more densely where the picture has detail, and in random directions.
 
     Args:
-        detail: share of the strokes placed in proportion to local contrast, 0 to 1; the rest is spread evenly.
+        detail: fraction of the strokes placed in proportion to local contrast, 0 to 1; the rest is spread evenly.
         size: length and width of a stroke, in stroke spacings.
     """
 

@@ -1,8 +1,8 @@
-"""Parts of paintings beside each other, enlarged.
+"""Arrange enlarged crops of paintings side by side.
 
     python docs/site/crops.py docs/images/renderers.jpg 3 astronaut:70,250,160 analytic=runs/0 textured=runs/2 ...
 
-A row begins with a title and the left, the top and the side of the part, in pixels of its paintings, which follow.
+Each row is given as a title and the left edge, top edge and side of its crop, in pixels, followed by its paintings.
 """
 
 import sys
@@ -13,14 +13,14 @@ from PIL import Image
 
 
 def part_of(folder: str, left: int, top: int, side: int, zoom: int) -> Image.Image:
-    """A square of the painting of a run, enlarged without smoothing."""
+    """Crop a square from a run's painting, and enlarge it without smoothing."""
     with Image.open(Path(folder) / "painting.png") as opened:
         part = opened.convert("RGB").crop((left, top, left + side, top + side))
     return part.resize((zoom * side, zoom * side), Image.Resampling.NEAREST)
 
 
 def main(out: Path, zoom: int, words: list[str]) -> None:
-    """Write the sheet."""
+    """Write the sheet of crops to a file."""
     rows: list[list[SheetCell]] = []
     for word in words:
         if ":" in word:

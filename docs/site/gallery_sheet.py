@@ -1,6 +1,6 @@
-"""The sheet of the twenty paintings that docs/gallery.md shows; ``python docs/site/gallery_sheet.py FOLDER``.
+"""Make the sheet of twenty paintings in docs/gallery.md: ``python docs/site/gallery_sheet.py FOLDER``.
 
-The commands are read from the page. Each painting stays in FOLDER, so that only new commands are painted again.
+The commands are read from the page. Paintings are kept in FOLDER, so that later runs only paint new commands.
 """
 
 import re
@@ -19,13 +19,13 @@ QUALITY = 80  # of JPEG
 
 
 def commands_of_the_page() -> list[str]:
-    """The commands of the section about twenty paintings, in their order."""
+    """Read the commands in the page's section "Twenty paintings", in order."""
     section = (DOCS / "gallery.md").read_text().partition("## Twenty paintings")[2].partition("\n## ")[0]
     return re.findall(r"^ {4}brushexp (.*?)(?:  +#.*)?$", section, re.MULTILINE)
 
 
 def painting_of(command: str, folder: Path) -> Path:
-    """Paint what a command says, unless the folder has it already; the file of the painting."""
+    """Run a painting command unless the folder already contains its result; return the path of the painting."""
     output = folder / re.sub(r"[^\w=.-]+", "_", command)
     painting = output / "painting.png"
     if not painting.is_file():
@@ -36,7 +36,7 @@ def painting_of(command: str, folder: Path) -> Path:
 
 
 def write_sheet(paintings: list[Path]) -> None:
-    """Write the sheet: each painting cropped to a square, row by row."""
+    """Crop each painting to a square, and write the sheet with the paintings arranged row by row."""
     rows = -(-len(paintings) // COLUMNS)
     pitch = SIDE + GAP
     sheet = Image.new("RGB", (COLUMNS * pitch - GAP, rows * pitch - GAP), "white")

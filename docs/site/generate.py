@@ -1,4 +1,4 @@
-"""Pages that are made of the program itself, for mkdocs: every plugin from the registry, every task from its schema."""
+"""Generate pages for mkdocs from the program itself: plugins from the registry, and tasks from their schemas."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ WORDS = {int: "whole number", float: "number", bool: "true or false", str: "text
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Add the page of each family and of each decision to the navigation; mkdocs calls it."""
+    """Add the pages of all plugin families and decisions to the navigation (mkdocs hook)."""
     parts = {name: pages for part in config.nav or [] for name, pages in part.items()}
     decisions = sorted((ROOT / "docs" / "decisions").glob("[0-9]*.md"))
     _chapter(parts["Reference"], "Plugins").extend({family: f"plugins/{family}.md"} for family in FAMILIES)
@@ -43,12 +43,12 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
 
 
 def _chapter(part: list[dict[str, Any]], name: str) -> list[dict[str, str]]:
-    """The pages of a chapter of a part of the site."""
+    """Return the pages of the chapter ``name`` in one part of the site."""
     return next(chapter[name] for chapter in part if name in chapter)
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the pages; mkdocs calls it."""
+    """Add the generated pages to the site (mkdocs hook)."""
     prepare(ROOT)
     pages = {"plugins.md": families_page(), "tasks.md": tasks_page(), "contracts.md": contracts_page()}
     pages |= {f"plugins/{family}.md": family_page(family) for family in FAMILIES}
@@ -58,7 +58,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def families_page() -> str:
-    """The families, with their plugins in one line each."""
+    """Generate the page that lists all families, with one line per plugin."""
     parts = [
         "# Plugins",
         "Made from the registry when this site is built. Choose one with `family=name`, set its options with "
@@ -73,7 +73,7 @@ def families_page() -> str:
 
 
 def family_page(family: str) -> str:
-    """Every plugin of a family with its options, and its presets."""
+    """Generate the page of a family: its plugins with their options, and its presets."""
     several = f" Several at once: `'{family}=[a,b]'`." if family in MULTI_SELECT else ""
     parts = [f"# {family}", f"*{_sentence(FAMILIES[family])}*{several}", *map(_plugin, plugins(family))]
     presets = sorted(presets_of(SHIPPED / family).items())
@@ -84,7 +84,7 @@ def family_page(family: str) -> str:
 
 
 def tasks_page() -> str:
-    """Every task: what it does, the plugins that it takes, and its keys with types, defaults and meaning."""
+    """Generate the page of tasks: what each task does, its keys with types and defaults, and its plugin families."""
     parts = [
         "# Tasks",
         "Made from the schemas of the tasks when this site is built. `brushexp task=name key=value ...`; "
@@ -101,7 +101,7 @@ def tasks_page() -> str:
 
 
 def contracts_page() -> str:
-    """What plugins and packages may import, module by module, with a line on each name."""
+    """Generate the page that lists, module by module, what plugins and packages may import."""
     modules = [
         contracts,
         *(import_module(found.name) for found in iter_modules(contracts.__path__, f"{contracts.__name__}.")),
@@ -115,14 +115,14 @@ def contracts_page() -> str:
 
 
 def _about(thing: object) -> str:
-    """The first line of a docstring, or the value of a constant."""
+    """Return the first line of an object's docstring, or the value of a constant."""
     if inspect.isroutine(thing) or inspect.isclass(thing) or inspect.ismodule(thing):
         return (inspect.getdoc(thing) or "").partition("\n")[0]
     return f"`{shorten(str(thing), 60)}`"
 
 
 def _keys(keys: dict[str, Key]) -> str:
-    """A table of keys."""
+    """Format keys as a Markdown table."""
     rows = [
         f"| `{key.name}` | {_kind(key.annotation, key.bounds)} | `{as_typed(key.default)}` | {_cell(key.meaning)} |"
         for key in keys.values()
@@ -131,7 +131,7 @@ def _keys(keys: dict[str, Key]) -> str:
 
 
 def _plugin(plugin: Plugin) -> str:
-    """Name, docstring and options of one plugin."""
+    """Format the name, docstring and options of one plugin."""
     parts = [
         f"## `{plugin.family}={plugin.name}`",
         (inspect.getdoc(plugin.cls) or "").partition("\nArgs:\n")[0].strip(),
@@ -151,7 +151,7 @@ def _plugin(plugin: Plugin) -> str:
 
 
 def _kind(annotation: Any, bounds: Bounds | Rule | None = None) -> str:
-    """A type and its bounds in words."""
+    """Describe a type and its bounds in words."""
     if isinstance(bounds, Bounds):
         return str(bounds) if bounds.names else f"{_kind(annotation)}, {bounds}"
     if get_origin(annotation) in (UnionType, Union):

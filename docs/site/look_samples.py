@@ -1,4 +1,4 @@
-"""Small paintings of one photograph, a look each, that the page shows; ``python docs/site/look_samples.py``."""
+"""Paint the small samples of looks that the page shows, from one photograph: ``python docs/site/look_samples.py``."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ SIDE, QUALITY = 176, 80  # pixels, and of WebP
 
 
 def paint_samples(looks: list[str]) -> None:
-    """Write ``<look>.webp`` for each look."""
+    """Paint the photograph in each look, and write the results as ``<look>.webp``."""
     for look in looks:
         painting = brushexp.paint(PHOTO, look=look, resolution=RESOLUTION)
         picture = Image.fromarray(painting.image).crop(FACE).resize((SIDE, SIDE), Image.Resampling.LANCZOS)

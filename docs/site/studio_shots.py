@@ -1,4 +1,7 @@
-"""The screenshots of docs/studio.md, of a studio that runs: ``python docs/site/studio_shots.py http://127.0.0.1:8080/``."""
+"""Take the screenshots in docs/studio.md from a running studio.
+
+python docs/site/studio_shots.py http://127.0.0.1:8080/
+"""
 
 import io
 import shutil
@@ -14,12 +17,12 @@ MARK = [(0.2, 0.32), (0.3, 0.36), (0.24, 0.42)]  # over an eye of the cat, in sh
 
 
 def choose(page: Page, group: str, name: str) -> None:
-    """Press a button of a group."""
+    """Click a button in a group."""
     page.get_by_role("group", name=group, exact=True).get_by_role("button", name=name, exact=True).click()
 
 
 def paint(page: Page, number: int, look: str) -> None:
-    """Begin, and wait for the first picture."""
+    """Start a painting, and wait for its first picture."""
     choose(page, "Look", look)
     page.get_by_role("button", name="Paint", exact=True).click()
     page.locator(f".place .stage img[src^='/works/{number}/']").wait_for(timeout=300_000)
@@ -27,18 +30,18 @@ def paint(page: Page, number: int, look: str) -> None:
 
 
 def finish(page: Page, number: int) -> None:
-    """Wait for the files."""
+    """Wait until the files of a painting are ready."""
     page.locator(f"a[href='/works/{number}/files/painting.png']").wait_for(timeout=300_000)
 
 
 def shot(page: Page) -> Image.Image:
-    """What is seen."""
+    """Take a screenshot of the visible part of the page."""
     page.wait_for_timeout(500)
     return Image.open(io.BytesIO(page.screenshot()))
 
 
 def save(name: str, *pictures: Image.Image) -> None:
-    """Pictures beside each other, as JPEG."""
+    """Save pictures side by side as one JPEG."""
     sheet = Image.new(
         "RGB", (sum(one.width for one in pictures) + 24 * (len(pictures) - 1), pictures[0].height), "white"
     )
@@ -48,7 +51,7 @@ def save(name: str, *pictures: Image.Image) -> None:
 
 
 def main(address: str) -> None:
-    """Two looks on a wide page, then a phone: comparison, touching up, and print."""
+    """Capture two looks on a wide page, then comparison, retouching and printing on a phone."""
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
         page = browser.new_page(viewport=WIDE, color_scheme="light")

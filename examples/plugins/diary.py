@@ -1,4 +1,4 @@
-"""A logger in one file: ``'logger=[csv,diary]'``."""
+"""Logger plugin in a single file: ``'logger=[csv,diary]'``."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:  # Lightning takes seconds to import
 
 @register("logger", "diary")
 class Diary(Logger):
-    """``diary/diary.txt``: how a run ended, and its numbers, in words."""
+    """Writes ``diary/diary.txt``, a sentence with the outcome of a run and its metrics."""
 
     def open(self, run: Run) -> LightningLogger:
         from lightning.pytorch.loggers import CSVLogger  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""A colour space in one file: ``color=gamma``."""
+"""Colour space plugin in a single file: ``color=gamma``."""
 
 from typing import Annotated
 
@@ -10,7 +10,7 @@ from brushexp.contracts.families import ColorSpace
 
 @register("color", "gamma")
 class Gamma(ColorSpace):
-    """Powers of the colours as they come: above 1 mixtures are lighter, below 1 darker.
+    """Powers of the sRGB values: mixtures are lighter with exponents above 1, and darker with exponents below 1.
 
     Args:
         exponent: exponent of each channel.

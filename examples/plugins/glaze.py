@@ -1,4 +1,4 @@
-"""A renderer in one file: ``renderer=glaze``."""
+"""Renderer plugin in a single file: ``renderer=glaze``."""
 
 from typing import Annotated
 
@@ -13,7 +13,7 @@ class Glaze(Renderer):
     """Thin paint: the paint below shows through every stroke.
 
     Args:
-        cover: largest share of the paint below that a stroke hides.
+        cover: largest fraction of the paint below that a stroke hides.
         soft: width of the soft edge in pixels.
     """
 

@@ -1,4 +1,4 @@
-"""A callback in one file: ``callbacks=halfway``."""
+"""Callback plugin in a single file: ``callbacks=halfway``."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:  # Lightning takes seconds to import; --help should not
 
 @register("callbacks", "halfway")
 class Halfway(Callback):
-    """``halfway.png``: the painting after half of its steps."""
+    """Saves ``halfway.png``, the painting after half of the steps."""
 
     def open(self, folder: Path) -> L.Callback:
         from lightning.pytorch.callbacks import LambdaCallback  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""A sampler in one file: ``sampler=halves``."""
+"""Sampler plugin in a single file: ``sampler=halves``."""
 
 import torch
 
@@ -10,7 +10,7 @@ from brushexp.contracts.strokes import Strokes
 
 @register("sampler", "halves")
 class Halves(Sampler):
-    """Each step looks at one half of the canvas, the left and the right one in turn, and moves the strokes in it."""
+    """Alternates between the left and the right half of the canvas: each step only moves the strokes in one half."""
 
     cost, moves = "half", "those in one half of the canvas"
 

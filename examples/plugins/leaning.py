@@ -1,4 +1,4 @@
-"""A change of a painting in one file: ``+change=[leaning]``."""
+"""Change plugin in a single file: ``+change=[leaning]``."""
 
 import math
 from dataclasses import replace
@@ -14,10 +14,10 @@ from brushexp.contracts.strokes import Strokes
 
 @register("change", "leaning")
 class Leaning(Change):
-    """All strokes lean to one side, as those of a hand that hatches.
+    """All strokes are slanted in the same direction, like hand-drawn hatching.
 
     Args:
-        angle: direction from the first point of a stroke to the last, in degrees; 0 is level, 90 upright.
+        angle: direction from the first point of a stroke to the last, in degrees; 0 is horizontal, 90 vertical.
     """
 
     def __init__(self, *, angle: Annotated[float, between(-90, 90)] = 45.0) -> None:
@@ -30,7 +30,7 @@ class Leaning(Change):
         return self.lean(strokes)  # whatever a step has made of them
 
     def lean(self, strokes: Strokes) -> Strokes:
-        """Turn each stroke about its position; rows of pixels count from above."""
+        """Rotate each stroke about its position to the required angle; y points downwards."""
         x, y = (strokes.end - strokes.start).T
         turn = -math.radians(self.angle) - torch.atan2(y, x)
         cosine, sine = turn.cos(), turn.sin()

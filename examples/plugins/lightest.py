@@ -1,4 +1,4 @@
-"""An order in one file: ``order=lightest``."""
+"""Order plugin in a single file: ``order=lightest``."""
 
 from typing import Annotated
 
@@ -11,10 +11,10 @@ from brushexp.contracts.strokes import Strokes
 
 @register("order", "lightest")
 class Lightest(Order):
-    """Light strokes lie on dark ones, as painters set highlights last.
+    """Light strokes are above dark strokes, because painters add highlights last.
 
     Args:
-        every: steps between two computations of the order.
+        every: number of steps between two updates of the order.
     """
 
     def __init__(self, *, every: Annotated[int, at_least(1)] = 20) -> None:

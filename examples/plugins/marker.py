@@ -1,4 +1,4 @@
-"""An engine in one file: ``task=simulate engine=marker``."""
+"""Engine plugin in a single file: ``task=simulate engine=marker``."""
 
 from typing import Annotated
 

@@ -1,4 +1,4 @@
-"""A painter in one file: ``painter=mosaic``."""
+"""Painter plugin in a single file: ``painter=mosaic``."""
 
 from collections.abc import Iterator
 
@@ -12,7 +12,7 @@ from brushexp.contracts.strokes import strokes_along
 
 @register("painter", "mosaic")
 class Mosaic(Painter):
-    """Round dabs in rows, each in the mean colour of what lies below it."""
+    """Round dabs in rows, each in the mean colour of its cell of the picture."""
 
     kind = "mean colours"
 

@@ -1,4 +1,4 @@
-"""A blend in one file: ``blend=one_by_one``."""
+"""Blend plugin in a single file: ``blend=one_by_one``."""
 
 import torch
 from torch import Tensor
@@ -10,7 +10,7 @@ from brushexp.contracts.layers import Canvas, Layers, Size, accuracy_of
 
 @register("blend", "one_by_one")
 class OneByOne(Blend):
-    """One stroke after another over the whole canvas, the lowest first: what all other blends compute faster."""
+    """Composites strokes one by one over the whole canvas, from bottom to top; other blends compute the same faster."""
 
     def __call__(
         self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor | None = None

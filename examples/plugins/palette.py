@@ -1,4 +1,4 @@
-"""An exporter in one file: ``to=palette``."""
+"""Exporter plugin in a single file: ``to=palette``."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from brushexp.contracts.files import write_text
 
 @register("to", "palette")
 class Palette(Exporter):
-    """``palette.txt``: the colours of the strokes in 16 steps of each channel, the most frequent first."""
+    """Writes ``palette.txt``: the strokes' colours, rounded to 16 levels per channel, the most frequent first."""
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
         steps = (15 * job.strokes.color.detach().cpu().clamp(0, 1)).round().int()

@@ -1,4 +1,4 @@
-"""An initialiser in one file: ``init=raster``."""
+"""Initialiser plugin in a single file: ``init=raster``."""
 
 import math
 from typing import Annotated
@@ -16,7 +16,7 @@ class Raster(Initializer):
     """Places horizontal strokes in rows, like the lines of an old television.
 
     Args:
-        overlap: overlap of neighbours in a row, in their spacing.
+        overlap: overlap of neighbouring strokes in a row, as a fraction of their spacing.
     """
 
     def __init__(self, *, overlap: Annotated[float, between(0, 10)] = 0.5) -> None:

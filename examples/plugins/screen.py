@@ -1,4 +1,4 @@
-"""A paper in one file: ``paper=screen``."""
+"""Paper plugin in a single file: ``paper=screen``."""
 
 from typing import Annotated
 
@@ -13,11 +13,11 @@ DEEP = 0.002  # of a hole, in longer sides of the canvas
 
 @register("paper", "screen")
 class Screen(Paper):
-    """A sheet with round holes, into which no paint gets.
+    """A sheet with round holes that stay free of paint.
 
     Args:
-        holes: along the longer side of the canvas.
-        wide: a hole, in the distance of two.
+        holes: number of holes along the longer side of the canvas.
+        wide: diameter of a hole, as a fraction of the distance between neighbouring holes.
     """
 
     def __init__(

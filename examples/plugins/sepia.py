@@ -1,4 +1,4 @@
-"""A palette in one file: ``palette=sepia``."""
+"""Palette plugin in a single file: ``palette=sepia``."""
 
 from typing import Annotated
 
@@ -13,10 +13,10 @@ INK = (0.36, 0.23, 0.13)
 
 @register("palette", "sepia")
 class Sepia(Palette):
-    """Browns between ink and paper, as of old photographs.
+    """Brown tones from dark ink to white paper, like those of old photographs.
 
     Args:
-        share: share of brown; 0 keeps the picture.
+        share: strength of the sepia tone; 0 keeps the picture unchanged.
     """
 
     def __init__(self, *, share: Annotated[float, between(0, 1)] = 1.0) -> None:

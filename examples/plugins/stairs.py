@@ -1,4 +1,4 @@
-"""An optimiser in one file: ``optimizer=stairs``."""
+"""Optimiser plugin in a single file: ``optimizer=stairs``."""
 
 from collections.abc import Iterable
 from typing import Annotated
@@ -11,11 +11,11 @@ from brushexp.contracts.families import Optimizer
 
 @register("optimizer", "stairs")
 class Stairs(Optimizer):
-    """Adam, whose rate is halved several times.
+    """Adam with a learning rate that is halved several times.
 
     Args:
         lr: learning rate: how far a step moves the points of a stroke, in half-windows.
-        stairs: number of times that it is halved.
+        stairs: number of times that the learning rate is halved.
     """
 
     def __init__(self, *, lr: Annotated[float, above(0)] = 0.02, stairs: Annotated[int, between(0, 20)] = 3) -> None:

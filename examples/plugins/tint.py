@@ -1,4 +1,4 @@
-"""A metric in one file: ``'metric=[psnr,ssim,tint]'``."""
+"""Metric plugin in a single file: ``'metric=[psnr,ssim,tint]'``."""
 
 from brushexp.contracts import register
 from brushexp.contracts.families import Comparison, Metric
@@ -6,7 +6,7 @@ from brushexp.contracts.families import Comparison, Metric
 
 @register("metric", "tint")
 class Tint(Metric):
-    """Distance of the mean colours of painting and target: how far the whole is tinted, 0 to 1."""
+    """Difference between the mean colours of painting and target, as a measure of colour cast, 0 to 1."""
 
     title = "tint"
     higher_is_better = False

@@ -1,4 +1,4 @@
-"""A density policy in one file: ``density=unfaint``."""
+"""Density plugin in a single file: ``density=unfaint``."""
 
 from typing import Annotated
 
@@ -9,10 +9,10 @@ from brushexp.contracts.strokes import Strokes
 
 @register("density", "unfaint")
 class Unfaint(Density):
-    """Remove strokes that hardly cover anything, once, after half of the steps; none are added.
+    """Removes faint strokes once, after half of the steps, and does not add strokes.
 
     Args:
-        opacity: below which a stroke is removed.
+        opacity: opacity below which a stroke is removed.
     """
 
     def __init__(self, *, opacity: Annotated[float, between(0, 1)] = 0.1) -> None:

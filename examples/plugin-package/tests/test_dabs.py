@@ -1,4 +1,4 @@
-"""The dry brush is libmypaint's, and as wide as the strokes that it is given."""
+"""Test that the dry brush follows libmypaint's formulas, and that its strokes have the requested width."""
 
 import math
 

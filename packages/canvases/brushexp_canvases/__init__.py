@@ -1,1 +1,1 @@
-"""Paint pictures too large for memory: tile by tile, on a canvas on disk, with the workers of a Dask cluster."""
+"""Paint pictures too large for memory, tile by tile on a canvas on disk, with the workers of a Dask cluster."""

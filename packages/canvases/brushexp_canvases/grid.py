@@ -17,16 +17,16 @@ class Tile:
 
     @property
     def round(self) -> int:
-        """Number, 0 to 3, of the round in which the tile is painted; tiles of one round do not touch."""
+        """Round, 0 to 3, in which the tile is painted; tiles in the same round do not touch."""
         return 2 * (self.row % 2) + self.column % 2
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Square tiles of ``side`` pixels over a canvas of ``size`` (H, W), smaller at the right and bottom edges.
+    """Square tiles of ``side`` pixels on a canvas of ``size`` (H, W), cropped at the right and bottom edges.
 
-    A tile is painted in its window, which extends ``margin`` pixels beyond it on each side, within the canvas. Windows
-    of one round do not overlap, so their tiles are independent.
+    A tile is painted in its window, which extends ``margin`` pixels beyond the tile on each side, within the canvas.
+    The windows of tiles in the same round do not overlap, so these tiles are independent.
 
     >>> grid = Grid((100, 70), side=40, margin=8)
     >>> grid.shape, grid.region(Tile(2, 1)), grid.window(Tile(2, 1))
@@ -41,21 +41,21 @@ class Grid:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of tiles."""
+        """Numbers of rows and columns of tiles."""
         return -(-self.size[0] // self.side), -(-self.size[1] // self.side)
 
     def tiles(self) -> list[Tile]:
-        """All tiles, round by round."""
+        """List all tiles, round by round."""
         rows, columns = self.shape
         tiles = [Tile(row, column) for row in range(rows) for column in range(columns)]
         return sorted(tiles, key=lambda tile: (tile.round, tile))
 
     def region(self, tile: Tile) -> Region:
-        """Return the pixels of a tile."""
+        """Return the region of the canvas that a tile covers."""
         return Region(tile.row * self.side, tile.column * self.side, self.side, self.side).widened(0, self.size)
 
     def window(self, tile: Tile) -> Region:
-        """Return the pixels that take part in painting a tile."""
+        """Return the region of the canvas that is used to paint a tile: the tile and its margin."""
         return self.region(tile).widened(self.margin, self.size)
 
     def tiles_in(self, region: Region) -> Iterator[Tile]:
@@ -65,15 +65,15 @@ class Grid:
                 yield Tile(row, column)
 
     def around(self, tile: Tile) -> Iterator[Tile]:
-        """Yield the tiles, at most eight, that touch a tile."""
+        """Yield the neighbours of a tile, at most eight."""
         return (other for other in self.tiles_in(self.region(tile).widened(1, self.size)) if other != tile)
 
     def before(self, tile: Tile) -> Iterator[Tile]:
-        """Yield the tiles around a tile that are painted before it."""
+        """Yield the neighbours of a tile that are painted before it."""
         return (other for other in self.around(tile) if other.round < tile.round)
 
     def near_borders(self, tile: Tile, region: Region, distance: int) -> np.ndarray:
-        """Mark the pixels (h, w) of a region around a tile within ``distance`` of its borders with other tiles.
+        """Mark the pixels (h, w) in a region around a tile that are within ``distance`` of the tile's inner borders.
 
         >>> Grid((4, 6), side=3, margin=1).near_borders(Tile(0, 0), Region(0, 0, 4, 4), 1).astype(int).tolist()
         [[0, 0, 1, 1], [0, 0, 1, 1], [1, 1, 1, 1], [1, 1, 1, 1]]

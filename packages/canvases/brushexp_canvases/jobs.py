@@ -1,4 +1,4 @@
-"""Paint a canvas's tiles on the workers of a Dask cluster, each as soon as its predecessors are painted."""
+"""Paint a canvas on the workers of a Dask cluster, each tile as soon as its predecessors are painted."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ MOST_DEATHS = 3  # number of workers that one tile may kill; Dask's own default
 
 @contextmanager
 def workers(n: int, address: str | None) -> Iterator[Client]:
-    """Start ``n`` single-threaded workers on this machine or through Slurm, or use the workers of a given scheduler."""
+    """Start ``n`` single-threaded workers on this machine or through Slurm, or connect to an existing scheduler."""
     try:
         from dask import config  # noqa: PLC0415  (the extra ``canvas``)
         from distributed import Client, LocalCluster  # noqa: PLC0415
@@ -58,7 +58,10 @@ def workers(n: int, address: str | None) -> Iterator[Client]:
 
 @contextmanager
 def blocked_interrupts() -> Iterator[None]:
-    """Block Ctrl-C temporarily here, and permanently in child threads and processes, since terminals send it to all."""
+    """Block Ctrl-C within the ``with`` block, and permanently in threads and processes started there.
+
+    Without this, child processes would be interrupted too, because terminals send Ctrl-C to all of them.
+    """
     if not hasattr(signal, "pthread_sigmask"):  # on Windows
         yield
         return
@@ -70,7 +73,7 @@ def blocked_interrupts() -> Iterator[None]:
 
 
 def _by_slurm(n: int) -> Any:
-    """Submit ``n`` Slurm jobs, one per worker; jobs that end are resubmitted."""
+    """Submit ``n`` Slurm jobs, one per worker; a job that ends is resubmitted."""
     at_interrupt = signal.getsignal(signal.SIGINT)
     try:
         from dask import config  # noqa: PLC0415  (the extra ``slurm``)
@@ -90,11 +93,11 @@ def _by_slurm(n: int) -> Any:
 
 
 def paint_all(client: Client, canvas: Canvas, grid: Grid, todo: Sequence[Tile], show: Callable[[int], None]) -> float:
-    """Paint and draw the remaining tiles ``todo``, and pass the number of finished jobs to ``show``.
+    """Paint and draw the remaining tiles in ``todo``, and pass the number of finished jobs to ``show``.
 
-    A tile is painted after the tiles ``before`` it, and drawn after all tiles around it. A worker that dies is
-    replaced, and its tile is repainted. Returns the peak memory of any worker in MB, or NaN if the system does not
-    report it.
+    A tile is painted after its neighbours from earlier rounds (`Grid.before`), and drawn after all its neighbours. If a
+    worker dies, it is replaced and its tile is repainted. Returns the highest peak memory of any worker in MB, or NaN
+    if the system does not report it.
     """
     painted: dict[Tile, Future] = {}
     for tile in todo:
@@ -108,7 +111,7 @@ def paint_all(client: Client, canvas: Canvas, grid: Grid, todo: Sequence[Tile], 
 
 
 def do_job(work: Callable[..., float | None], canvas: Canvas, tile: Tile, *before: object) -> float | None:
-    """Do a tile's work on a worker after freeing the memory of earlier tiles."""
+    """Paint or draw a tile on a worker, after freeing the memory used by earlier tiles."""
     gc.collect()
     give_memory_back()
     return work(canvas, tile, *before)

@@ -1,4 +1,4 @@
-"""Place a tile's initial strokes: its own, fixed strokes of painted neighbours, and temporary ones in the unpainted."""
+"""Place the initial strokes for a tile: its own strokes, and strokes of its painted and unpainted neighbours."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ from brushexp_canvases.store import CanvasStore
 
 @dataclass(frozen=True)
 class Laid:
-    """A window's strokes before its first step, in pixels of the canvas; ``ring`` and ``depth`` have equal length."""
+    """Initial strokes in a tile's window, in canvas pixels; ``ring`` and ``depth`` have equal lengths."""
 
     ring: Strokes  # strokes of painted neighbours; they stay fixed
     depth: Tensor  # depths of the ring
@@ -25,7 +25,7 @@ class Laid:
 
 
 def lay(store: CanvasStore, tile: Tile, cfg: DictConfig, target: Tensor, focus: Tensor | None) -> Laid:
-    """Place a tile's strokes for its window's ``target`` (3, h, w), with weights ``focus`` (h, w) or None."""
+    """Place a tile's initial strokes for the ``target`` (3, h, w) in its window, with weights (h, w) or None."""
     grid, window, region = store.grid, store.grid.window(tile), store.grid.region(tile)
     before = sorted(grid.before(tile))
     stored, depth = store.strokes_of(before)
@@ -49,6 +49,6 @@ def reaching(strokes: Strokes, region: Region, edge: float) -> Tensor:
 
 
 def inside(position: Tensor, region: Region) -> Tensor:
-    """Mark the positions (N, 2) that lie in a region; adjacent regions share no position."""
+    """Mark the positions (N, 2) that are in a region; no position is in two adjacent regions."""
     low = position.new_tensor([region.left, region.top])
     return ((position >= low) & (position < low + position.new_tensor([region.width, region.height]))).all(1)

@@ -1,4 +1,4 @@
-"""Paint a saved painting at any size into the levels of a pyramid on disk, and pack the files made from it."""
+"""Paint a saved painting at any size as the levels of a pyramid on disk, and archive exported files."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -18,9 +18,9 @@ EARLIEST = (1980, 1, 1, 0, 0, 0)  # date of all files in an archive, so that equ
 
 @contextmanager
 def levels_of(job: ExportJob) -> Iterator[dict[str, list[Level]]]:
-    """Paint the levels of a ``painting`` and, if it is lit, of its ``height``; they stay on disk until ``with`` ends.
+    """Yield the levels of the ``painting`` and, if it is lit, of its ``height``.
 
-    Heights are grey; the thickest paint is white.
+    The levels are kept on disk within the ``with`` block. Heights are grey; the thickest paint is white.
     """
     with TemporaryDirectory(prefix="brushexp-") as folder:
 
@@ -44,7 +44,7 @@ def levels_of(job: ExportJob) -> Iterator[dict[str, list[Level]]]:
 
 @contextmanager
 def archive(path: Path) -> Iterator[Path]:
-    """Yield a folder to write to, and pack it into a zip file at ``path`` atomically."""
+    """Yield a temporary folder, and finally pack its files into a zip file at ``path`` atomically."""
     with TemporaryDirectory(prefix="brushexp-") as folder:
         yield Path(folder)
         with replacing(path) as temporary, ZipFile(temporary, "w") as packed:

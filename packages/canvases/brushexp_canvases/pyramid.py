@@ -1,4 +1,4 @@
-"""Make pyramids of large pictures: levels of halved size, and static Deep Zoom and IIIF files for viewers."""
+"""Make pyramids from large pictures: levels of halved size, and static Deep Zoom and IIIF files for viewers."""
 
 import json
 import os
@@ -28,21 +28,22 @@ Read = Callable[[Region], np.ndarray]
 
 @dataclass(frozen=True)
 class Level:
-    """One resolution of a picture: its size (H, W), and a function that reads a region (3, h, w), uint8."""
+    """A picture at one resolution: its size (H, W), and a function that reads a region (3, h, w), uint8."""
 
     size: tuple[int, int]
     read: Read
 
     @property
     def whole(self) -> Region:
-        """The region of the whole level."""
+        """Region that covers the whole level."""
         return Region(0, 0, *self.size)
 
 
 def halve(whole: Any, make: Callable[[int, tuple[int, int, int]], Any]) -> list[Level]:
-    """Fill arrays, each half as large as the one before, until both sides are at most `TILE`; return all levels.
+    """Halve a picture repeatedly until both sides are at most `TILE`; return all levels, beginning with the picture.
 
-    ``whole`` is (3, H, W) uint8; ``make`` returns an array to fill, given its number, starting at 1, and its shape.
+    ``whole`` is an array (3, H, W) uint8; ``make`` allocates the array of a level from its number, starting at 1, and
+    its shape.
     """
     levels = [level_of(whole)]
     while max(levels[-1].size) > TILE:
@@ -56,7 +57,7 @@ def halve(whole: Any, make: Callable[[int, tuple[int, int, int]], Any]) -> list[
 
 
 def slices_of(region: Region) -> tuple[slice, slice, slice]:
-    """Return the slices of a region in an array (3, H, W)."""
+    """Return the slices that select a region in an array (3, H, W)."""
     rows = slice(region.top, region.top + region.height)
     return slice(None), rows, slice(region.left, region.left + region.width)
 
@@ -64,7 +65,7 @@ def slices_of(region: Region) -> tuple[slice, slice, slice]:
 def add_levels(group: Any, name: str) -> list[Level]:
     """Add levels ``1``, ``2``, ... to level ``0`` (3, H, W) of a Zarr group, and mark it as an OME-Zarr image.
 
-    Each pixel of a level is the mean of four pixels of the level before.
+    Each pixel of a level is the mean of four pixels of the previous level.
     """
 
     def make(number: int, shape: tuple[int, int, int]) -> Any:
@@ -77,7 +78,7 @@ def add_levels(group: Any, name: str) -> list[Level]:
 
 
 def describe(name: str, count: int) -> dict[str, Any]:
-    """Describe an RGB image in ``count`` levels in the metadata of OME-Zarr 0.5."""
+    """Return the OME-Zarr 0.5 metadata of an RGB image with ``count`` levels."""
     datasets = [
         {"path": str(number), "coordinateTransformations": [{"type": "scale", "scale": [1, 2**number, 2**number]}]}
         for number in range(count)
@@ -96,7 +97,7 @@ def level_of(array: Any) -> Level:
 
 
 def halve_pixels(pixels: np.ndarray) -> np.ndarray:
-    """Average pixels (3, h, w), uint8, over 2 x 2 squares; an odd last row or column counts twice."""
+    """Average pixels (3, h, w), uint8, over 2 x 2 squares; a last row or column without a partner is repeated."""
     odd = [(0, 0), (0, pixels.shape[1] % 2), (0, pixels.shape[2] % 2)]
     even = np.pad(pixels, odd, mode="edge").astype(np.uint16)
     total = even[:, ::2, ::2] + even[:, 1::2, ::2] + even[:, ::2, 1::2] + even[:, 1::2, 1::2]
@@ -122,7 +123,7 @@ def write_dzi(folder: Path, name: str, levels: list[Level]) -> list[Path]:
 
 @contextmanager
 def atomic_folder(path: Path) -> Iterator[Path]:
-    """Yield a temporary folder that replaces ``path`` if everything is written, and is removed otherwise."""
+    """Yield a temporary folder that replaces ``path`` on success and is removed on failure."""
     with TemporaryDirectory(prefix=TEMPORARY[:-1], dir=path.parent) as temporary:
         (into := Path(temporary, path.name)).mkdir()
         yield into
@@ -133,16 +134,16 @@ def atomic_folder(path: Path) -> Iterator[Path]:
 
 
 def grey_of(shares: np.ndarray) -> np.ndarray:
-    """Make a grey picture (3, h, w), uint8, from values (h, w): 0 is black, 1 or more white."""
+    """Make a grey picture (3, h, w), uint8, from values (h, w); 0 is black, and 1 or more is white."""
     return np.broadcast_to((255 * shares.clip(0, 1) + 0.5).astype(np.uint8), (3, *shares.shape))
 
 
 def write_iiif(folder: Path, names: dict[str, list[Level]], title: str, base: str = BASE) -> list[Path]:
     """Write pictures as static files of the IIIF Image API 3.0, level 0, and a manifest of the Presentation API 3.0.
 
-    ``names`` maps each picture to its levels; all pictures have the same size, and the first is the painting. The
-    documents refer to each other by addresses that begin with ``base``, where the folder will be served. Without an
-    image server, viewers get the tiles and whole pictures of up to `LARGEST_WHOLE` pixels.
+    ``names`` maps the name of each picture to its levels; all pictures have the same size, and the first is the
+    painting. The documents refer to each other by addresses that begin with ``base``, where the folder will be served.
+    Because there is no image server, viewers can only request tiles and whole pictures of up to `LARGEST_WHOLE` pixels.
     """
     if not base.startswith(("http://", "https://")):
         raise UserError(f"base={base} is not an address; give the files' future address, https://example.org/rhone")
@@ -194,7 +195,7 @@ def _write_image(folder: Path, address: str, levels: list[Level]) -> dict[str, A
 
 
 def manifest_of(base: str, names: list[str], size: tuple[int, int], title: str) -> dict[str, Any]:
-    """Describe pictures of one ``size`` (H, W) as alternative layers of one canvas."""
+    """Return a manifest that presents pictures of the same ``size`` (H, W) as alternative layers of one canvas."""
     height, width = size
     canvas, shape = f"{base}/canvas", {"height": height, "width": width}
     bodies = [

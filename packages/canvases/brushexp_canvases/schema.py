@@ -1,4 +1,4 @@
-"""Keys of ``task=canvas``."""
+"""Define the keys of ``task=canvas``."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ NO_NAMES = ("nan", "none", "no", "false", "true", "yes")  # values that are not 
 
 
 def check_canvas(value: str, option: str) -> None:
-    """Raise UserError if a value was clearly not meant as a folder name."""
+    """Raise UserError if a value is clearly not meant as a folder name."""
     if value.lower() in NO_NAMES:
         raise UserError(f"{option}={value} is not a folder; type {option}=big.zarr, or drop it to paint in memory")
 

@@ -25,7 +25,7 @@ SPACES = {"uint8": ("b-w", "srgb"), "uint16": ("grey16", "rgb16")}  # libvips's 
 
 
 class Source(ABC):
-    """A picture on disk."""
+    """Base class of pictures on disk that are read strip by strip."""
 
     size: tuple[int, int]  # height and width in pixels
 
@@ -34,13 +34,13 @@ class Source(ABC):
         """Read the pixels (3, rows, W), uint8, of a strip; strips must be read in order from the top."""
 
     def strips(self) -> Iterator[tuple[int, np.ndarray]]:
-        """Yield the first row and the pixels (3, h, W) uint8 of each strip, from the top."""
+        """Yield the first row and the pixels (3, h, W), uint8, of each strip, from top to bottom."""
         for top in range(0, self.size[0], STRIP):
             yield top, np.ascontiguousarray(self.read(top, min(STRIP, self.size[0] - top)))
 
 
 def open_source(path: Path, resolution: int | None = None) -> Source:
-    """Open a picture file or an OME-Zarr image, with ``resolution`` pixels on its longer side (libvips only)."""
+    """Open a picture file or an OME-Zarr image; ``resolution``, the longer side in pixels, is for libvips only."""
     is_zarr = path.is_dir()
     if not is_zarr:
         with path.open("rb") as file:
@@ -54,7 +54,7 @@ def open_source(path: Path, resolution: int | None = None) -> Source:
 
 @contextmanager
 def _explaining(path: Path, error: type[Exception], program: str, needed: str) -> Iterator[None]:
-    """Convert an error raised while a program reads a file into a UserError."""
+    """Convert an error that ``program`` raises while it reads a file into a UserError."""
     try:
         yield
     except error as reason:
@@ -63,7 +63,7 @@ def _explaining(path: Path, error: type[Exception], program: str, needed: str) -
 
 
 class PictureFile(Source):
-    """A file that libvips streams, rotated by its EXIF, converted to sRGB by its profile, and composited over white."""
+    """A file streamed by libvips, rotated by its EXIF, converted to sRGB by its profile, and composited over white."""
 
     def __init__(self, path: Path, resolution: int | None = None) -> None:
         vips = _vips()
@@ -94,7 +94,7 @@ def in_srgb(image: Any) -> Any:
 
 
 class Jpeg2000File(Source):
-    """A grey or colour JPEG 2000 of up to 16 bits, with or without alpha; its values are taken as sRGB."""
+    """A grey or colour JPEG 2000 file of up to 16 bits, with or without alpha; its values are interpreted as sRGB."""
 
     def __init__(self, path: Path) -> None:
         try:
@@ -124,7 +124,7 @@ class Jpeg2000File(Source):
 
 
 class ZarrImage(Source):
-    """The first level of an OME-Zarr image of 8 or 16 bits, with last axes (H, W) and one or three channels."""
+    """The first level of an 8-bit or 16-bit OME-Zarr image whose last axes are (H, W), with one or three channels."""
 
     def __init__(self, path: Path) -> None:
         import zarr  # noqa: PLC0415  (the extra ``canvas``)

@@ -1,4 +1,4 @@
-"""Store a canvas on disk: target, painting and strokes, as Zarr arrays in chunks of one tile."""
+"""Store a canvas on disk, with its target, painting and strokes, as Zarr arrays in chunks of one tile."""
 
 import warnings
 from collections.abc import Iterable, Sequence
@@ -24,7 +24,7 @@ SQUARES = ("seam", "seam_pixels", "all", "all_pixels")  # a tile's squared error
 
 
 class CanvasStore:
-    """The arrays of a canvas; a tile counts as painted once its number of strokes, written last, is stored.
+    """Arrays of a canvas on disk; a tile is considered painted once its number of strokes, written last, is stored.
 
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:
@@ -49,7 +49,7 @@ class CanvasStore:
     def create(
         path: Path, grid: Grid, capacity: int, record: dict[str, Any], pictures: Iterable[str] = PICTURES
     ) -> "CanvasStore":
-        """Create an empty canvas for at most ``capacity`` strokes per tile; ``record`` describes it."""
+        """Create an empty canvas for at most ``capacity`` strokes per tile, and store its description ``record``."""
         root = _open(path, "w")
         chunk = (3, grid.side, grid.side)
         for name in pictures:
@@ -64,12 +64,12 @@ class CanvasStore:
         return CanvasStore(path)
 
     def read(self, name: str, region: Region) -> np.ndarray:
-        """Read a part (3, h, w), uint8, of the ``target``, the ``painting`` or the `HEIGHT`."""
+        """Read a region (3, h, w), uint8, of the ``target``, the ``painting`` or the `HEIGHT`."""
         part: np.ndarray = self.root[f"{name}/0"][slices_of(region)]
         return part
 
     def write(self, name: str, region: Region, pixels: np.ndarray) -> None:
-        """Write a part (3, h, w), uint8; no two processes may write into the same tile."""
+        """Write a region (3, h, w), uint8; two processes must not write to the same tile."""
         self.root[f"{name}/0"][slices_of(region)] = pixels
 
     def is_painted(self, tile: Tile) -> bool:
@@ -82,7 +82,7 @@ class CanvasStore:
         return int(self.root["count"][tile.row, tile.column])
 
     def strokes_of(self, tiles: Iterable[Tile]) -> tuple[Strokes, Tensor]:
-        """Read the N strokes of painted tiles, in pixels of the canvas, and their depths (N,); larger is on top."""
+        """Read the N strokes of painted tiles, in canvas pixels, and their depths (N,); larger depths are on top."""
         rows = [self.root["strokes"][tile.row, tile.column, : self.count_of(tile)] for tile in tiles]
         return unpacked(np.concatenate([np.empty((0, NUMBERS), np.float32), *rows]))
 
@@ -96,7 +96,7 @@ class CanvasStore:
         self.root["squares"][tile.row, tile.column] = squares
 
     def errors(self) -> dict[str, float]:
-        """Compute the canvas's mean squared error ``mse``, in [0, 1], and the ratio ``seams`` of seams to the rest."""
+        """Compute the mean squared error ``mse``, in [0, 1], and ``seams``, the error at seams relative to the rest."""
         squares = dict(zip(SQUARES, np.nansum(self.root["squares"][:], axis=(0, 1)), strict=True))
         inside, pixels = squares["all"] - squares["seam"], squares["all_pixels"] - squares["seam_pixels"]
         has_both = squares["seam_pixels"] and inside
@@ -105,7 +105,7 @@ class CanvasStore:
 
     @property
     def counts(self) -> np.ndarray:
-        """Number of strokes in each tile (rows, columns); `UNPAINTED` if not painted yet."""
+        """Numbers of strokes per tile (rows, columns); `UNPAINTED` in tiles that are not painted yet."""
         counts: np.ndarray = self.root["count"][:]
         return counts
 

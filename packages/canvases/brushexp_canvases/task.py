@@ -1,4 +1,4 @@
-"""``task=canvas``: paint a picture of any size on a canvas on disk, tile by tile."""
+"""Paint a picture of any size on a canvas on disk, tile by tile (``task=canvas``)."""
 
 import logging
 import math
@@ -102,7 +102,7 @@ def copy_into(store: CanvasStore, source: Source) -> np.ndarray:
 
 
 def plain_settings(cfg: DictConfig) -> dict[str, Any]:
-    """Return the settings as plain data."""
+    """Convert the settings to plain data."""
     settings: Any = OmegaConf.to_container(cfg, resolve=True)
     return dict(settings)
 
@@ -113,7 +113,7 @@ def relevant_settings(cfg: DictConfig) -> dict[str, Any]:
 
 
 def check_same(store: CanvasStore, cfg: DictConfig) -> None:
-    """Raise UserError if a canvas was started with different settings."""
+    """Raise UserError if a canvas was started with settings other than the present ones."""
     before, now = todays_settings(store.record["settings"]), relevant_settings(cfg)
     for key in sorted(before.keys() | now.keys()):
         if before.get(key) != now.get(key):

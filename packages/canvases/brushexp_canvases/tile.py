@@ -1,4 +1,4 @@
-"""Paint a tile among the fixed strokes of its neighbours, and draw a tile from all strokes that reach it."""
+"""Paint a tile next to the fixed strokes of its neighbours, and draw a tile from all strokes that reach into it."""
 
 import logging
 from dataclasses import dataclass, replace
@@ -41,14 +41,14 @@ BORDER, WEIGHT = 8, 1.2  # width in pixels of the zone along each border, and it
 
 @dataclass(frozen=True)
 class Canvas:
-    """The path and the settings of a canvas, as plain data that can be sent to workers."""
+    """Path and settings of a canvas, as plain data that can be sent to workers."""
 
     path: str
     settings: dict[str, Any]
     plugins: str  # folder of the user's plugins
 
     def open(self) -> tuple[CanvasStore, DictConfig]:
-        """Load the plugins, which every new process must do, and open the arrays and the config."""
+        """Open the arrays and the config, after loading the plugins, which is necessary in every new process."""
         logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # otherwise it logs the hardware for each tile
         load_plugins(Path(self.plugins), warns=False)
         use_threads(1)
@@ -56,12 +56,12 @@ class Canvas:
 
     @property
     def config(self) -> DictConfig:
-        """The settings as a config."""
+        """Settings of the canvas as a config."""
         return OmegaConf.create(self.settings)
 
 
 class MoveAllButFirst(Sampler):
-    """Compare the whole window, and move all strokes except the ``first`` ones, which stay fixed."""
+    """Sample the whole window, and move all strokes except the first ``first`` strokes, which stay fixed."""
 
     cost, moves = "that of the whole window", "all but those of neighbours"
 
@@ -74,10 +74,10 @@ class MoveAllButFirst(Sampler):
 
 
 class RecordedOrder(Order):
-    """Wrap another order and record the depths that it computes; the ``first`` strokes keep their given depths.
+    """Wrap another order and record its depths; the first strokes keep the depths given in ``first``.
 
-    Together, the depths of all tiles order the canvas's strokes as they were during optimisation. The last ``passing``
-    strokes lie below all others.
+    Together, the recorded depths of all tiles order the canvas's strokes as they were ordered during optimisation. The
+    last ``passing`` strokes are below all others.
     """
 
     def __init__(self, order: Order, first: Tensor, passing: int) -> None:
@@ -95,13 +95,14 @@ class RecordedOrder(Order):
 
 
 def paint_tile(canvas: Canvas, tile: Tile, *before: object) -> float | None:
-    """Paint a tile and store its strokes; ``before`` only makes Dask wait for the preceding tiles.
+    """Paint a tile and store its strokes; ``before`` is only used to make Dask wait for the preceding tiles.
 
-    Returns this process's peak memory so far in MB, or None if the system does not report it.
+    Returns the peak memory of this process so far in MB, or None if the system does not report it.
 
     The strokes of painted neighbours stay fixed, like the ring of a partial update (thesis 2020, 6.3). Unpainted
-    neighbours get temporary strokes, which are optimised and finally discarded, so that the tile's own strokes end up
-    as if the painting continued there. They lie below the tile's strokes, so that they do not help to cover it.
+    neighbours get temporary strokes, which are optimised and finally discarded, so that the tile is painted as if the
+    painting continued there. Temporary strokes are below the tile's strokes, so that they do not help to cover the
+    tile.
     """
     store, cfg = canvas.open()
     if store.is_painted(tile):
@@ -129,10 +130,11 @@ def paint_tile(canvas: Canvas, tile: Tile, *before: object) -> float | None:
 
 
 def border_weights(focus: Tensor | None, near: np.ndarray) -> Tensor | None:
-    """Increase the weights ``focus`` (h, w), or None for equal ones, of pixels ``near`` (h, w) borders between tiles.
+    """Increase the weights of pixels near borders between tiles, so that more strokes are placed there.
 
-    More strokes are then placed near borders. With equal weights, the error there was 1.07 times as large, because each
-    tile's strokes are placed without regard to its neighbours' strokes.
+    ``focus`` (h, w) contains the weights, or is None for equal weights; ``near`` (h, w) marks the pixels near borders.
+    With equal weights, the error near borders was 1.07 times as large, because each tile's strokes are placed without
+    regard to the strokes of its neighbours.
     """
     if not near.any():
         return focus
@@ -146,7 +148,7 @@ def painter_of(
 ) -> tuple[StrokeOptimizer, RecordedOrder]:
     """Make a painter that keeps the first R strokes fixed at the depths ``ring`` (R,); return it and its order.
 
-    The last ``passing`` strokes lie below the others.
+    The last ``passing`` strokes are below all others.
     """
     parts, device = build_components(cfg), device_of(cfg.device)
     order = RecordedOrder(parts.order, ring.to(device), passing)
@@ -158,7 +160,7 @@ def painter_of(
 
 
 def draw_tile(canvas: Canvas, tile: Tile, *before: object) -> None:
-    """Draw a tile, with light, once the tiles around it are painted, and store its pixels and errors."""
+    """Draw a tile with lighting, after its neighbours have been painted, and store its pixels and errors."""
     store, cfg = canvas.open()
     if store.is_drawn(tile):
         return
@@ -179,7 +181,7 @@ def draw_tile(canvas: Canvas, tile: Tile, *before: object) -> None:
 
 
 def job_of(store: CanvasStore, cfg: DictConfig, region: Region) -> ExportJob:
-    """Return a part of a canvas as a painting: all strokes that reach the part, in pixels from its corner."""
+    """Return a region of a canvas as a painting with all strokes that reach into it, in pixels from its corner."""
     near = sorted({other for tile in store.grid.tiles_in(region) for other in (tile, *store.grid.around(tile))})
     strokes, depth = store.strokes_of(near)
     seen = reaching(strokes, region, LIGHT_MARGIN)
@@ -192,6 +194,9 @@ def job_of(store: CanvasStore, cfg: DictConfig, region: Region) -> ExportJob:
 
 
 def errors_of(pixels: np.ndarray, target: np.ndarray, near: np.ndarray) -> tuple[float, ...]:
-    """Sum squared errors, in [0, 1], of pictures (3, h, w), uint8, as listed in `SQUARES`; ``near`` (h, w) is bool."""
+    """Sum the squared errors between pictures (3, h, w), uint8, scaled to [0, 1], as listed in `SQUARES`.
+
+    ``near`` (h, w), bool, marks the pixels near borders between tiles.
+    """
     squares = np.square((pixels.astype(np.float64) - target) / 255).sum(0)
     return float(squares[near].sum()), 3 * int(near.sum()), float(squares.sum()), 3 * near.size

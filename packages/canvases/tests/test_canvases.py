@@ -1,4 +1,4 @@
-"""Tests of canvases on disk: tiles, their strokes, seams, and interrupted paintings."""
+"""Test the tiles, strokes and seams of canvases on disk, and that interrupted paintings can be continued."""
 
 import itertools
 import json

@@ -1,4 +1,4 @@
-"""Tests of pyramids: every level averages the one below, and the tiles of viewers' files together form the picture."""
+"""Test that each pyramid level averages the next larger one, and that the tiles for viewers form the picture."""
 
 import json
 from pathlib import Path

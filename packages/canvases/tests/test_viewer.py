@@ -1,4 +1,4 @@
-"""Tests of a pyramid's page in a real browser: which files it loads, and how it draws strokes up close."""
+"""Test in a real browser which files the viewer page loads, and how it draws strokes up close."""
 
 import base64
 import io
@@ -33,7 +33,7 @@ DRAW = """(tile) => new Promise((done) => {
 
 
 def unpacked(path: Path, job: ExportJob) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-    """Map the numbers of a cell's strokes, bottom to top, to their points (x, y) relative to the cell's corner."""
+    """Read a cell's strokes from bottom to top; map their indices to points (x, y) relative to the cell's corner."""
     name, packed = json.loads("[" + path.read_text().removeprefix("brushexp.cell(").removesuffix(");\n") + "]")
     assert name == path.stem
     data, count, result = base64.b64decode(packed["data"]), packed["count"], {}

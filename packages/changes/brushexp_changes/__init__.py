@@ -1,1 +1,1 @@
-"""Changes to a painting: guides, one region, given tubes and brushes, stroke sizes, wet paint, random grounds."""
+"""Changes to a painting: guides, region, tubes and brushes, stroke sizes, wet paint and random grounds."""

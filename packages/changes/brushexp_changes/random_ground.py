@@ -1,4 +1,4 @@
-"""Change the ground's colour at each step, so that strokes close the gaps between them."""
+"""Change the colour of the ground at each step, so that strokes close the gaps between them."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -21,7 +21,7 @@ class RandomGround(Change):
     only a part of the picture keep the painting's own ground.
 
     Args:
-        until: share of the steps after which the painting's own ground returns.
+        until: fraction of the steps after which the painting's own ground is restored.
     """
 
     until: Annotated[float, between(0, 1)] = 0.9
@@ -36,5 +36,5 @@ class RandomGround(Change):
 
 
 def random_color(like: Tensor, step: int) -> Tensor:
-    """Draw the colour (3,) of a step from its number, so that a resumed run draws the same one."""
+    """Sample the colour (3,) for a step, seeded with the step's number, so that resumed runs use the same colours."""
     return torch.rand(like.shape, generator=torch.Generator().manual_seed(step), dtype=like.dtype).to(like.device)

@@ -1,4 +1,4 @@
-"""Keep strokes within the thickness of a smallest and a largest brush during optimisation."""
+"""Keep stroke thickness between that of a smallest and a largest brush during optimisation."""
 
 import math
 import re
@@ -35,9 +35,9 @@ SIZE = Rule(size_from)
 class Sizes(Change):
     """Bound stroke thickness by a smallest and a largest brush, in pixels or mm: ``smallest=2mm largest=20mm``.
 
-    After every step, the thickness and the widening of each stroke are clamped to the bounds (projected gradient), and
-    the other strokes compensate for what a clamped stroke cannot paint. Bristles and the tips of tapered strokes may be
-    thinner.
+    After every step, the thickness and the widening of each stroke are clamped to the bounds (projected gradient
+    descent), and other strokes compensate for what a clamped stroke cannot paint. Bristles and the tips of tapered
+    strokes may be thinner.
 
     Args:
         smallest: minimum stroke thickness, in pixels of the painting (3) or in mm (2mm); null = no bound.
@@ -77,7 +77,7 @@ class Sizes(Change):
         return replace(strokes, width=strokes.width * (allowed / thick), widening=widening)
 
     def bounds(self, width: int, zoom: float = 1.0) -> tuple[float, float]:
-        """Return the minimum and maximum thickness in pixels; `within` documents the arguments."""
+        """Return the minimum and maximum thickness in pixels; for the arguments, see `within`."""
         scale = {"px": 1 / zoom, "mm": width / (MM_PER_CM * self.width_cm), "": 1.0}
         low, high = (size * scale[unit] for size, unit in self._sizes())
         if low > high:

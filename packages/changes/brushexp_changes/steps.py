@@ -1,4 +1,4 @@
-"""Check that the painter takes optimisation steps, for changes that act during these steps."""
+"""Check that the painter takes optimisation steps, which some changes require."""
 
 from omegaconf import DictConfig
 
@@ -7,7 +7,7 @@ from brushexp.contracts.families import Painter
 
 
 def check_steps(cfg: DictConfig, word: str) -> None:
-    """Raise UserError for any painter other than gradient; ``word`` is what was typed, such as ``guides=lines.png``."""
+    """Raise UserError for painters other than gradient; ``word`` is the typed setting, such as ``guides=lines.png``."""
     if isinstance(keep_built(cfg.painter), Painter):
         key, painter = word.partition("=")[0], plugin_of(cfg.painter).name
         raise UserError(f"{word} is for painter=gradient, not {painter}; drop painter, or drop {key}")

@@ -1,6 +1,6 @@
-"""Paintings of an earlier version, in which changes were separate keys and tasks, still open.
+"""Test that paintings from an earlier version, in which changes were separate keys and tasks, can still be opened.
 
-The folder earlier/ has two runs of 40 steps, interrupted after 25 and 18 steps, and their uninterrupted results:
+The folder earlier/ contains two runs of 40 steps, interrupted after 25 and 18 steps, and the uninterrupted results:
 
     brushexp coffee resolution=32 strokes=12 steps=40 look=oil wet=0.4 variety=0.3
     brushexp coffee resolution=32 strokes=12 steps=40 tubes=zorn mixtures=4 brushes=[60,30] width_cm=25 load=9

@@ -1,4 +1,4 @@
-"""Strokes near hand-drawn lines follow the lines, and other strokes stay unchanged."""
+"""Test that strokes near hand-drawn lines follow these lines, and that other strokes stay unchanged."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ BANDS = (0.5 + 0.5 * torch.sin(torch.arange(90.0) / 4)).expand(3, *SIZE).contigu
 
 
 def drawn(colors=(0, 0, 0)) -> np.ndarray:
-    """Draw a horizontal line on white in the left half."""
+    """Draw a horizontal line on white, in the left half of the picture."""
     picture = np.full((*SIZE, 3), 255, np.uint8)
     picture[29:31, 5:40] = colors
     return picture

@@ -1,4 +1,4 @@
-"""A plan lists the strokes of the painting and the dips of its brushes; played back, it gives the painting."""
+"""Test that plans list the strokes and dips of a painting, and that playing a plan back reproduces the painting."""
 
 import csv
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Paints mix like real paints, and pictures have only colours that the paints can mix."""
+"""Test that paints mix like real paints, and that pictures contain only colours that can be mixed."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The ground has a new colour at each step, and its own colour whenever the picture is shown."""
+"""Test that the ground has a new colour at each step, and its own colour whenever the picture is shown."""
 
 import torch
 from brushexp_changes.random_ground import RandomGround, random_color
@@ -11,7 +11,7 @@ from brushexp.plugins.change.base import Change
 
 
 class Watch(Change):
-    """Record the ground of each step, and change nothing."""
+    """Change that only records the ground of each step."""
 
     def __init__(self):
         self.grounds = []
@@ -22,7 +22,7 @@ class Watch(Change):
 
 
 def grounds_of(change, steps=10, **parts):
-    """Take steps; return the painting's own ground and the ground of each step."""
+    """Run optimisation steps; return the painting's own ground and the ground of each step."""
     watch = Watch()
     painter = painter_of(steps=steps, options={"changes": {"random_ground": change, "watch": watch}}, **parts)
     loop, own = None, painter.picture.background

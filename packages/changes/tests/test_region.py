@@ -1,4 +1,4 @@
-"""A region of a painting is repainted, and no other pixel changes."""
+"""Test that repainting a region of a painting does not change any pixel outside the region."""
 
 import time
 
@@ -40,7 +40,7 @@ def perform_in(folder, *words):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Write a small painting in each look, and masks, into a folder."""
+    """Paint a small picture in each look, and save the paintings and some masks in a folder."""
     folder = tmp_path_factory.mktemp("painted")
     mask = np.zeros((64, 96), np.uint8)
     masks = {"empty": mask, "other": mask[:20], "tiny": mask.copy(), "mask": mask.copy()}

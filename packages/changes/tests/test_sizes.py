@@ -1,4 +1,4 @@
-"""Strokes stay between the sizes of the smallest and the largest brush at every step."""
+"""Test that stroke thickness stays between the smallest and the largest brush at every step."""
 
 from dataclasses import replace
 
@@ -28,7 +28,7 @@ def thickness(strokes):
 
 
 class Watch(Change):
-    """Record the strokes after each step, and change nothing."""
+    """Change that only records the strokes after each step."""
 
     def __init__(self):
         self.seen = []
@@ -40,7 +40,7 @@ class Watch(Change):
 
 
 class Reds(Change):
-    """Make all strokes red."""
+    """Change that makes all strokes red."""
 
     def limit(self, strokes, before, rows, state):
         return replace(strokes, color=RED.expand_as(strokes.color))

@@ -1,4 +1,4 @@
-"""Several changes of one painting each do what they promise."""
+"""Test that several changes to the same painting all take effect."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ REPAINTED = {"steps": 12, "density": "fixed", "focus": None}
 
 @pytest.fixture(scope="module")
 def painted(tmp_path_factory):
-    """Write a painting of vertical bands, a horizontal line and a region into a folder."""
+    """Write a painting of vertical bands, a picture of a horizontal line, and a mask to a folder."""
     folder = tmp_path_factory.mktemp("painted")
     mask = np.zeros(SIZE, np.uint8)
     mask[:, :RIGHT] = 255

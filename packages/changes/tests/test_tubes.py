@@ -1,4 +1,4 @@
-"""Strokes use only the tubes and brushes on a table."""
+"""Test that strokes use only the tubes and brushes of a table."""
 
 import time
 from dataclasses import replace
@@ -103,7 +103,7 @@ def test_colours_are_free_at_first_and_those_of_mixtures_in_the_end():
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Write a small painting with tubes into a folder."""
+    """Paint a small picture with tubes, and return the folder of the run."""
     folder = tmp_path_factory.mktemp("tubes")
     words = ["chelsea", "tubes=zorn", "mixtures=5", "brushes=[40,20]", "strokes=60", "steps=20", "resolution=64"]
     cfg = composed(

@@ -1,4 +1,4 @@
-"""Wet strokes drag paint along; strokes optimised for the wet painting bring it closer to the target."""
+"""Test that wet strokes drag paint along, and that optimising for the wet painting brings it closer to the target."""
 
 from dataclasses import replace
 
@@ -67,7 +67,7 @@ def test_the_wet_painting_is_nearer_to_the_target():
 
 
 class Watch(Change):
-    """Record the target of each step, and change nothing."""
+    """Change that only records the target of each step."""
 
     def __init__(self):
         self.targets = []

@@ -1,1 +1,1 @@
-"""Compress a painting: round its strokes, encode them in a small file, and decode and paint that file."""
+"""Compress paintings: round strokes, encode them in a small file, and decode and paint such files."""

@@ -1,8 +1,8 @@
-"""Code integers with a range coder and a fitted distribution for each group.
+"""Code groups of integers with a range coder and a distribution fitted to each group.
 
-A distribution is a discretised Student's t with extra weight at 0. Its weights are computed only with sums, products
-and quotients in double precision, which IEEE 754 defines exactly, so that every machine can decode the files of every
-other.
+A distribution is a discretised Student's t-distribution with extra weight at 0. Its weights are computed only with
+sums, products and quotients in double precision, which IEEE 754 defines exactly, so that a file written on one machine
+can be decoded on any other machine.
 """
 
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ Group = np.ndarray  # (n,) int64
 
 @dataclass(frozen=True)
 class Distribution:
-    """A distribution of integers; the lowest ``shift`` bits of each number are stored verbatim."""
+    """A distribution of integers whose lowest ``shift`` bits are stored verbatim."""
 
     shift: int = 0
     scale: int = 0  # index into `SCALES`
@@ -69,7 +69,7 @@ def weights_of(scale: int, power: int, at_zero: int) -> np.ndarray:
 
 @cache
 def _bits() -> tuple[list[tuple[int, int, int]], np.ndarray]:
-    """Compute the bits (M, 2 * RADIUS + 2) of each symbol under each of M distributions."""
+    """Compute the bits (M, 2 * RADIUS + 2) that each symbol needs under each of M distributions."""
     kinds = list(product(range(len(SCALES)), range(len(POWERS)), range(len(AT_ZERO))))
     weights = np.stack([weights_of(*kind) for kind in kinds])
     shares = weights / weights.sum(1, keepdims=True)
@@ -77,7 +77,7 @@ def _bits() -> tuple[list[tuple[int, int, int]], np.ndarray]:
 
 
 def fit(numbers: Group) -> Distribution:
-    """Find the distribution that codes numbers (n,) in the fewest bits."""
+    """Find the distribution that codes the numbers (n,) in the fewest bits."""
     if not len(numbers):
         return Distribution()
     kinds, bits = _bits()
@@ -94,7 +94,7 @@ def fit(numbers: Group) -> Distribution:
 
 
 def bits_of(distribution: Distribution, numbers: Group) -> float:
-    """Estimate the number of bits in which a distribution codes numbers."""
+    """Estimate the number of bits that a distribution needs to code numbers."""
     counts = np.bincount(_symbols(numbers >> distribution.shift), minlength=ESCAPE + 1)
     weights = weights_of(distribution.scale, distribution.power, distribution.at_zero)
     bits = -np.log2(np.maximum(weights / weights.sum(), 2.0**-24))
@@ -102,7 +102,7 @@ def bits_of(distribution: Distribution, numbers: Group) -> float:
 
 
 def encode(groups: list[tuple[Distribution, Group]]) -> bytes:
-    """Encode groups of numbers in sequence; all magnitudes are below `LARGEST`."""
+    """Encode groups of numbers in sequence; all magnitudes must be below `LARGEST`."""
     coder = stream.queue.RangeEncoder()
     for distribution, numbers in groups:
         if not len(numbers):
@@ -116,7 +116,7 @@ def encode(groups: list[tuple[Distribution, Group]]) -> bytes:
 
 
 class Decoder:
-    """Decodes the groups coded by `encode` in the same order; damaged data raise ValueError."""
+    """Decodes groups coded by `encode`, in the same order; raises ValueError if the data are damaged."""
 
     def __init__(self, data: bytes) -> None:
         if len(data) % 4:

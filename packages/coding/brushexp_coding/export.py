@@ -1,4 +1,4 @@
-"""Write the strokes to a small file."""
+"""Export strokes as a small file."""
 
 import logging
 from pathlib import Path
@@ -16,12 +16,12 @@ log = logging.getLogger(__name__)
 
 @register("to", "bits")
 class Bits(Exporter):
-    """``strokes.bits``: rounded strokes in a small file, to store, send or paint again: catalogue=strokes.bits.
+    """Writes ``strokes.bits``: rounded strokes in a small file, to store, send or reopen with catalogue=strokes.bits.
 
     Each number is rounded according to its effect on the picture, and then coded; strokes that do not overlap may be
     reordered. The decoded painting has the same number of strokes, and either the PSNR ``fidelity`` or the highest PSNR
     that fits into ``size`` bytes. The file contains only the settings needed to draw the painting: renderer, colour
-    space, paper and lamp.
+    space, paper and light.
 
     Args:
         fidelity: PSNR of the decoded painting against the exported one, in dB; a higher value needs more bits.

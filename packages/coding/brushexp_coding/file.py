@@ -57,7 +57,7 @@ TYPICAL = (  # typical settings, the preset dictionary of their compression
 
 
 def file_of(rounded: Rounded, saved: Saved) -> bytes:
-    """Write rounded strokes as a file, with the canvas and the settings of ``saved`` but not its strokes."""
+    """Return the file contents for rounded strokes, with the canvas and the settings of the painting ``saved``."""
     if len(rounded) > MOST_STROKES:
         raise UserError(f"{len(rounded)} strokes are more than the {MOST_STROKES} that to=bits can hold; use to=json")
     settings = _packed_settings(saved)
@@ -72,14 +72,14 @@ def file_of(rounded: Rounded, saved: Saved) -> bytes:
 
 
 def read_bits(data: bytes) -> Saved:
-    """Read the painting in a file; raise UserError if the file is not valid."""
+    """Decode the contents of a file as a painting; raise UserError if they are not valid."""
     rounded, saved = rounded_of(data)
     strokes = rounded.strokes()
     return Saved(strokes, torch.arange(len(strokes), dtype=torch.int32), *saved[:2], **saved[2])
 
 
 def rounded_of(data: bytes) -> tuple[Rounded, tuple[tuple[int, int], torch.Tensor, dict[str, Any]]]:
-    """Read the rounded strokes of a file, the size and the background of its canvas, and its settings."""
+    """Decode the rounded strokes in a file, the size and background of its canvas, and its settings."""
     magic, version, checksum = HEAD.unpack_from(data) if len(data) >= HEAD.size else (b"", 0, 0)
     if magic != MAGIC:
         raise UserError("not a file of coded strokes; give a strokes.bits of task=export to=bits")
@@ -104,7 +104,7 @@ def rounded_of(data: bytes) -> tuple[Rounded, tuple[tuple[int, int], torch.Tenso
 
 
 def _coded(rounded: Rounded, present: list[bool]) -> bytes:
-    """Encode the coarseness, the brushes, and the columns group by group, each group with its best prediction."""
+    """Encode the coarseness, the brushes, and the columns of each group with the best prediction for the group."""
     writer, alike = Writer(), np.zeros(len(rounded), np.int64)
     for kind in rounded.coarseness.T:
         writer.write_column(kind, alike)
@@ -131,7 +131,7 @@ def _coded(rounded: Rounded, present: list[bool]) -> bytes:
 
 
 def _decoded(data: bytes, count: int, rungs: np.ndarray, present: list[bool], mask: int) -> Rounded:
-    """Decode the result of `_coded`."""
+    """Decode the output of `_coded`."""
     reader, alike = Reader(data), np.zeros(count, np.int64)
     coarseness = np.stack([reader.read_column(alike) for _ in range(2)], axis=1)
     if (np.abs(coarseness) > MAX_COARSENESS).any():
@@ -150,13 +150,13 @@ def _decoded(data: bytes, count: int, rungs: np.ndarray, present: list[bool], ma
 
 
 def _groups(present: list[bool]) -> list[list[Column]]:
-    """List, for each group, the columns that are not 0 for all strokes."""
+    """List the columns in each group that are not 0 for all strokes; omit empty groups."""
     groups = ([column for column in group if column < len(present) and present[column]] for group in GROUPS)
     return [group for group in groups if group]
 
 
 def _classes(coarseness: np.ndarray) -> np.ndarray:
-    """Classify the rounding of each stroke's shape (N,): finer than the median (0), equal (1) or coarser (2)."""
+    """Classify how each stroke's shape is rounded (N,): finer than the median (0), equal (1) or coarser (2)."""
     if len(coarseness) < FEWEST_TO_CLASS:
         return np.zeros(len(coarseness), np.int64)
     return np.sign(coarseness[:, 0]) + 1

@@ -1,13 +1,13 @@
 """Choose how coarsely to round each number of a painting's strokes, and encode the strokes.
 
-- The sensitivity of the picture to each number is estimated from gradients of random projections (Hutchinson, 1989).
-- Each column has a step, and each stroke has two coarseness values in octaves, one for its shape and one for its paint,
-  chosen so that rounding any number adds about the same error. This needs the fewest bits for a given error (reverse
-  water-filling).
-- Strokes that do not overlap are reordered, so that neighbours follow each other.
-- Columns are rounded group by group. Before each group, a few steps of gradient descent let the columns that are not
-  yet rounded compensate for those that are.
-- All steps are scaled together until the picture has the allowed error, or the file has the allowed size.
+- The picture's sensitivity to each number is estimated from gradients of random projections (Hutchinson, 1989).
+- Each column has a step size, and each stroke has two coarseness values in octaves, for its shape and for its paint.
+  They are chosen so that rounding any number adds about the same error, which needs the fewest bits for a given error
+  (reverse water-filling).
+- Strokes that do not overlap are reordered, so that consecutive strokes are neighbours.
+- Columns are rounded group by group. Before each group, a few steps of gradient descent let the remaining columns
+  compensate for the columns that are already rounded.
+- All step sizes are scaled together until the picture has the allowed error, or the file has the allowed size.
 """
 
 from collections.abc import Callable
@@ -58,7 +58,7 @@ STAGES = (  # groups of columns that are rounded together, in order
 
 @dataclass(frozen=True)
 class Coded:
-    """A painting encoded as a file, with its rounded strokes, its decoded picture and its loss."""
+    """A painting encoded as a file, with the rounded strokes, the decoded picture and the loss."""
 
     data: bytes  # the file
     rounded: Rounded
@@ -71,8 +71,8 @@ def code(job: ExportJob, *, allowed: float, goal: Tensor | None = None, steps: i
 
     Args:
         job: painting; its light and paper are ignored.
-        allowed: mean squared error, greater than 0, of pixels in [0, 1].
-        goal: (3, h, w) picture that the strokes should approximate; None for the picture that they draw.
+        allowed: maximum increase in mean squared error, greater than 0, for pixels in [0, 1].
+        goal: picture (3, h, w) that the strokes should approximate; None for the picture that they draw.
         steps: total number of gradient steps; 0 rounds all columns at once.
     """
     fit = _Fit(job, goal)
@@ -80,9 +80,9 @@ def code(job: ExportJob, *, allowed: float, goal: Tensor | None = None, steps: i
 
 
 def code_within(job: ExportJob, *, size: int, goal: Tensor | None = None, steps: int = 60, option: str) -> Coded:
-    """Encode the strokes of a job as finely as fits into a file of ``size`` bytes; for other arguments, see `code`.
+    """Encode the strokes of a job as finely as ``size`` bytes allow; for the other arguments, see `code`.
 
-    Raises UserError, which names ``option`` as too small, if the coarsest rounding needs more bytes.
+    Raises UserError, with a message that ``option`` is too small, if the coarsest rounding needs more bytes.
     """
     fit = _Fit(job, goal)
     coded = fit.coded(fit.finest(size, steps))
@@ -113,7 +113,7 @@ class _Fit:
         self._before = mean_square(own - self._goal)
 
     def coarsest(self, allowed: float, steps: int) -> Rounded:
-        """Round as coarsely as the error allows."""
+        """Round as coarsely as the allowed error permits."""
         scale, usual = self._rounding.scale_for(allowed), REFINED if steps else 1.0
         rounded, scale = coarsest(self._at(0), self._loss_of, usual * allowed, scale, TRIALS)
         if steps:
@@ -130,7 +130,7 @@ class _Fit:
         return min((trial[0] for trial in (at_once, in_stages) if trial is not None), key=self._loss_of)
 
     def coded(self, rounded: Rounded) -> Coded:
-        """Write a file and draw its strokes."""
+        """Encode rounded strokes, draw them, and compute the loss."""
         with torch.no_grad():
             picture = self._canvas.draw(rounded.strokes())
         return Coded(file_of(rounded, self._saved), rounded, picture, mean_square(picture - self._goal) - self._before)
@@ -146,12 +146,12 @@ class _Fit:
 
 
 def mean_square(difference: Tensor) -> float:
-    """Compute the mean square in double precision."""
+    """Compute the mean square of differences in double precision."""
     return float(difference.detach().double().square().mean())
 
 
 class Canvas:
-    """Draws strokes differentiably at the size of a job, limited to `SIDE` pixels."""
+    """Draws strokes differentiably at the size of a job, with at most `SIDE` pixels on the longer side."""
 
     def __init__(self, job: ExportJob) -> None:
         self.job, self.size = job, job.at_most(SIDE).size
@@ -166,7 +166,7 @@ class Canvas:
 
 @dataclass(frozen=True)
 class Template:
-    """N strokes, bottom to top, and which of their properties are coded."""
+    """N strokes, bottom to top, and flags for the properties that are coded."""
 
     strokes: Strokes
     windows: bool = False  # whether windows are coded
@@ -179,13 +179,13 @@ class Template:
         return orient_right(values) if self.turned else values
 
     def made_of(self, values: Tensor) -> Strokes:
-        """Make strokes from given values (N, C), float64, as when a file is read."""
+        """Make strokes from values (N, C), float64, as the decoder does."""
         strokes = strokes_of(values, windows=self.windows).map(lambda value: value.float())
         return replace(strokes, brush=self.strokes.brush) if self.brushes else strokes
 
 
 def template_of(canvas: Canvas, strokes: Strokes, own: Tensor) -> Template:
-    """Find the template with the least data that draws the same picture; many renderers ignore windows and brushes."""
+    """Find the smallest template that draws the same picture; many renderers ignore windows and brushes."""
     least_first = (
         Template(strokes, turned=True),
         Template(strokes),
@@ -200,7 +200,7 @@ def template_of(canvas: Canvas, strokes: Strokes, own: Tensor) -> Template:
 
 
 class _Rounding:
-    """Rounds the strokes of a template at any scale of all step sizes."""
+    """Rounds the strokes of a template; one scale multiplies all step sizes."""
 
     def __init__(self, canvas: Canvas, template: Template, goal: Tensor) -> None:
         self._canvas, self._template, self._goal, self._values = canvas, template, goal, template.values()
@@ -210,16 +210,16 @@ class _Rounding:
             self._allocate(-np.log2(self._sensitivity().numpy().clip(UNSEEN)))
 
     def scale_for(self, error: float) -> float:
-        """Estimate the scale at which rounding everything adds an error, if the picture is linear in the numbers."""
+        """Estimate the scale at which rounding adds a given error, if the picture is linear in the numbers."""
         return (12 * error / max(1, self._values.numel())) ** 0.5
 
     def error(self, rounded: Rounded) -> float:
-        """Compute the mean squared error against the goal."""
+        """Compute the mean squared error between the drawn strokes and the goal."""
         with torch.no_grad():
             return mean_square(self._canvas.draw(rounded.strokes()) - self._goal)
 
     def at(self, scale: float, steps: int) -> Rounded:
-        """Round at a given scale, group by group, with ``steps`` steps of gradient descent in total."""
+        """Round group by group at a given scale, with ``steps`` steps of gradient descent in total."""
         rungs = np.array([rung_near(scale * 2.0**octave) for octave in self._octaves])
         brushes = self._template.strokes.brush.numpy() if self._template.brushes else None
         rounded = Rounded(
@@ -237,7 +237,7 @@ class _Rounding:
         return replace(rounded, numbers=round_values(values, rounded.steps))
 
     def _descended(self, values: Tensor, fixed: Tensor, steps: np.ndarray, count: int) -> Tensor:
-        """Optimise the values of columns that are not ``fixed`` (C,) to approach the goal."""
+        """Optimise the columns that are not ``fixed`` (C,), so that the picture approaches the goal."""
         unit = torch.from_numpy(steps)
         moving = (values / unit).requires_grad_()
         optimizer = torch.optim.Adam([moving], lr=RATE, betas=(0.9, 0.99))
@@ -251,7 +251,7 @@ class _Rounding:
         return torch.where(fixed, values, moving.detach().nan_to_num(0.0) * unit)
 
     def _sensitivity(self) -> Tensor:
-        """Estimate the change (N, C) of the picture per change of each number, as a root mean square over pixels."""
+        """Estimate the picture's change (N, C) per unit change in each number, as a root mean square over pixels."""
         values = self._values.clone().requires_grad_()
         picture = self._canvas.draw(self._template.made_of(values))
         random, squares = torch.Generator().manual_seed(0), torch.zeros_like(self._values)
@@ -262,7 +262,7 @@ class _Rounding:
         return (squares / picture.numel()).sqrt()
 
     def _allocate(self, wanted: np.ndarray) -> None:
-        """Split the desired octaves (N, C) of steps into octaves of strokes and octaves of columns."""
+        """Split the desired step sizes (N, C), in octaves, into octaves for strokes and octaves for columns."""
         rows = (wanted < -np.log2(UNSEEN)).all(1)
         rows = rows if rows.any() else ~rows
         paint = is_paint(wanted.shape[1])

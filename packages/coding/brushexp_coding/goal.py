@@ -1,4 +1,4 @@
-"""``bits=20kB``: match the picture as closely as a file of a given size allows."""
+"""Match the picture as closely as a file of a given size allows: ``bits=20kB``."""
 
 from copy import deepcopy
 from dataclasses import dataclass
@@ -20,9 +20,9 @@ OVERHEAD = 60  # approximate bytes of a file without strokes
 class BytesForStrokes(Change):
     """Choose the number of strokes and their rounding so that ``strokes.bits`` has a given size: ``bits=20kB``.
 
-    More strokes match the picture more closely, but each must then be rounded more coarsely. The decoded painting is
-    closest at about 85 bits per stroke. The painting therefore has as many strokes as fit at 85 bits, or fewer if you
-    limit their number, and they are rounded as finely as fits into the file (``metric=bits``).
+    More strokes match the picture more closely, but each stroke must then be rounded more coarsely. The decoded
+    painting matches best at about 85 bits per stroke. The painting therefore has as many strokes as fit at 85 bits, or
+    fewer if you limit their number. The strokes are rounded as finely as the file size allows (``metric=bits``).
 
     Args:
         size: maximum size of strokes.bits: 1500B, 20kB, 0.5MB; null = no limit.

@@ -22,14 +22,14 @@ FILE = "strokes.bits"
 
 @register("metric", "bits")
 class BitsPerPixel(Metric):
-    """Bits per pixel of the strokes, rounded and coded as a file (strokes.bits).
+    """Bits per pixel of the rounded strokes, coded as a file (strokes.bits).
 
     Strokes are rounded as coarsely as ``loss`` allows, or as finely as fits into ``size`` bytes; with a size, the run
-    keeps the file. Compare the bits with ``psnr_decoded``, the PSNR of the painting decoded from the same file, not
-    with ``psnr``, which refers to the strokes before rounding.
+    keeps the file. Compare the bits with ``psnr_decoded``, the PSNR of the painting decoded from the same file. Do not
+    compare them with ``psnr``, which is computed before rounding.
 
     Args:
-        loss: maximum loss of PSNR by rounding, in dB.
+        loss: maximum loss of PSNR from rounding, in dB.
         size: maximum size of the file, which replaces ``loss``: 1500B, 20kB, 0.5MB; null = no limit.
         steps: number of gradient steps during rounding; 0 is fastest but needs more bits.
     """

@@ -1,4 +1,4 @@
-"""Order strokes so that neighbours follow each other, without changing the picture."""
+"""Order strokes so that consecutive strokes are neighbours, without changing the picture."""
 
 from collections.abc import Iterator
 
@@ -14,10 +14,10 @@ CHOICES = 1024  # maximum number of strokes among which the nearest is chosen
 
 
 def neighbouring_order(strokes: Strokes, size: tuple[int, int], renderer: Renderer) -> np.ndarray:
-    """Find an order (N,) of strokes, bottom to top, in which most strokes follow a neighbour.
+    """Find an order (N,) of strokes, bottom to top, in which most strokes follow a nearby stroke.
 
-    Strokes that may touch the same cell of the canvas (H, W) keep their order. All others may be reordered, because the
-    order of two strokes has no effect if they share no pixel.
+    Strokes that may touch the same cell of the canvas (H, W) keep their order. Other strokes may be reordered, because
+    the order of two strokes has no effect if no pixel shows both of them.
     """
     middle = point_at(curve_of(strokes).double(), tensor(0.5).double()).numpy()
     waits, followers = _constraints(strokes, size, renderer)
@@ -35,7 +35,7 @@ def neighbouring_order(strokes: Strokes, size: tuple[int, int], renderer: Render
 
 
 def _constraints(strokes: Strokes, size: tuple[int, int], renderer: Renderer) -> tuple[list[int], list[list[int]]]:
-    """Count, for each stroke, the strokes directly below it in any cell, and list the strokes directly above it."""
+    """Count the strokes directly below each stroke in any cell, and list the strokes directly above it."""
     top: dict[int, int] = {}
     waits, followers = [0] * len(strokes), [list[int]() for _ in range(len(strokes))]
     for stroke, cells in enumerate(touched_cells(strokes, size, renderer)):
@@ -48,7 +48,7 @@ def _constraints(strokes: Strokes, size: tuple[int, int], renderer: Renderer) ->
 
 
 def touched_cells(strokes: Strokes, size: tuple[int, int], renderer: Renderer) -> Iterator[list[int]]:
-    """Yield, for each stroke, the cells of the canvas (H, W) that it may touch, possibly with a few more."""
+    """Yield, for each stroke, all cells of the canvas (H, W) that it touches, and possibly a few more."""
     layers = renderer(strokes)
     curve = layers.curve.detach().double()
     points = point_at(curve[:, None], linspace(0, 1, PIECES + 1).double()[None]).numpy()  # (N, PIECES + 1, 2)

@@ -1,4 +1,4 @@
-"""Predict the numbers of a stroke from those of earlier strokes, so that only small residuals must be coded."""
+"""Predict the numbers of a stroke from the numbers of an earlier stroke, so that only small residuals are coded."""
 
 from enum import IntEnum
 
@@ -10,7 +10,7 @@ BEFORE = 1024  # number of earlier strokes among which the nearest is chosen
 
 
 class Prediction(IntEnum):
-    """The source from which the numbers of a column are predicted."""
+    """Source of the prediction for the numbers in a column."""
 
     NOTHING = 0
     LAST = 1  # the previous stroke
@@ -18,9 +18,10 @@ class Prediction(IntEnum):
 
 
 def nearest_before(middle: np.ndarray) -> np.ndarray:
-    """Find the nearest (N,) of the `BEFORE` preceding strokes, the last in a tie; 0 for the first stroke.
+    """Find the nearest (N,) of the `BEFORE` preceding strokes, or the last of them in a tie; 0 for the first stroke.
 
-    ``middle`` is (N, 2) in pixels. Only differences, squares and a sum are computed, so all machines agree.
+    ``middle`` (N, 2) is in pixels. Only differences, squares and a sum are computed, so the result is the same on all
+    machines.
     """
     count = len(middle)
     best, least = np.zeros(count, np.int64), np.full(count, np.inf)
@@ -35,7 +36,7 @@ def nearest_before(middle: np.ndarray) -> np.ndarray:
 
 
 def sources(prediction: Prediction, count: int, nearest: np.ndarray | None) -> np.ndarray | None:
-    """Return the earlier stroke (N,) that predicts each of ``count`` strokes; None if nothing is predicted."""
+    """Return the earlier stroke (N,) that predicts each of ``count`` strokes, or None without prediction."""
     if prediction == Prediction.LAST:
         return np.maximum(np.arange(count) - 1, 0)
     return nearest if prediction == Prediction.NEAREST else None
@@ -50,7 +51,7 @@ def rescale(numbers: np.ndarray, octaves: np.ndarray) -> np.ndarray:
 
 
 def residuals_of(numbers: np.ndarray, octaves: np.ndarray, source: np.ndarray | None) -> np.ndarray:
-    """Subtract each source's numbers from those of its stroke (N, K), in the stroke's steps; keep the first stroke."""
+    """Subtract the predictions from the numbers (N, K), in each stroke's own steps; the first stroke is kept."""
     if source is None or len(numbers) < 2:
         return numbers
     residuals = numbers.copy()
@@ -59,7 +60,7 @@ def residuals_of(numbers: np.ndarray, octaves: np.ndarray, source: np.ndarray | 
 
 
 def restore_numbers(residuals: np.ndarray, octaves: np.ndarray, source: np.ndarray | None) -> np.ndarray:
-    """Invert `residuals_of`."""
+    """Restore the numbers (N, K) from the output of `residuals_of`."""
     if source is None or len(residuals) < 2:
         return residuals
     numbers, finer = residuals.copy(), octaves[source] - octaves
@@ -69,7 +70,7 @@ def restore_numbers(residuals: np.ndarray, octaves: np.ndarray, source: np.ndarr
 
 
 def rgb_to_ycocg(residuals: np.ndarray) -> np.ndarray:
-    """Convert differences of red, green and blue (N, 3) losslessly into luma and two chroma values (YCoCg-R)."""
+    """Convert residuals of red, green and blue (N, 3) losslessly to luma and two chroma values (YCoCg-R)."""
     red, green, blue = residuals.T
     orange = red - blue
     middle = blue + (orange >> 1)
@@ -78,7 +79,7 @@ def rgb_to_ycocg(residuals: np.ndarray) -> np.ndarray:
 
 
 def ycocg_to_rgb(ycocg: np.ndarray) -> np.ndarray:
-    """Invert `rgb_to_ycocg`."""
+    """Convert luma and chroma values (N, 3) back to red, green and blue; the inverse of `rgb_to_ycocg`."""
     luma, orange, magenta = ycocg.T
     middle = luma - (magenta >> 1)
     blue = middle - (orange >> 1)

@@ -27,7 +27,10 @@ MAX_COARSENESS = 8  # maximum magnitude of a stroke's coarseness, in octaves
 
 
 class Column(IntEnum):
-    """Numbers of a stroke, lengths in pixels; OFFSET_X to SIDE are stored only for renderers that draw in windows."""
+    """Columns of numbers that describe strokes; all lengths are in pixels.
+
+    OFFSET_X to SIDE are only stored for renderers that draw in windows.
+    """
 
     THICKNESS = 0
     CHORD_X = 1  # vector from start to end
@@ -58,10 +61,10 @@ REVERSED = (Column.CHORD_X, Column.CHORD_Y, Column.WIDENING, *DRIFT)
 
 @dataclass(frozen=True)
 class Rounded:
-    """N strokes as integers, bottom to top; a value is number * step of its column * 2**coarseness.
+    """N strokes as integers, bottom to top; a value is its number times the step of its column times 2**coarseness.
 
-    A stroke has separate coarseness values, in octaves, for its shape and its paint: errors in its shape matter in
-    proportion to its contrast with the surroundings, and errors in its colour in proportion to its visible area.
+    A stroke has separate coarseness values, in octaves, for its shape and its paint: the effect of errors in its shape
+    is proportional to its contrast with the surroundings, and that of errors in its colour to its visible area.
     """
 
     numbers: np.ndarray  # (N, C) int64, where C is the number of columns
@@ -81,7 +84,7 @@ class Rounded:
 
     @property
     def steps(self) -> np.ndarray:
-        """Steps (N, C) of each number, float64."""
+        """Step size (N, C) of each number, float64."""
         return np.ldexp(LADDER[self.rungs][None], self.octaves.astype(np.int32))
 
     @property
@@ -92,23 +95,23 @@ class Rounded:
 
     @property
     def octaves(self) -> np.ndarray:
-        """Compute the coarseness (N, C) of each number."""
+        """Coarseness (N, C) of each number, in octaves."""
         return self.coarseness[:, is_paint(self.numbers.shape[1]).astype(int)]
 
     def strokes(self) -> Strokes:
-        """Make the strokes that the numbers represent."""
+        """Convert the numbers back to strokes."""
         strokes = strokes_of(torch.from_numpy(self.numbers * self.steps), windows=self.windows)
         strokes = strokes.map(lambda value: value.float())
         return strokes if self.brushes is None else replace(strokes, brush=torch.from_numpy(self.brushes))
 
 
 def is_paint(columns: int) -> np.ndarray:
-    """Mark which of the first ``columns`` columns belong to the paint."""
+    """Mark the columns that describe paint, among the first ``columns`` columns."""
     return np.isin(np.arange(columns), PAINT)
 
 
 def rung_near(step: float) -> int:
-    """Return the index of the largest step on the ladder that is at most ``step``."""
+    """Return the index of the largest step on the `LADDER` that is at most ``step``."""
     return max(0, int(np.searchsorted(LADDER, step * (1 + 1e-9), side="right")) - 1)
 
 
@@ -125,7 +128,7 @@ def values_of(strokes: Strokes, *, windows: bool) -> Tensor:
 
 
 def strokes_of(values: Tensor, *, windows: bool) -> Strokes:
-    """Make strokes differentiably from the values (N, C) of the columns; values out of range are clamped."""
+    """Make strokes from the values (N, C) of the columns, differentiably; values out of range are clamped."""
     column = values.unbind(1)
     middle, chord, bend = (values[:, at : at + 2] for at in (Column.MIDDLE_X, Column.CHORD_X, Column.BEND_X))
     control = middle + bend / 2
@@ -166,7 +169,7 @@ def round_values(values: Tensor, steps: np.ndarray) -> np.ndarray:
 
 
 def orient_right(values: Tensor) -> Tensor:
-    """Reverse strokes (N, C) that lead to the left, which changes no picture unless the renderer has textures."""
+    """Reverse strokes (N, C) that point left; this only changes the picture if the renderer has textures."""
     back = (values[:, Column.CHORD_X] < 0) | ((values[:, Column.CHORD_X] == 0) & (values[:, Column.CHORD_Y] < 0))
     signs = torch.ones_like(values)
     signs[:, list(REVERSED)] = torch.where(back, -1.0, 1.0).to(values)[:, None]

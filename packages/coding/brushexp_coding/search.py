@@ -1,4 +1,4 @@
-"""Search for the scale of all rounding steps: the coarsest scale for an error, or the finest for a file size."""
+"""Search for the scale of all rounding steps: the coarsest scale for a given error, or the finest for a file size."""
 
 from collections.abc import Callable
 
@@ -15,9 +15,10 @@ FULL, AIM_SIZE = 0.985, 0.995  # shares of the allowed size that end the search,
 def coarsest(
     at: Callable[[float], Rounded], loss_of: Callable[[Rounded], float], allowed: float, scale: float, trials: int
 ) -> tuple[Rounded, float]:
-    """Find approximately the largest scale at which the loss by rounding is at most ``allowed``.
+    """Find approximately the largest scale at which the loss due to rounding is at most ``allowed``.
 
-    After ``trials`` trials, the largest admissible scale so far is returned; if there is none, the search continues.
+    After ``trials`` trials, the largest admissible scale found so far is returned; without an admissible scale, the
+    search continues.
     """
     best: tuple[Rounded, float] | None = None
     too_coarse = np.inf
@@ -45,9 +46,10 @@ def finest(
     *,
     limits: tuple[float, float],
 ) -> tuple[Rounded, float] | None:
-    """Find approximately the smallest scale within ``limits`` at which the file has at most ``size`` bytes, or None.
+    """Find approximately the smallest scale within ``limits`` at which the file fits into ``size`` bytes.
 
-    Each value of a stroke takes about one bit more at half the scale.
+    Returns None if no scale fits. The search assumes that each value of a stroke needs about one more bit at half the
+    scale.
     """
     best: tuple[Rounded, float] | None = None
     too_fine = 0.0

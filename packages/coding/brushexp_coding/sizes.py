@@ -11,7 +11,7 @@ DIGITS = 3  # significant digits of a written size
 
 
 def size_from(text: str, option: str) -> int:
-    """Parse a size in bytes; raise UserError for any other text."""
+    """Parse a file size as a number of bytes; raise UserError if the text is not a size."""
     found = re.fullmatch(r"(\d+(?:\.\d*)?|\.\d+) ?([a-z]*)", text.lower())
     unit = BYTES.get(found[2]) if found else None
     if found is None or unit is None:
@@ -23,7 +23,7 @@ def size_from(text: str, option: str) -> int:
 
 
 def size_text(size: float) -> str:
-    """Write a size in bytes, rounded up to three significant digits.
+    """Format a size in bytes, rounded up to three significant digits.
 
     >>> size_text(950), size_text(1231), size_text(20_000), size_text(999_900), size_text(500_000)
     ('950B', '1.24kB', '20kB', '1MB', '500kB')

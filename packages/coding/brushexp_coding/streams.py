@@ -1,4 +1,4 @@
-"""Write and read integers: single numbers as bytes, and long columns with the entropy coder."""
+"""Write and read integers, as bytes for single numbers and with the entropy coder for long columns."""
 
 from dataclasses import dataclass, field
 
@@ -12,13 +12,13 @@ LONGEST = 10  # maximum bytes per integer, with seven bits each
 
 @dataclass
 class Writer:
-    """Collects columns of numbers and the numbers that describe them."""
+    """Collects columns of numbers, and single numbers that describe them."""
 
     described: bytearray = field(default_factory=bytearray)
     groups: list[tuple[Distribution, Group]] = field(default_factory=list)
 
     def write(self, number: int) -> None:
-        """Write a signed integer with seven bits per byte, lowest first (LEB128)."""
+        """Write a signed integer with seven bits per byte, lowest bits first (LEB128)."""
         rest = number << 1 if number >= 0 else (-number << 1) - 1
         while rest > 127:
             self.described.append(rest & 127 | 128)
@@ -26,7 +26,7 @@ class Writer:
         self.described.append(rest)
 
     def write_column(self, numbers: Group, classes: Group) -> None:
-        """Write numbers (N,) of classes (N,); each class has its own distribution around the median."""
+        """Write a column of numbers (N,); each class has its own distribution around the column's median."""
         middle = int(np.rint(np.median(numbers))) if len(numbers) else 0
         self.write(middle)
         for number in range(int(classes.max(initial=0)) + 1):
@@ -36,20 +36,20 @@ class Writer:
             self.groups.append((distribution, part))
 
     def to_bytes(self) -> bytes:
-        """Return everything written so far."""
+        """Return everything written so far as bytes."""
         length = len(self.described).to_bytes(4, "little")
         return length + bytes(self.described) + entropy.encode(self.groups)
 
 
 class Reader:
-    """Reads the output of a `Writer` in the same order; damaged data raise ValueError."""
+    """Reads the output of a `Writer` in the same order; raises ValueError if the data are damaged."""
 
     def __init__(self, data: bytes) -> None:
         end = 4 + int.from_bytes(data[:4], "little")
         self._described, self._at, self._decoder = data[4:end], 0, Decoder(data[end:])
 
     def read(self) -> int:
-        """Read an integer."""
+        """Read a signed integer."""
         rest = 0
         for place in range(LONGEST):
             if self._at >= len(self._described):
@@ -62,7 +62,7 @@ class Reader:
         raise ValueError("a number is truncated")
 
     def read_column(self, classes: Group) -> Group:
-        """Read the numbers (N,) of a column with known ``classes`` (N,)."""
+        """Read a column of numbers (N,), given their ``classes`` (N,)."""
         middle, numbers = self.read(), np.zeros(len(classes), np.int64)
         for number in range(int(classes.max(initial=0)) + 1):
             chosen = classes == number

@@ -1,4 +1,4 @@
-"""Coded strokes are decoded bit-identically, and the decoded painting has the requested PSNR."""
+"""Test that coded strokes are decoded bit-identically, and that the decoded painting has the requested PSNR."""
 
 import zlib
 from base64 import b64decode

@@ -1,4 +1,4 @@
-"""Files of a given size fit into it and use it well, and impossible sizes are refused."""
+"""Test that files stay within a given size and nearly fill it, and that impossible sizes are rejected."""
 
 import json
 import logging
@@ -142,7 +142,7 @@ def photo(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def paintings(photo, tmp_path_factory):
-    """Paint two paintings of different sizes in bytes; return them and their folders."""
+    """Paint a picture with two limits on the file size; return the paintings and their folders by limit."""
     painted = {}
     for size in (300, 900):
         folder = tmp_path_factory.mktemp("run")

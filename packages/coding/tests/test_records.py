@@ -1,4 +1,4 @@
-"""The published tables of rate and distortion agree with the records."""
+"""Test that the published tables of rate and distortion agree with the records."""
 
 import sys
 from pathlib import Path

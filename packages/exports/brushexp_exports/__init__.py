@@ -1,1 +1,1 @@
-"""Exporters for email, print, films, reliefs, tables and machines: members of the family ``to``."""
+"""Exporters (``to=``) for email, print, films, reliefs, tables and machines."""

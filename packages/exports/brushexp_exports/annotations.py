@@ -1,4 +1,4 @@
-"""Write strokes as annotations of a picture (W3C Web Annotation Data Model, 2017; IIIF Presentation 3)."""
+"""Export strokes as annotations on a picture (W3C Web Annotation Data Model, 2017; IIIF Presentation 3)."""
 
 import json
 from collections.abc import Iterator
@@ -18,9 +18,9 @@ CONTEXT = "http://iiif.io/api/presentation/3/context.json"
 class Annotations(Exporter):
     """Writes ``strokes.annotations.json``: each stroke as an annotation, for Mirador and other IIIF viewers.
 
-    The file is an annotation page of IIIF Presentation 3. The target of each annotation is an outline (SVG) on the
-    canvas, in pixels of the export; its body gives the stroke's length, width, direction and colour. The bottom stroke
-    comes first.
+    The file is an annotation page according to IIIF Presentation 3. The target of each annotation is an outline (SVG)
+    on the canvas, in pixels of the export; the body states the stroke's length, width, direction and colour. Strokes
+    are listed from bottom to top.
 
     Args:
         canvas: address of the annotated canvas in the manifest, or of the picture.
@@ -48,7 +48,7 @@ class Annotations(Exporter):
 
 
 def annotation_of(stroke: OutlinedStroke, canvas: str, size: tuple[int, int]) -> dict[str, object]:
-    """Make the annotation of a stroke on a canvas (H, W)."""
+    """Make the annotation for a stroke on a canvas of ``size`` (H, W)."""
     height, width = size
     places = " ".join(f"{x:.1f},{y:.1f}" for x, y in stroke.outline.tolist())
     svg = (

@@ -1,4 +1,4 @@
-"""Write strokes as polygons for geographic information systems (GeoJSON, RFC 7946, 2016)."""
+"""Export strokes as polygons for geographic information systems (GeoJSON, RFC 7946, 2016)."""
 
 import json
 from collections.abc import Iterator
@@ -15,12 +15,13 @@ from brushexp_exports.stroke_outlines import OutlinedStroke, outlined_strokes
 @register("to", "geojson")
 @dataclass(kw_only=True)
 class GeoJson(Exporter):
-    """Writes ``strokes.geojson``: each stroke as a polygon with its measures, bottom first, for QGIS, R and GeoPandas.
+    """Writes ``strokes.geojson``: strokes as polygons with measures, bottom to top, for QGIS, R and GeoPandas.
 
     As on maps, coordinates start at the lower left corner, with x to the right and y upwards. They are in pixels, or in
-    millimetres with ``width_cm``. Unlike in RFC 7946, they are positions on the canvas, not on the earth. Properties:
-    ``stroke``, its number in the catalogue; ``order``, 0 for the bottom stroke; ``length`` from tip to tip; ``width``;
-    ``direction`` in degrees clockwise from horizontal; ``color`` and ``opacity``.
+    millimetres with ``width_cm``. Unlike in RFC 7946, they are positions on the canvas, not on the earth. Each polygon
+    has the properties ``stroke``, the number of the stroke in the catalogue; ``order``, which is 0 for the bottom
+    stroke; ``length`` from tip to tip; ``width``; ``direction`` in degrees clockwise from horizontal; ``color``; and
+    ``opacity``.
 
     Args:
         width_cm: width of the canvas in cm; null = coordinates in pixels.
@@ -46,7 +47,7 @@ class GeoJson(Exporter):
 
 
 def feature_of(stroke: OutlinedStroke, height: int, unit: float) -> dict[str, object]:
-    """Make the feature of a stroke on a canvas ``height`` pixels high; ``unit`` is the size of a pixel."""
+    """Make the feature for a stroke on a canvas ``height`` pixels high; ``unit`` is the size of a pixel."""
     ring = [[round(unit * x, 3), round(unit * (height - y), 3)] for x, y in stroke.outline.tolist()]
     return {
         "type": "Feature",

@@ -1,4 +1,4 @@
-"""Write the painting as a 3-D model (glTF 2.0, the Khronos Group, 2021), for Blender and similar programs."""
+"""Export the painting as a 3-D model (glTF 2.0, the Khronos Group, 2021) for Blender and similar programs."""
 
 import json
 import struct
@@ -28,14 +28,14 @@ Array = np.ndarray
 class Gltf(Exporter):
     """Writes ``painting.glb``: each stroke as a ribbon of paint in 3-D, for Blender, Godot, three.js and model viewers.
 
-    The painting stands upright, strokes lie on top of each other, and an animation adds them from bottom to top.
+    The painting is upright, strokes are stacked on top of each other, and an animation adds them from bottom to top.
     Ribbons have plain colours without texture, light or paper. Vertices have extra attributes for your own shaders:
-    ``UV`` (0 to 1 along and across a stroke), ``_TIME`` (the second at which the brush passes) and ``_WIDTH`` (in
+    ``UV`` (0 to 1 along and across a stroke), ``_TIME`` (time in seconds at which the brush passes) and ``_WIDTH`` (in
     metres).
 
     Args:
         size_cm: longer side of the canvas in cm.
-        thickness: thickness of the paint of a stroke, in thousandths of the longer side.
+        thickness: thickness of a stroke's paint, in thousandths of the longer side.
         seconds: duration of the animation in seconds.
     """
 
@@ -59,7 +59,7 @@ class Gltf(Exporter):
         return [folder / "painting.glb"]
 
     def _add_strokes(self, file: "_Glb", ribbons: Ribbons, count: int, unit: float) -> None:
-        """Add the strokes in groups, each with the second at which it appears."""
+        """Add the strokes in groups that appear one after another in the animation."""
         shape = ribbons.points.shape[:3]
         begin = ribbons.number[:, None] + ribbons.along
         columns = {
@@ -85,14 +85,14 @@ class Gltf(Exporter):
 
 
 def light_of(ribbons: Ribbons) -> Array:
-    """Return linear RGB and opacity (N, S, 4) as 16-bit integers."""
+    """Return the ribbons' linear RGB and opacity (N, S, 4) as 16-bit integers."""
     color = build_named("color", "linear", {}).encode(torch.from_numpy(ribbons.color)).numpy()
     opacity = np.broadcast_to(ribbons.opacity[:, None, None], (*color.shape[:2], 1))
     return np.rint(65535 * np.concatenate([color, opacity], 2).clip(0, 1)).astype(np.uint16)
 
 
 class _Glb:
-    """A scene under construction: its description, and the binary data it refers to."""
+    """Collects the description of a scene and the binary data to which it refers."""
 
     def __init__(self) -> None:
         self.data = bytearray()
@@ -103,7 +103,7 @@ class _Glb:
         self.channels: list[dict[str, Any]] = []
 
     def add_canvas(self, job: ExportJob, unit: float) -> None:
-        """Add the bare canvas."""
+        """Add the bare canvas in the colour of the ground."""
         y, x = (0.5 * unit * side for side in job.size)
         points = np.array([[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0]])
         columns = {"POSITION": points, "NORMAL": np.tile([0.0, 0.0, 1.0], (4, 1))}
@@ -112,14 +112,14 @@ class _Glb:
         self.add_mesh("ground", columns, np.array([[0, 1, 2], [0, 2, 3]]), self.add_material("ground", ground))
 
     def add_material(self, name: str, color: Any, *, opaque: bool = True) -> int:
-        """Add a matt material, whose linear RGB multiplies the colours of vertices; return its number."""
+        """Add a matt material with a linear RGB colour that multiplies vertex colours; return its index."""
         paint = {"baseColorFactor": [*color, 1], "metallicFactor": 0, "roughnessFactor": 0.6}
         mode = {} if opaque else {"alphaMode": "BLEND"}
         self.scene["materials"].append({"name": name, "pbrMetallicRoughness": paint, "doubleSided": True} | mode)
         return len(self.scene["materials"]) - 1
 
     def add_mesh(self, name: str, columns: dict[str, Array], corners: Array, material: int) -> int:
-        """Add a mesh with columns (P, k) of vertices and corners (T, 3) of triangles; return the number of its node."""
+        """Add a mesh with vertex attributes (P, k) and triangle corners (T, 3); return the index of its node."""
         attributes = {key: self._add(value, VERTICES, bounds=key == "POSITION") for key, value in columns.items()}
         indices = self._add(corners.reshape(-1, 1).astype(np.uint32), CORNERS)
         primitive = {"attributes": attributes, "indices": indices, "material": material}
@@ -128,14 +128,14 @@ class _Glb:
         return len(self.scene["nodes"]) - 1
 
     def add_appearance(self, node: int, second: float) -> None:
-        """Hide a node, by scaling it to 0, until ``second`` of the animation."""
+        """Hide a node until ``second`` of the animation by scaling it to 0."""
         times = self._add(np.array([[0.0], [second]]), bounds=True)
         sizes = self._add(np.array([[0.0] * 3, [1.0] * 3]))
         self.sampler.append({"input": times, "output": sizes, "interpolation": "STEP"})
         self.channels.append({"sampler": len(self.sampler) - 1, "target": {"node": node, "path": "scale"}})
 
     def packed(self) -> bytes:
-        """Pack the scene in the format of the file."""
+        """Return the scene as the bytes of a .glb file."""
         document: dict[str, Any] = {"asset": {"version": "2.0", "generator": "brushexp"}, "scene": 0}
         document |= {"scenes": [{"nodes": [*range(len(self.scene["nodes"]))]}], **self.scene}
         document["buffers"] = [{"byteLength": len(self.data)}]
@@ -148,7 +148,7 @@ class _Glb:
         return struct.pack("<4sII", b"glTF", 2, 12 + len(body)) + body
 
     def _add(self, values: Array, target: int | None = None, *, bounds: bool = False) -> int:
-        """Add numbers (n, k), stored in 32 bits unless they have 16; return the number of their accessor."""
+        """Add numbers (n, k), stored as uint16, uint32 or float32; return the index of their accessor."""
         kinds = {np.dtype(np.uint16): SHORT, np.dtype(np.uint32): INT}
         values = values if values.dtype in kinds else values.astype(np.float32)
         data = np.ascontiguousarray(values).tobytes()

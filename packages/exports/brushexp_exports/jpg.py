@@ -1,4 +1,4 @@
-"""Write the painting as a JPEG."""
+"""Export the painting as a JPEG."""
 
 import struct
 from dataclasses import dataclass
@@ -23,11 +23,11 @@ MADE = slice(24, 36)  # bytes of an ICC profile that hold its creation time: yea
 class Jpg(SheetExporter):
     """Writes ``painting.jpg``: the picture at any ``resolution``, small enough to send, with an sRGB profile.
 
-    Colours are stored for every pixel (4:4:4), because strokes have sharp edges. Unlike with PNG, the whole picture is
-    in memory at once.
+    Colours are stored for every pixel (4:4:4), because strokes have sharp edges. Unlike for PNG, the whole picture is
+    held in memory.
 
     Args:
-        quality: JPEG quality, from 1 (small) to 95 (nearly lossless).
+        quality: JPEG quality, from 1 (small) to 100; above 95 files grow with little gain.
     """
 
     quality: Annotated[int, between(1, 100)] = 92
@@ -54,7 +54,7 @@ class Jpg(SheetExporter):
 
 @cache
 def srgb_profile() -> bytes:
-    """Make an sRGB profile that is always byte-identical."""
+    """Make an sRGB profile whose bytes are always the same."""
     profile = bytearray(ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes())
     profile[MADE] = struct.pack(">6H", 2000, 1, 1, 0, 0, 0)
     return bytes(profile)

@@ -17,18 +17,18 @@ ROUNDING = 2  # levels, of 255, by which 8-bit layers may differ from the painti
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """A picture and its name in the list of layers."""
+    """A layer: its name and its pixels."""
 
     name: str
     pixels: np.ndarray  # (H, W, 4) uint8, straight alpha
 
 
 def layers_of(job: ExportJob, count: int) -> tuple[np.ndarray, list[Layer]]:
-    """Paint the visible picture, (H, W, 3) uint8 or (H, W, 4) if transparent, and its layers, bottom to top.
+    """Paint the picture, (H, W, 3) uint8 or (H, W, 4) if transparent, and its layers, bottom to top.
 
-    The layers are the ground, then at most ``count`` layers with equal numbers of strokes, and, if these do not
-    reproduce the painting to within `ROUNDING`, the remaining difference as ``light and paper``. All layers are
-    transparent where the painting is.
+    The layers are the ground, up to ``count`` layers with equal numbers of strokes, and, if these do not reproduce the
+    painting to within `ROUNDING`, a layer ``light and paper`` with the remaining difference. All layers are transparent
+    where the painting is transparent.
     """
     picture, alpha, layers = job.picture(), job.alpha(), [*_painted(job, count)]
     shown = _flattened(layers, job.size)
@@ -40,7 +40,7 @@ def layers_of(job: ExportJob, count: int) -> tuple[np.ndarray, list[Layer]]:
 
 
 def _painted(job: ExportJob, count: int) -> Iterator[Layer]:
-    """Draw the layers of ground and strokes, bottom to top."""
+    """Yield the layer of the ground and the layers of strokes, bottom to top."""
     ground = np.empty((*job.size, 4), np.uint8)
     ground[:] = [*(255 * job.saved.background.cpu()).round().tolist(), 255]
     yield Layer("ground", ground)
@@ -52,9 +52,10 @@ def _painted(job: ExportJob, count: int) -> Iterator[Layer]:
 
 
 def _drawn(job: ExportJob, number: Tensor) -> np.ndarray:
-    """Draw strokes ``number`` (n,) without ground, light or paper: (H, W, 4) uint8, straight alpha.
+    """Draw the strokes with indices ``number`` (n,) as RGBA (H, W, 4), uint8, with straight alpha.
 
-    Colour and alpha reproduce the strokes over both black and white, with paint mixed in RGB.
+    Ground, light and paper are omitted, and paint is mixed in RGB. The result reproduces the strokes on black and on
+    white.
     """
     some = replace(job.saved, strokes=job.strokes[number], depth=job.saved.depth[number])
     plain = replace(job.bare(), space=build_named("color", "rgb", {}))
@@ -68,13 +69,13 @@ def _drawn(job: ExportJob, number: Tensor) -> np.ndarray:
 
 
 def _cut(pixels: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """Apply the alpha (H, W, 1) of a painting to a layer (H, W, 4)."""
+    """Multiply the alpha of a layer (H, W, 4) by the alpha (H, W, 1) of the painting."""
     share = pixels[..., 3:].astype(np.uint16) * alpha
     return np.concatenate([pixels[..., :3], ((share + 127) // 255).astype(np.uint8)], axis=2)
 
 
 def _flattened(layers: list[Layer], size: tuple[int, int]) -> np.ndarray:
-    """Composite layers over black as other programs do: (H, W, 3) uint8."""
+    """Composite layers over black, as other programs do; return (H, W, 3) uint8."""
     below = np.zeros((*size, 3), np.float32)
     for layer in layers:
         share = layer.pixels[..., 3:].astype(np.float32) / 255

@@ -1,4 +1,4 @@
-"""Write the painting as layers (OpenRaster 0.0.6), for Krita, GIMP, MyPaint and others."""
+"""Export the painting as layers (OpenRaster 0.0.6) for Krita, GIMP, MyPaint and other programs."""
 
 from dataclasses import dataclass
 from io import BytesIO
@@ -27,13 +27,13 @@ LAYER = (
 class OpenRaster(PrintExporter):
     """Writes ``painting.ora``: the ground, layers of strokes from bottom to top, light and paper.
 
-    Together the layers show the painting to within two levels of 255, and each can be edited or hidden. The top layer,
-    ``light and paper``, contains the effects that strokes alone cannot show: light, paper, and paint mixed other than
-    in RGB (``color=``). With ``background=transparent`` all layers are transparent where the picture is. The whole
-    painting is in memory at once.
+    Together, the layers show the painting to within two levels of 255, and each layer can be edited or hidden. The top
+    layer, ``light and paper``, contains the effects that strokes alone cannot show: light, paper, and paint that is not
+    mixed in RGB (``color=``). With ``background=transparent``, all layers are transparent where the picture is
+    transparent. The whole painting is held in memory.
 
     Args:
-        layers: number of layers of strokes, with equal numbers of strokes.
+        layers: number of stroke layers, with equal numbers of strokes.
     """
 
     layers: Annotated[int, between(1, 64)] = 5
@@ -53,7 +53,7 @@ class OpenRaster(PrintExporter):
         return [folder / "painting.ora"]
 
     def _stack(self, job: ExportJob, layers: list[Layer]) -> str:
-        """List the layers, top to bottom, in the format of the file."""
+        """Write the list of layers, top to bottom, as the XML of the file format."""
         height, width = job.size
         dots = f' xres="{self.density:.0f}" yres="{self.density:.0f}"' if self.density else ""
         rows = [LAYER.format(quoteattr(layer.name), number) for number, layer in enumerate(layers)]
@@ -62,11 +62,11 @@ class OpenRaster(PrintExporter):
 
 
 def png_of(pixels: np.ndarray) -> bytes:
-    """Pack pixels as PNG."""
+    """Encode pixels as a PNG."""
     Image.fromarray(pixels).save(file := BytesIO(), "PNG")
     return file.getvalue()
 
 
 def _add(archive: ZipFile, name: str, data: bytes, packing: int = ZIP_DEFLATED) -> None:
-    """Add a file without a timestamp, so that equal paintings give equal files."""
+    """Add a file without a timestamp, so that equal paintings result in equal archives."""
     archive.writestr(ZipInfo(name), data, packing)

@@ -1,4 +1,4 @@
-"""Write the painting as a page for print (ISO 32000-1) that contains only the picture."""
+"""Export the painting as a PDF page for print (ISO 32000-1) that contains only the picture."""
 
 import logging
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ PREDICTOR = 12  # PDF's code for rows with the PNG filter "up"
 class Pdf(SheetExporter):
     """Writes ``painting.pdf``: one page with the lossless picture at a given size, ``to.pdf.size_cm=60x40``.
 
-    With a bleed, the page's trim box excludes it. Like a PNG, the picture is painted and compressed in bands.
+    If there is a bleed, the page's trim box excludes it. As for PNG, the picture is painted and compressed in bands.
 
     Args:
         compression: compression level, 1 (fast) to 9 (small).
@@ -65,7 +65,7 @@ class Pdf(SheetExporter):
         return [path]
 
     def _say_size(self, sheet: Sheet) -> None:
-        """Log the printed size and, if it follows from the number of pixels, how to choose it."""
+        """Log the printed size and, if it is determined by the number of pixels, how to choose another size."""
         dpi = self.density or DPI
         height, width = (CM * (side - 2 * sheet.bleed) / dpi for side in sheet.size)
         bleed = f", plus {self.bleed:g} mm of bleed" if sheet.bleed else ""

@@ -1,4 +1,4 @@
-"""Film the painting process, with strokes added from bottom to top."""
+"""Make a film of the painting process, in which strokes are added from bottom to top."""
 
 import logging
 from collections.abc import Iterable, Iterator
@@ -29,7 +29,7 @@ GROWTH = 0.25  # seconds from the beginning of a stroke to its end
 class Process(Exporter):
     """Writes ``process.mp4`` or ``process.gif``: a film of the strokes being painted, bottom to top, at ``resolution``.
 
-    A video has at most 4096 pixels on its longer side, a GIF 480; larger paintings are drawn at that size.
+    The longer side has at most 4096 pixels in a video and 480 in a GIF; larger paintings are drawn at this size.
 
     Args:
         seconds: duration of the painting in seconds.
@@ -38,8 +38,8 @@ class Process(Exporter):
         hold: time for which the finished painting is shown, in seconds.
         pace: pace of the strokes: even paints the same number every second; quickening starts slowly, with large
             strokes.
-        growing: whether each stroke grows from start to end, drawn about seven times, instead of appearing at once;
-            null = unless the renderer is slow.
+        growing: whether each stroke grows from start to end, which draws it about seven times, instead of appearing at
+            once; null = yes, unless the renderer is slow.
     """
 
     seconds: Annotated[float, between(0.1, 300)] = 10.0
@@ -61,7 +61,7 @@ class Process(Exporter):
 
 
 def schedule(n: int, frames: int, seconds: float, pace: str, *, growing: bool) -> Iterator[np.ndarray]:
-    """Yield, for each frame, the drawn share (n,), 0 to 1, of each stroke, bottom first, from none to all."""
+    """Yield the drawn fraction (n,) of each stroke, 0 to 1 and bottom first, for each frame, from none to all."""
     growth = min(GROWTH, 0.5 * seconds)
     share = np.arange(n) / max(n, 1)
     begin = (seconds - growth) * (share if pace == "even" else np.sqrt(share))
@@ -71,7 +71,7 @@ def schedule(n: int, frames: int, seconds: float, pace: str, *, growing: bool) -
 
 
 def shrink_to_side(job: ExportJob, side: int) -> ExportJob:
-    """Shrink a painting larger than ``side`` pixels on its longer side, and log it."""
+    """Shrink a painting whose longer side exceeds ``side`` pixels, and log the new size."""
     small = job.at_most(side)
     if small is not job:
         log.info("the film has %d x %d pixels, the maximum size", small.size[1], small.size[0])
@@ -79,9 +79,9 @@ def shrink_to_side(job: ExportJob, side: int) -> ExportJob:
 
 
 def states(job: ExportJob, shares: Iterable[np.ndarray]) -> Iterator[Tensor]:
-    """Yield the canvas (3, H, W) with ``shares`` of each stroke; use each canvas before requesting the next.
+    """Yield the canvas (3, H, W) for each array of drawn fractions in ``shares``; use it before requesting the next.
 
-    The canvas has the painting's paper and lamp; heights are composited like colours.
+    The canvas shows the painting's paper and light; the heights of strokes are composited as their colours are.
     """
     if not job.blend.layered:
         log.warning("with this blend every frame is drawn from scratch, which is slow; try blend=tiled")
@@ -106,10 +106,11 @@ def states(job: ExportJob, shares: Iterable[np.ndarray]) -> Iterator[Tensor]:
 def _lay_in_steps(
     job: ExportJob, shares: Iterable[np.ndarray], bare: Tensor, renderer: Drawer, space: ColorSpace
 ) -> Iterator[Tensor]:
-    """Yield pictures (3, H, W) of the ``bare`` canvas (3,) with ``shares`` of each stroke of a job.
+    """Yield pictures (3, H, W) of a job's strokes, drawn up to the fractions ``shares``, on the ``bare`` colour (3,).
 
-    Shares (N,) decrease from 1 to 0 from the bottom stroke upwards, and never decrease from one state to the next. If
-    the blend is `layered`, finished strokes are composited onto the paint below, so that each is drawn only once.
+    Within a state, the fractions (N,) decrease from 1 to 0 from the bottom stroke upwards; from one state to the next,
+    no stroke's fraction decreases. If the blend is `layered`, finished strokes are composited onto the paint below, so
+    that each is drawn only once.
     """
     canvas, bottom = space.encode(bare)[:, None, None].repeat(1, *job.size), 0
     strokes = job.strokes[job.bottom_up]
@@ -129,9 +130,9 @@ def _lay_in_steps(
 
 
 def _lay(canvas: Tensor, strokes: Strokes, renderer: Drawer, blend: Blend, space: ColorSpace) -> None:
-    """Composite n strokes, bottom first, onto a canvas (C, H, W) in channels of the colour space, in place.
+    """Composite strokes, bottom first, onto a canvas (C, H, W) in place, in the channels of the colour space.
 
-    Over black, a blend gives the contribution of the strokes; over white, it adds the light that they let through.
+    The blend over black gives the strokes' own contribution; the blend over white adds the light that they transmit.
     """
     if not len(strokes):
         return

@@ -26,14 +26,14 @@ PER_INCH, CENTIMETRES = 1, 2  # the format's codes for units
 @register("to", "psd")
 @dataclass(kw_only=True)
 class Psd(PrintExporter):
-    """Writes ``painting.psd``: the layers of ``to=ora`` for other programs; needs ``pip install 'brushexp[psd]'``.
+    """Writes ``painting.psd``, with the layers of ``to=ora`` for other programs; needs ``pip install 'brushexp[psd]'``.
 
     The layers are the ground, strokes from bottom to top, light and paper; together they show the painting to within
     two levels of 255. The file has an sRGB profile, and contains the finished picture for programs that do not read
-    layers. The whole painting is in memory at once.
+    layers. The whole painting is held in memory at once.
 
     Args:
-        layers: number of layers of strokes, with equal numbers of strokes.
+        layers: number of stroke layers; all have the same number of strokes.
     """
 
     layers: Annotated[int, between(1, 64)] = 5
@@ -73,7 +73,7 @@ class Psd(PrintExporter):
         return [folder / "painting.psd"]
 
     def _resources(self) -> "ImageResources":
-        """Make the file's resources for its profile and resolution."""
+        """Make the image resources that store the file's colour profile and resolution."""
         from psd_tools.constants import Resource  # noqa: PLC0415
         from psd_tools.psd.image_resources import ImageResource, ImageResources  # noqa: PLC0415
 

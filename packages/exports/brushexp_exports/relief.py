@@ -1,4 +1,4 @@
-"""Write the painting as a lit relief, with its height and normals for printers and 3-D programs."""
+"""Write the painting as a lit relief, with height and normal maps for printers and 3-D programs."""
 
 import logging
 from dataclasses import replace
@@ -22,7 +22,7 @@ BYTES_PER_PIXEL = 14  # memory for 32-bit heights, two pictures, and Pillow's co
 
 @register("to", "relief")
 class Relief(Exporter):
-    """Writes ``relief.png``, thick paint under a lamp, ``light=315,45``, with ``height.png`` and ``normals.png``.
+    """Writes ``relief.png``, a picture of thick paint under ``light=315,45``, with ``height.png`` and ``normals.png``.
 
     The lamp is the painting's own unless ``light.*`` sets another; paintings without light get ``light.depth=1``.
 
@@ -60,7 +60,7 @@ class Relief(Exporter):
 
 
 def levels_of(height: np.ndarray) -> np.ndarray:
-    """Quantise heights (H, W) >= 0 to 16 bits, with white for the highest; scale them in place to save memory."""
+    """Quantise heights (H, W) >= 0 to 16 bits, with the highest as white; the input is overwritten to save memory."""
     highest = float(height.max())
     height *= WHITE / highest if highest > 1e-6 else 0.0  # lower values are rounding errors
     return np.rint(height, out=height).clip(0, WHITE).astype(np.uint16)

@@ -20,9 +20,9 @@ Array = np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class Ribbons:
-    """N visible strokes, bottom to top, as grids of S sections of A points, in pixels, y up, z towards the viewer.
+    """The N visible strokes, bottom to top, as grids of S x A points in pixels, with y up and z towards the viewer.
 
-    The centre of the canvas is the origin, and its plane is z = 0.
+    Each grid has S sections of A points. The origin is the centre of the canvas, which is in the plane z = 0.
     """
 
     number: Array  # (N,) rank of each stroke, counted from the bottom
@@ -69,7 +69,7 @@ def ribbons_of(job: ExportJob, thickness: float) -> Ribbons:
 
 
 def _with_ends(curve: torch.Tensor, t: torch.Tensor, half: torch.Tensor) -> tuple[torch.Tensor, ...]:
-    """Return the centre (N, S, 2), half width (N, S) and left direction (N, S, 2) of each section, with round ends."""
+    """Add round ends; return each section's centre (N, S, 2), half width (N, S) and leftward direction (N, S, 2)."""
     middle = point_at(curve[:, None], t)
     start, control, end = (point[:, None] for point in curve.unbind(1))
     beside = t.clamp(1e-4, 1 - 1e-4)[..., None]
@@ -90,7 +90,7 @@ def _with_ends(curve: torch.Tensor, t: torch.Tensor, half: torch.Tensor) -> tupl
 
 
 def _levels(flat: Array, size: tuple[int, int]) -> Array:
-    """Bound the number (N,) of strokes below each stroke by the cells that boxes of its parts (N, S, A, 2) touch."""
+    """Bound the number (N,) of strokes below each stroke, using grid cells touched by boxes around its parts."""
     cells = np.floor(flat * (CELLS / max(size))).astype(int).clip(0, CELLS - 1)
     low = np.minimum(cells[:, :-1].min(2), cells[:, 1:].min(2)).tolist()
     high = (np.maximum(cells[:, :-1].max(2), cells[:, 1:].max(2)) + 1).tolist()
@@ -104,7 +104,7 @@ def _levels(flat: Array, size: tuple[int, int]) -> Array:
 
 
 def _normals(points: Array) -> Array:
-    """Compute upward unit normals (N, S, A, 3) of grids of points."""
+    """Compute the upward unit normals (N, S, A, 3) of point grids."""
     normal = np.cross(np.gradient(points, axis=1), np.gradient(points, axis=2))
     normal[normal[..., 2] < 0] *= -1
     length = np.linalg.norm(normal, axis=-1, keepdims=True)
@@ -112,7 +112,7 @@ def _normals(points: Array) -> Array:
 
 
 def triangles_of(count: int) -> Array:
-    """Return the corners (count * TRIANGLES, 3) of the triangles of ``count`` grids, counterclockwise from above."""
+    """Return the corner indices (count * TRIANGLES, 3) of triangles in ``count`` grids, counterclockwise from above."""
     corner = np.arange(POINTS).reshape(SECTIONS, ACROSS)
     here, right = corner[:-1, :-1], corner[1:, :-1]
     one = np.stack([here, right, right + 1, here, right + 1, here + 1], -1).reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""Outline strokes as polygons: round-ended lines along their curves."""
+"""Convert strokes to polygons that outline round-ended lines along their curves."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -19,7 +19,7 @@ Array = np.ndarray
 
 
 class OutlinedStroke(NamedTuple):
-    """A stroke with its outline and measures, in pixels, with x to the right and y down."""
+    """A stroke with its outline and measurements, in pixels, with x to the right and y down."""
 
     number: int  # number in the catalogue
     order: int  # 0 is the bottom stroke
@@ -57,7 +57,7 @@ def outlined_strokes(job: ExportJob) -> Iterator[OutlinedStroke]:
 
 
 def outline_lines(curve: Tensor, width: Array) -> Array:
-    """Outline round-ended lines of ``width`` (N,) along quadratic Bezier curves (N, 3, 2): points (N, P, 2)."""
+    """Compute outlines (N, P, 2) of round-ended lines of ``width`` (N,) along quadratic Bezier curves (N, 3, 2)."""
     t = torch.linspace(0, 1, PIECES + 1, dtype=torch.float64)
     points = point_at(curve[:, None], t).numpy()
     step = np.gradient(points, axis=1)
@@ -74,5 +74,5 @@ def outline_lines(curve: Tensor, width: Array) -> Array:
 
 
 def _beside(points: Array, angle: Array, width: Array) -> Array:
-    """Return the points half a width away from ``points`` in the direction ``angle``."""
+    """Shift ``points`` by half the line width in the direction of ``angle``."""
     return points + 0.5 * width[:, None, None] * np.stack([np.cos(angle), np.sin(angle)], -1)

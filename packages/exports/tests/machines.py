@@ -1,4 +1,4 @@
-"""Read the files of plotters and milling machines as lines of each tool, in millimetres."""
+"""Read files for plotters and milling machines as the lines that each tool draws, in millimetres."""
 
 import re
 from dataclasses import replace
@@ -23,7 +23,7 @@ def job_of(strokes: Strokes, depth=None, size=SIZE) -> ExportJob:
 
 
 def inside(n: int, seed: int = 0) -> Strokes:
-    """Make opaque strokes in different colours that lie wholly on the canvas."""
+    """Make opaque strokes of different colours that do not extend beyond the canvas."""
     strokes = random_strokes(n, SIZE, seed=seed, bend=0.1)
     place = torch.rand(n, 2, generator=torch.Generator().manual_seed(seed)) * 0.3 + 0.35
     return replace(strokes, position=place * torch.tensor([90.0, 60.0]), opacity=torch.ones(n))
@@ -34,7 +34,7 @@ def plan_by(job: ExportJob, **options) -> PenPlan:
 
 
 def read_gcode(text: str) -> list[tuple[int, np.ndarray]]:
-    """Return the tool and the points of every drawn line; fail on commands that no machine should receive."""
+    """Return the tool and the points of every drawn line; fail if a command should never reach a machine."""
     lines, down, place = [], False, 0j
     tool = 0 if "M0" in text else 1  # a plan for one pen begins with that pen in the holder
     blocks = [row for row in text.splitlines() if not row.startswith(";")]
@@ -62,7 +62,7 @@ def read_gcode(text: str) -> list[tuple[int, np.ndarray]]:
 
 
 def read_hpgl(text: str) -> list[tuple[int, np.ndarray]]:
-    """Return the pen and the points, in mm, of every drawn line."""
+    """Return the pen and the points, in millimetres, of every drawn line."""
     lines, pen, relative, place = [], 0, False, 0j
     for command in text.strip().rstrip(";").split(";"):
         name, numbers = command[:2], np.array([float(x) for x in command[2:].split(",") if x])

@@ -1,4 +1,4 @@
-"""A machine that follows a plan for dipped brushes paints the strokes with the paint of their wells."""
+"""Test that a machine following a plan for dipped brushes paints each stroke with paint from the correct well."""
 
 from dataclasses import replace
 from itertools import groupby
@@ -24,7 +24,7 @@ NEAR = 0.1  # tolerance in mm; HPGL has steps of 0.025 mm, and lines are simplif
 
 
 def by_stages(n: int = 24) -> Strokes:
-    """Make strokes of two widths and three colours, sorted by both."""
+    """Make strokes of two widths and three colours, sorted by width and then by colour."""
     strokes = inside(n)
     number = torch.arange(n) * 6 // max(n, 1)
     width = torch.where(number < 3, 6.0, 3.0)

@@ -1,4 +1,4 @@
-"""The glTF file is well formed, and its strokes look like the painting from the front."""
+"""Test that glTF files are well formed, and that their strokes look like the painting when seen from the front."""
 
 import json
 import struct
@@ -17,7 +17,7 @@ WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 
 
 def scene_of(path):
-    """Return a file's description, and a function that reads the numbers of an accessor."""
+    """Return a file's JSON description, and a function that reads an accessor's values."""
     data = path.read_bytes()
     assert struct.unpack("<4sII", data[:12]) == (b"glTF", 2, len(data))
     length, kind = struct.unpack("<I4s", data[12:20])
@@ -35,7 +35,7 @@ def scene_of(path):
 
 
 def meshes_of(path):
-    """Yield the name, the columns and the triangles of each mesh."""
+    """Yield the name, vertex attributes and triangles of each mesh."""
     scene, numbers = scene_of(path)
     for mesh in scene["meshes"]:
         (part,) = mesh["primitives"]
@@ -50,7 +50,7 @@ def opaque_job():
 
 
 def seen_from_the_front(path, size, unit):
-    """Find the linear RGB (H, W, 3) of the top surface at each pixel's centre; NaN where that is the ground."""
+    """Return the linear RGB (H, W, 3) of the top stroke at each pixel's centre, or NaN where the ground is visible."""
     y, x = np.mgrid[: size[0], : size[1]] + 0.5
     place = np.stack([x - size[1] / 2, size[0] / 2 - y], -1) * unit
     height, color = np.full(size, 0.0), np.full((*size, 3), np.nan)

@@ -1,4 +1,4 @@
-"""Layers in OpenRaster and PSD are well formed and show the painting."""
+"""Test that the layers in OpenRaster and PSD files are well formed and together show the painting."""
 
 from dataclasses import replace
 from io import BytesIO
@@ -32,7 +32,7 @@ def job_of(**changes):
 
 
 def layers_of(path):
-    """Read the layers of a file, bottom to top, as names and pixels in [0, 1]."""
+    """Return an OpenRaster file's description, and its layers, bottom to top, as names and pixels in [0, 1]."""
     with ZipFile(path) as archive:
         root = ElementTree.fromstring(archive.read("stack.xml"))
         layers = [*root.find("stack")][::-1]
@@ -119,7 +119,7 @@ def written(job, folder, **options):
 
 
 def layers_in(path):
-    """Read the layers of a file with psd-tools, bottom to top, as names and pixels in [0, 1] on the canvas."""
+    """Read a PSD file's layers with psd-tools; return names and canvas-sized pixels in [0, 1], bottom to top."""
     layers = []
     for layer in PSDImage.open(path):
         pixels = np.zeros((*SIZE, 4))

@@ -1,4 +1,4 @@
-"""Files of stroke plans describe pens, layers and paper in the languages of machines and their programs."""
+"""Test that stroke-plan files describe pens, layers and paper as machines and their software expect."""
 
 import logging
 import re

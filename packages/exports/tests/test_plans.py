@@ -1,4 +1,4 @@
-"""A machine that follows a stroke plan draws the painting on the paper, in an order that saves time."""
+"""Test that a machine following a stroke plan draws the painting on the paper, in an order that saves time."""
 
 import re
 from dataclasses import replace
@@ -23,7 +23,7 @@ GRID = 0.025 / 2 * 2**0.5  # maximum rounding error of HPGL in mm
 
 
 def curves_on_paper(strokes: Strokes, exporter: Gcode | Hpgl, size=SIZE) -> tuple[np.ndarray, np.ndarray]:
-    """Return points (N, 200) of the curves, in mm from the lower left corner, y up, and half widths (N,)."""
+    """Return complex points (N, 200) on the curves and half widths (N,), in mm; the origin is the lower left corner."""
     paper, corner, scale = exporter.frame(size)
     t = np.linspace(0, 1, 200)
     weights = np.stack([(1 - t) ** 2, 2 * t * (1 - t), t**2])
@@ -41,7 +41,7 @@ def drawn_by(kind, job: ExportJob, folder, **options) -> tuple[list[tuple[int, n
 
 
 def away(points: np.ndarray, line: np.ndarray) -> np.ndarray:
-    """Compute the distance of points (P,) from a polyline (M,)."""
+    """Compute the distances (P,) from complex points (P,) to a polyline (M,)."""
     start, leg = line[:-1], np.diff(line)
     along = np.real(np.conj(leg) * (points[:, None] - start)) / np.maximum(np.abs(leg) ** 2, 1e-30)
     return np.abs(points[:, None] - start - np.clip(along, 0, 1) * leg).min(1)

@@ -1,4 +1,4 @@
-"""The film shows strokes as they are laid, ends with the finished painting, and has the requested duration."""
+"""Test that the film shows strokes being painted, ends with the finished painting, and has the requested duration."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -30,7 +30,7 @@ def painted(n: int = 40, size: tuple[int, int] = (36, 52), renderer=None, blend=
 
 
 def painted_at_once(job: ExportJob, share: np.ndarray) -> torch.Tensor:
-    """Draw a share of each stroke, bottom to top, in a single pass."""
+    """Draw each stroke up to its fraction in ``share``, bottom to top, in a single pass."""
     n = int((share > 0).sum())
     with torch.no_grad():
         layers = job.renderer(cut_short(job.strokes[job.bottom_up[:n]], torch.from_numpy(share[:n]).float()))
@@ -38,7 +38,7 @@ def painted_at_once(job: ExportJob, share: np.ndarray) -> torch.Tensor:
 
 
 def whole(job: ExportJob, counts: list[int]) -> list[np.ndarray]:
-    """Return shares of strokes that are either complete or absent."""
+    """Return, for each count, drawn fractions with the first ``count`` strokes complete and all others absent."""
     return [(np.arange(len(job.strokes)) < count).astype(float) for count in counts]
 
 
@@ -72,7 +72,7 @@ def test_each_state_is_the_painting_of_its_strokes_and_a_slow_blend_says_so(rend
 
 
 def seen_at(strokes: Strokes, t: torch.Tensor) -> torch.Tensor:
-    """Compute the position, thickness and colour of each stroke at parameters t."""
+    """Compute each stroke's position, thickness and colour at curve parameters ``t``."""
     u = 2 * t[:, None] - 1
     thickness = half_width_of(strokes)[:, None] * (1 + strokes.widening[:, None] * u)
     return torch.cat([point_at(curve_of(strokes), t), thickness, strokes.color + drift_of(strokes) * u], 1)

@@ -1,4 +1,4 @@
-"""``to=relief`` writes a lit painting, heights and normals that agree with each other."""
+"""Test that the lit painting, heights and normals written by ``to=relief`` are consistent with each other."""
 
 import logging
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Strokes are exported as polygons for maps (GeoJSON) and as annotations of a picture (IIIF)."""
+"""Test that strokes are exported as polygons for maps (GeoJSON) and as picture annotations (IIIF)."""
 
 import json
 from xml.etree import ElementTree

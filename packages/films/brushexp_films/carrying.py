@@ -1,4 +1,4 @@
-"""Carry strokes from picture to picture: move strokes where the film changes, and leave all others unchanged."""
+"""Carry strokes from one picture of a film to the next: adapt them where the film changes, and keep all others."""
 
 import logging
 import math
@@ -28,7 +28,7 @@ SHAPE = ("start", "control", "end")
 
 @dataclass(frozen=True)
 class Cel:
-    """The strokes of one picture of a film; their number, rows and brushes stay the same throughout a scene."""
+    """The strokes of one picture of a film; their number, row indices and brushes are constant within a scene."""
 
     strokes: Strokes  # N strokes
     front_to_back: Tensor  # (N,) stroke numbers, top to bottom
@@ -39,9 +39,10 @@ class Cel:
 class Carrier:
     """Carry the strokes of a picture to the next picture in a few gradient steps.
 
-    Where the film changes, strokes follow its motion and are then optimised for the painting's losses. The harmful and
-    the least important of them are replaced by smaller strokes on top where the error is largest; these keep row and
-    brush. All other strokes stay bit-identical and keep their depth, so that nothing pops up suddenly.
+    Where the film changes, strokes follow its motion and are then optimised for the painting's losses. Of these
+    strokes, the harmful and the least important are replaced by smaller strokes on top where the error is largest; each
+    new stroke takes the row index and the brush of the stroke that it replaces. All other strokes stay bit-identical
+    and keep their order, so that nothing pops up suddenly.
     """
 
     components: Components
@@ -51,13 +52,14 @@ class Carrier:
 
     @cached_property
     def unused(self) -> dict[str, Any]:
-        """The losses' state before the first picture."""
+        """State of the losses before the first picture."""
         return state_of(self.components.losses)
 
     def __call__(self, cel: Cel, painted: Tensor, target: Tensor, changed: Tensor, motion: Tensor) -> Cel:
-        """Return the strokes for a ``target`` (3, H, W) that differs where ``changed`` (H, W) is true.
+        """Return the strokes for the next ``target`` (3, H, W), which has changed where ``changed`` (H, W) is true.
 
-        ``painted`` (3, H, W) is the previous painting; ``motion`` (2, H, W) is the displacement of its pixels.
+        ``painted`` (3, H, W) is the previous painting; ``motion`` (2, H, W) is the displacement of each pixel since
+        then.
         """
         size = (target.shape[1], target.shape[2])
         moves = shares_within(cel.strokes, changed) >= CHANGED_SHARE
@@ -71,7 +73,7 @@ class Carrier:
         return replace(cel, strokes=self._optimised(cel, painted, target, moves, region))
 
     def _relaid(self, cel: Cel, target: Tensor, changed: Tensor, moves: Tensor, region: Region) -> Cel:
-        """Remove the least important of the moving strokes, and place them again where the error is largest."""
+        """Replace the harmful and the least important moving strokes with new strokes where the error is largest."""
         number = find_strokes(cel.strokes, region, self.renderer.edge)
         picture = self.picture(region.of(target).contiguous(), cel.background)
         strokes = cel.strokes[number].moved(shift=(-region.left, -region.top))
@@ -96,7 +98,7 @@ class Carrier:
         return replace(cel, strokes=cel.strokes.with_rows(removed, new), front_to_back=front_to_back)
 
     def _optimised(self, cel: Cel, painted: Tensor, target: Tensor, moves: Tensor, region: Region) -> Strokes:
-        """Take gradient steps on the moving strokes; their neighbours are drawn but stay fixed."""
+        """Optimise the moving strokes by gradient steps; the strokes around them are drawn but stay fixed."""
         active, around = moves.nonzero()[:, 0], torch.zeros_like(moves)
         around[find_strokes(cel.strokes, region, self.renderer.edge)] = True
         view = View(region, active, (around & ~moves).nonzero()[:, 0])
@@ -132,14 +134,14 @@ class Carrier:
         return best
 
     def picture(self, target: Tensor, background: Tensor) -> Picture:
-        """Make a canvas for this renderer."""
+        """Make a canvas that this renderer paints towards ``target`` (3, H, W)."""
         picture = Picture(target, None, background, self.components.blend)
         picture.renderer = self.renderer
         return picture
 
 
 class Reel:
-    """The state of a film being painted; it depends only on the film and on the last picture's strokes (`follow`)."""
+    """State of a film being painted, which depends only on the film and on the last picture's strokes (`follow`)."""
 
     cel: Cel  # strokes of the last picture
 
@@ -171,14 +173,14 @@ class Reel:
         return changed
 
     def show(self, cel: Cel) -> None:
-        """Draw the strokes of a picture."""
+        """Draw a picture's strokes, and store them with their painting as the last picture."""
         canvas = self.carrier.picture(self.changes.held, cel.background)
         self.cel, self.image = cel, canvas.draw(cel.strokes, cel.front_to_back)
 
 
 @torch.no_grad()
 def shares_within(strokes: Strokes, mask: Tensor) -> Tensor:
-    """Estimate the share (N,) of each stroke that lies in a mask (H, W), from sample points."""
+    """Estimate, from sample points, the fraction (N,) of each stroke that is inside a mask (H, W)."""
     curve, half = curve_of(strokes), half_width_of(strokes)
     chord = curve[:, 2] - curve[:, 0]
     normal = torch.stack([-chord[:, 1], chord[:, 0]], 1) / chord.norm(dim=1, keepdim=True).clamp_min(1e-6)
@@ -190,24 +192,24 @@ def shares_within(strokes: Strokes, mask: Tensor) -> Tensor:
 
 @torch.no_grad()
 def advect(strokes: Strokes, which: Tensor, motion: Tensor) -> Strokes:
-    """Move the strokes ``which`` (N,), bool, by the median motion (2, H, W) along their curves."""
+    """Move the strokes where ``which`` (N,) is true by the median along each curve of ``motion`` (2, H, W)."""
     median = at(motion, spine_of(strokes)).median(2).values.T
     return replace(strokes, position=torch.where(which[:, None], strokes.position + median, strokes.position))
 
 
 def spine_of(strokes: Strokes) -> Tensor:
-    """Place points (N, ALONG, 2) on the curve of each stroke."""
+    """Sample `ALONG` points on each stroke's curve, (N, ALONG, 2)."""
     return point_at(curve_of(strokes)[:, None], torch.linspace(0, 1, ALONG, device=strokes.position.device))
 
 
 def at(picture: Tensor, points: Tensor) -> Tensor:
-    """Look up the pixels (..., N, P) of a picture (..., H, W) nearest to points (N, P, 2)."""
+    """Look up the values (..., N, P) of a picture (..., H, W) at the pixels nearest to points (N, P, 2)."""
     column, row = (points[..., k].clamp(0, picture.shape[-1 - k] - 1).long() for k in (0, 1))
     return picture[..., row, column]
 
 
 def region_around(low: Tensor, high: Tensor, size: tuple[int, int]) -> Region | None:
-    """Return the region of a canvas of ``size`` (H, W) that contains all boxes (N, 2), (N, 2); None if it is empty."""
+    """Return the region of a canvas that encloses all boxes from ``low`` to ``high`` (N, 2), or None if it is empty."""
     if not len(low):
         return None
     left, top = (max(0, int(x)) for x in low.amin(0).floor().tolist())
@@ -216,14 +218,14 @@ def region_around(low: Tensor, high: Tensor, size: tuple[int, int]) -> Region | 
 
 
 def find_strokes(strokes: Strokes, region: Region, edge: float) -> Tensor:
-    """Return the numbers (n,) of the strokes that may reach into a region."""
+    """Return the indices (n,) of the strokes whose bounding boxes overlap a region."""
     low, high = boxes_of(strokes, edge)
     corner = low.new_tensor([region.left, region.top])
     return ((high > corner) & (low < corner + low.new_tensor([region.width, region.height]))).all(1).nonzero()[:, 0]
 
 
 def with_paint_of(new: Strokes, old: Strokes, units: Mapping[str, float]) -> Strokes:
-    """Give new strokes the opacity of ``old`` strokes, and also their colour and shape if these are not optimised."""
+    """Give ``new`` strokes the opacity of the ``old`` ones, and their colour and shape if these are not optimised."""
     fields = {"opacity"} | ({"color"} if not units.get("color") else set())
     if not any(units.get(name) for name in SHAPE):
         fields |= {"scale", "width", *SHAPE}

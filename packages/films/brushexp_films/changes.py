@@ -1,4 +1,4 @@
-"""Detect the changes in a film that exceed codec noise, its motion and its cuts, and measure the painting's flicker."""
+"""Detect motion, cuts and changes above codec noise in a film, and measure the flicker of its painting."""
 
 import numpy as np
 import torch
@@ -18,7 +18,7 @@ WARPS = 3  # refinements per pyramid level
 
 
 def difference(first: Tensor, second: Tensor) -> Tensor:
-    """Compute the root mean square difference (H, W) of two pictures (3, H, W), over channels and ``BLUR`` pixels."""
+    """Compute the RMS difference (H, W) between pictures (3, H, W), over channels and a Gaussian of ``BLUR`` pixels."""
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
 
     squares = (first - second).square().mean(0).cpu().numpy()
@@ -26,14 +26,15 @@ def difference(first: Tensor, second: Tensor) -> Tensor:
 
 
 def is_cut(first: Tensor, second: Tensor) -> bool:
-    """Decide whether two successive pictures (3, H, W) show different scenes."""
+    """Check whether two successive pictures (3, H, W) show different scenes."""
     return float((downsample(first, CUT_SIDE) - downsample(second, CUT_SIDE)).abs().mean()) > CUT
 
 
 class Changes:
     """Find the pixels of a film that have changed since they were last painted.
 
-    Each pixel is compared with its value at its last change, so slow fades are found and noise never adds up.
+    Each pixel is compared with its value at its last change, so that slow fades are found and noise does not
+    accumulate.
     """
 
     def __init__(self, threshold: float) -> None:
@@ -43,7 +44,7 @@ class Changes:
         self._last: Tensor | None = None
 
     def __call__(self, picture: Tensor) -> Tensor:
-        """Mark the pixels (H, W), bool, at which the next picture (3, H, W) differs; all pixels after a cut."""
+        """Return a mask (H, W) of the pixels that have changed in the next picture (3, H, W); after a cut, all have."""
         self.begins = self._last is None or is_cut(self._last, picture)
         self._last = picture
         if self.begins:
@@ -56,14 +57,14 @@ class Changes:
 
 
 class Flicker:
-    """Mean absolute change, 0 to 1, of a painted film where its target changes by less than `STILL`."""
+    """Mean absolute change, 0 to 1, from one painted picture to the next where the target changes less than `STILL`."""
 
     def __init__(self) -> None:
         self._last: tuple[Tensor, Tensor] | None = None
         self._total, self._count = 0.0, 0
 
     def add(self, painting: Tensor, target: Tensor) -> None:
-        """Add the next pictures of the painted film and of its target, both (3, H, W) in [0, 1]."""
+        """Add the next painted picture and its target, both (3, H, W) in [0, 1]."""
         if self._last is not None:
             still = difference(target, self._last[1]) < STILL
             change = (painting - self._last[0]).abs().mean(0)
@@ -73,12 +74,12 @@ class Flicker:
 
     @property
     def value(self) -> float | None:
-        """The flicker; None if no pixel was still."""
+        """The flicker so far, or None if no pixel was still."""
         return self._total / self._count if self._count else None
 
 
 def optical_flow(first: Tensor, second: Tensor) -> Tensor:
-    """Estimate the displacement of the pixels of ``first`` (2, H, W), right and down.
+    """Estimate the displacement (2, H, W), right and down, of each pixel in ``first``.
 
     Source: Le Besnerais and Champagnat, 2005.
     """

@@ -1,4 +1,4 @@
-"""Read films picture by picture, with times; `brushexp.pictures.video` writes films."""
+"""Read films picture by picture, with display times; films are written by `brushexp.pictures.video`."""
 
 import importlib
 import logging
@@ -81,7 +81,7 @@ def is_moving(path: str | Path) -> bool:
 
 
 def moving_pictures(path: Path) -> Iterator[Timed]:
-    """Decode an animation's pictures as `read_picture` does, with their times; decoders may raise any exception."""
+    """Decode an animation as `read_picture` does, and yield pictures and times; decoders may raise any exception."""
     time = Fraction(0)
     with open_of_any_size(path, MOVING) as file:
         declared = declared_by(file)
@@ -96,7 +96,7 @@ def moving_pictures(path: Path) -> Iterator[Timed]:
 
 
 def open_clip(path: Path) -> Clip:
-    """Open a film or an animated picture, and read its header and first picture; raise UserError if there is none."""
+    """Open a film or an animated picture, and read its header and first picture; raise UserError if this fails."""
     path = find_path(os.path.expanduser(path))
     if is_moving(path):
         lengths = [length for _, _, length in moving_pictures(path)]
@@ -123,16 +123,17 @@ def _is_rate(rate: Fraction | None) -> bool:
 
 
 def _rate_of(frames: list[Any]) -> Fraction:
-    """Estimate a film's rate from the intervals between its first pictures."""
+    """Estimate a film's frame rate from the intervals between its first pictures."""
     times = sorted(frame.pts * frame.time_base for frame in frames if frame.pts is not None)
     steps = sorted(after - before for before, after in pairwise(times) if after > before)
     return (1 / steps[len(steps) // 2]).limit_denominator(1000) if steps else USUAL_RATE
 
 
 def timed_pictures(clip: Clip) -> Iterator[TimedPicture]:
-    """Decode the pictures one by one, upright, with times since the film's beginning, until its end or a defect.
+    """Yield the upright pictures with their times since the beginning, until the film ends or has a defect.
 
-    Each picture is shown until the next; the last is shown as long as the film states, or as long as the one before.
+    Each picture is shown until the next. The last picture is shown for as long as the film states, or otherwise for as
+    long as the picture before it.
     """
     last: Timed | None = None
     for picture, time, length in _decoded(clip):
@@ -147,7 +148,7 @@ def timed_pictures(clip: Clip) -> Iterator[TimedPicture]:
 
 
 def pictures_between(clip: Clip, start: float, stop: float | None, every: int) -> Iterator[TimedPicture]:
-    """Decode every n-th picture shown between two seconds, with times relative to ``start``."""
+    """Yield every n-th picture shown between two times in seconds, with display times relative to ``start``."""
     first = Fraction(start).limit_denominator(10**6)
     last = None if stop is None else Fraction(stop).limit_denominator(10**6)
     held: TimedPicture | None = None
@@ -171,7 +172,7 @@ def pictures_between(clip: Clip, start: float, stop: float | None, every: int) -
 
 
 def _decoded(clip: Clip) -> Iterator[Timed]:
-    """Decode pictures with their times and lengths, and warn if the film ends too early."""
+    """Yield decoded pictures with their start times and durations, and warn if the film ends too early."""
     if is_moving(clip.path):
         yield from moving_pictures(clip.path)
         return
@@ -194,7 +195,7 @@ def _decoded(clip: Clip) -> Iterator[Timed]:
 
 
 def _frames(container: Any, stream: Any) -> Iterator[Any]:
-    """Decode a stream, including transparency."""
+    """Yield a stream's decoded frames, including their transparency."""
     has_alpha = {key.lower(): value for key, value in stream.metadata.items()}.get("alpha_mode") == "1"
     coder = WITH_ALPHA.get(stream.codec_context.name, "") if has_alpha else ""
     av = importlib.import_module("av")
@@ -209,16 +210,16 @@ def _frames(container: Any, stream: Any) -> Iterator[Any]:
 
 
 def _shape_of(path: Path, stream: Any) -> Shape:
-    """Read the pixel aspect and the crop of a film."""
+    """Read a film's pixel aspect ratio and crop."""
     aspect = stream.sample_aspect_ratio
     return Shape(Fraction(aspect) if aspect else Fraction(1), crop_of(path, stream.height, stream.width))
 
 
 def beginning_of(container: Any) -> Fraction:
-    """Find the second on the film's own clock at which video or sound begins, whichever is first.
+    """Find the time on the film's own clock, in seconds, at which video or sound begins, whichever is earlier.
 
-    Sound that leads by less than one picture counts as starting with the video, because its codec needs a few samples
-    to start.
+    Sound that leads by less than the duration of one picture is taken to start with the video, because its codec needs
+    a few samples to start.
     """
     streams = [*container.streams.video[:1], *container.streams.audio[:1]]
     begins = [(stream.start_time or 0) * stream.time_base for stream in streams if stream.time_base]
@@ -245,7 +246,7 @@ def _why_unread(path: Path, error: Exception) -> str:
 
 @contextmanager
 def _decoding(path: Path) -> Iterator[tuple[Any, Any]]:
-    """Open a file and choose its first video stream."""
+    """Open a film, and yield its container and its first video stream."""
     check_file(path, "give a film, image=clip.mp4")
     try:
         av = importlib.import_module("av")

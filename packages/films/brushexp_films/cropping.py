@@ -14,7 +14,7 @@ MOST_ELEMENTS = 1000  # maximum number of elements read per level
 
 
 def crop_of(path: Path, height: int, width: int) -> Crop | None:
-    """Find the visible rows and columns of a film's first video, with pictures of the given size; None for all."""
+    """Find the visible rows and columns in a film's first video, given its picture size; None if all are visible."""
     size = path.stat().st_size
     with path.open("rb") as file:
         is_matroska = file.read(len(MATROSKA)) == MATROSKA
@@ -27,7 +27,7 @@ def crop_of(path: Path, height: int, width: int) -> Crop | None:
 
 
 def _margins(file: IO[bytes], size: int) -> dict[str, int]:
-    """Read the cropped pixels on each side of the first video in a Matroska file."""
+    """Read how many pixels are cropped on each side of the first video in a Matroska file."""
     for segment, begin, end in _elements(file, 0, size):
         if segment != SEGMENT:
             continue
@@ -52,7 +52,7 @@ def _numbers(file: IO[bytes], begin: int, end: int) -> dict[str, int]:
 
 
 def _elements(file: IO[bytes], begin: int, end: int) -> Iterator[tuple[int, int, int]]:
-    """Yield the identifier, and the start and end of the content, of each EBML element (RFC 8794) in a range."""
+    """Yield, for each EBML element (RFC 8794) in a byte range, its identifier and the start and end of its content."""
     at = begin
     for _ in range(MOST_ELEMENTS):
         if at >= end:
@@ -70,7 +70,7 @@ def _elements(file: IO[bytes], begin: int, end: int) -> Iterator[tuple[int, int,
 
 
 def _number(data: bytes, *, keeps_mark: bool) -> tuple[int, int]:
-    """Parse a variable-length integer; return it and its number of bytes, which is 0 if there is no integer."""
+    """Parse a variable-length integer; return its value and its length in bytes, which is 0 if there is no integer."""
     count = 9 - data[0].bit_length() if data and data[0] else 0
     if not count or count > len(data):
         return 0, 0

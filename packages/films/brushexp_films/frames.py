@@ -24,7 +24,7 @@ class Placement(NamedTuple):
 
 @dataclass(frozen=True)
 class Shape:
-    """Pixel aspect and crop shared by a film's stored pictures."""
+    """Pixel aspect ratio and crop that all stored pictures of a film share."""
 
     aspect: Fraction = Fraction(1)  # pixel width / height
     crop: Crop | None = None  # visible rows and columns; None for all
@@ -56,7 +56,7 @@ def srgb_of(frame: Any, shape: Shape) -> np.ndarray:
 
 
 def over_white(frame: Any) -> np.ndarray:
-    """Convert a frame to RGB, composited over white."""
+    """Convert a frame to RGB, compositing transparent pixels over white."""
     if not any(component.is_alpha for component in frame.format.components):
         picture: np.ndarray = frame.to_ndarray(format="rgb24")
         return picture
@@ -80,7 +80,7 @@ def _deep(frame: Any) -> np.ndarray:
 
 
 def placement_of(frame: Any) -> Placement:
-    """Read a decoded picture's orientation from the nine numbers of its matrix (ISO/IEC 14496-12, 6.2.2)."""
+    """Read a decoded picture's orientation from its 3 x 3 display matrix (ISO/IEC 14496-12, 6.2.2)."""
     said = frame.side_data.get(MATRIX)
     if said is None:
         return Placement()
@@ -91,5 +91,5 @@ def placement_of(frame: Any) -> Placement:
 
 
 def _turns(x: float, y: float) -> int:
-    """Count the counter-clockwise quarter turns that rotate a rightward row towards (x, y), y down."""
+    """Count the counter-clockwise quarter turns that rotate a rightward row to the direction (x, y), with y down."""
     return round(-math.atan2(y, x) / (math.pi / 2)) % 4

@@ -36,7 +36,7 @@ class FilmOptions:
 
 @dataclass
 class FilmTask(PaintTask):
-    """Paint a film picture by picture, carrying the strokes along; image=clip.mp4 chooses this task."""
+    """Paint a film, carrying the strokes from picture to picture; image=clip.mp4 chooses this task."""
 
     module = "brushexp_films.task"
     painted = f"FOLDER/{FRAMES}/000000.h5"

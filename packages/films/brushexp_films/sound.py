@@ -17,9 +17,10 @@ log = logging.getLogger(__name__)
 
 
 def add_sound(film: Path, source: Path, start: float = 0.0) -> None:
-    """Copy sound of ``source``, from second ``start`` on, into an MP4, up to its duration, if an MP4 can hold it.
+    """Copy the sound of ``source``, from ``start`` seconds on, into an MP4 film, if the MP4 format supports it.
 
-    Seconds count from the beginning of the source. Further sound tracks and subtitles are reported but not copied.
+    The start is relative to the beginning of the source, and the sound is cut at the end of the film. Sound that an MP4
+    cannot contain is omitted with a warning. Further sound tracks and subtitles are reported but not copied.
     """
     if is_moving(source):
         return
@@ -43,7 +44,7 @@ def add_sound(film: Path, source: Path, start: float = 0.0) -> None:
 
 
 def log_omitted_tracks(container: Any, source: Path) -> None:
-    """Log which further sound tracks and subtitles are not copied into the painted film."""
+    """Log how many further sound tracks and subtitles are not copied into the painted film."""
     tracks = {"sound": max(0, len(container.streams.audio) - 1), "subtitles": len(container.streams.subtitles)}
     if left := ", ".join(f"{count} of {name}" for name, count in tracks.items() if count):
         cure = "add them with: ffmpeg -i film.mp4 -i source -map 0 -map 1:a:1 -map 1:s? -c copy out.mkv"
@@ -51,7 +52,7 @@ def log_omitted_tracks(container: Any, source: Path) -> None:
 
 
 def _packets(container: Any, stream: Any, into: Any, start: Fraction, end: Fraction | float) -> Iterator[Any]:
-    """Copy a stream's packets between two seconds into another stream, shifted to start at second 0."""
+    """Yield a stream's packets between two times in seconds, reassigned to another stream and shifted to start at 0."""
     before = round(start / stream.time_base)
     for packet in container.demux(stream):
         if packet.pts is not None and start <= packet.pts * packet.time_base < end:

@@ -59,7 +59,7 @@ TICKS = Fraction(120_000)  # ticks per second; the common frame rates and millis
 
 
 class PaintedFilm:
-    """A film being painted: its parts, and its metrics so far."""
+    """A film being painted: its components, and its metrics so far."""
 
     def __init__(self, cfg: DictConfig, folder: Path, before: Path | None) -> None:
         self.cfg, self.folder, self.device = cfg, folder, device_of(cfg.device)
@@ -77,20 +77,20 @@ class PaintedFilm:
 
     @property
     def planned(self) -> int:
-        """Number of pictures to paint, if the film states its length; at least 1."""
+        """Number of pictures to paint, at least 1, according to the length that the film states."""
         film, rate, end = self.cfg.film, self.clip.rate, self.clip.count
         if film.stop is not None:
             end = min(max(1, math.ceil(film.stop * rate)), end)
         return max(1, math.ceil((end - math.ceil(film.start * rate)) / film.every))
 
     def targets(self) -> Iterator[tuple[Tensor, TimedPicture]]:
-        """Decode the pictures (3, H, W) to paint, one after another, with their times."""
+        """Yield the targets (3, H, W) to paint, in order, with the decoded pictures and their times."""
         film = self.cfg.film
         for shown in pictures_between(self.clip, film.start, film.stop, film.every):
             yield self.palette(planes_of(shown.picture, self.cfg.resolution)).to(self.device), shown
 
     def begin(self, picture: Tensor) -> Cel:
-        """Paint the first picture of a scene, like a single picture."""
+        """Paint the first picture of a scene as a single picture would be painted."""
         cfg = self.cfg
         L.seed_everything(cfg.seed, verbose=False)
         painter = build_painter(cfg, picture).to(self.device)
@@ -103,7 +103,7 @@ class PaintedFilm:
         return Cel(painter.strokes(), painter.front_to_back, painter.picture.background)
 
     def load_painted(self, number: int) -> Cel | None:
-        """Load a picture's strokes if an earlier run painted it and all pictures before it; None otherwise."""
+        """Load a picture's strokes if an earlier run painted it and all pictures before it; otherwise return None."""
         before, self.before = self.before, None  # after the first missing picture, all are repainted
         if before is None or not (path := frame_in(before, number)).exists():
             return None
@@ -118,7 +118,7 @@ class PaintedFilm:
         return cel_of(saved, self.device)
 
     def take(self, number: int, target: Tensor) -> np.ndarray:
-        """Paint a picture, or adopt its strokes from an earlier run, and return it (H, W, 3) with light."""
+        """Paint a picture, or adopt its strokes from an earlier run, and return the lit painting (H, W, 3)."""
         since, scenes, cel = time.monotonic(), self.reel.scenes, self.load_painted(number)
         if cel is None:
             self.reel.paint(target)
@@ -134,11 +134,11 @@ class PaintedFilm:
         return picture
 
     def lit(self) -> np.ndarray:
-        """Return the last painting (H, W, 3) with light."""
+        """Return the last painting (H, W, 3) with its paper and light."""
         return to_bytes(self.reel.image) if self.bare.is_bare else self.job().picture(self.reel.image)
 
     def job(self) -> ExportJob:
-        """Return the last picture's strokes as a job that can be drawn and saved."""
+        """Return an export job with the last picture's strokes, which can be drawn and saved."""
         cel = self.reel.cel
         return replace(self.bare, saved=self.bare.saved.with_strokes(cel.strokes, cel.front_to_back, cel.background))
 
@@ -163,7 +163,7 @@ class PaintedFilm:
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Paint the film ``image``, or continue ``resume``; keep all finished pictures however the run ends."""
+    """Paint the film ``cfg.image``, or continue an interrupted run; finished pictures are kept however the run ends."""
     cfg, checkpoint = restore_run(cfg)
     film, stop = PaintedFilm(cfg, folder, checkpoint and checkpoint.parent), Event()
     failure: BaseException | None = None
@@ -196,7 +196,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def conclude_film(film: PaintedFilm, start: float | None, failure: BaseException | None) -> dict[str, object]:
-    """Write the preview and metrics when a film ends, and raise the ``failure`` that ended it, if any."""
+    """Write the preview and metrics of a film that has ended, and raise the ``failure`` that ended it, if any."""
     folder, count = film.folder, len(film.psnr)
     pictures = []
     for number in sorted({0, count // 2, count - 1}):
@@ -228,7 +228,7 @@ def conclude_film(film: PaintedFilm, start: float | None, failure: BaseException
 
 
 def frame_in(folder: Path, number: int) -> Path:
-    """Return the path of the file with a picture's strokes in a run's folder."""
+    """Return the path of a picture's catalogue in a run's folder."""
     return folder / FRAMES / f"{number:06d}.h5"
 
 

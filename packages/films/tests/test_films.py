@@ -1,4 +1,4 @@
-"""Painted films carry strokes from picture to picture without flicker, and finished pictures survive any end."""
+"""Test that strokes are carried from picture to picture without flicker, and that finished pictures are never lost."""
 
 import errno
 import json

@@ -1,4 +1,4 @@
-"""Pictures are mirrored, rotated and cropped as a film declares."""
+"""Test that pictures are mirrored, rotated and cropped as a film's metadata specifies."""
 
 import struct
 from fractions import Fraction
@@ -89,7 +89,7 @@ def test_a_clean_aperture_beyond_the_picture_counts_for_nothing(tmp_path):
 
 
 def with_margins(path: Path, sides: tuple[bytes, bytes], pixels: tuple[int, int]) -> Path:
-    """Insert two margins after the picture size of a Matroska film, and shrink the empty element that follows."""
+    """Insert two crop margins after the picture size in a Matroska film, and shrink the empty element that follows."""
     whole = path.read_bytes()
     at = whole.index(b"\xe0\x8a\xb0\x81")  # the video element of ten bytes, six of which are the picture size
     sides_of_pictures, between, empty = whole[at + 2 : at + 8], whole[at + 12 : at + 16], whole[at + 16 : at + 27]

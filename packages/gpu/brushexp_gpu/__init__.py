@@ -1,4 +1,4 @@
-"""GPU kernels for the blend `tiled`, in Triton, which every CUDA build of PyTorch includes."""
+"""Triton kernels for the blend `tiled` on GPUs; every CUDA build of PyTorch includes Triton."""
 
 import os
 import shutil
@@ -14,7 +14,7 @@ from brushexp.contracts.layers import KernelInput, Layers, Size
 def rasterize(
     inputs: KernelInput, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, opaque: float
 ) -> Rasterizer | None:
-    """Make a rasterizer for plain or textured strokes; return None for other strokes, or if Triton cannot run."""
+    """Make a rasterizer for plain or textured strokes; return None for other strokes or if Triton cannot run."""
     known = inputs.kernel in (profile.KERNEL, profile.DRIFTING, textured_profile.KERNEL)
     if not known or not _runs_on(inputs.strokes.device.type):
         return None
@@ -25,7 +25,7 @@ def rasterize(
 
 @cache
 def _runs_on(device: str) -> bool:
-    """Check whether kernels run on a device: Triton compiles C launchers, or interprets if TRITON_INTERPRET is 1."""
+    """Check whether kernels run on a device, compiled (needs a C compiler) or interpreted (TRITON_INTERPRET=1)."""
     if find_spec("triton") is None:
         return False
     import triton  # noqa: PLC0415

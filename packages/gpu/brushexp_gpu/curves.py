@@ -1,7 +1,8 @@
-"""Locate pixels relative to curves, for several tiles at once: inlined parts of the kernels.
+"""Locate pixels relative to curves, for several tiles at once, in functions that kernels inline.
 
-Values of strokes are (TILES, 1) and values of pixels (TILES, AREA); row k belongs to the k-th tile of a program. The
-formulas are the same as in `brushexp.compositing`: `nearest`, `texture_places`.
+Arrays with one value per stroke are (TILES, 1), and those with one value per pixel (TILES, AREA); row k belongs to the
+k-th tile of a program. The formulas are the same as in the modules `nearest` and `texture_places` of
+`brushexp.compositing`.
 """
 # mypy: allow-untyped-defs
 
@@ -21,14 +22,14 @@ CURVE_PARTS = tl.constexpr(16)  # number of parts of a curve; the lists say whic
 
 @inline
 def pixels():
-    """Return the centres x and y (1, AREA) of a tile's pixels, relative to its corner."""
+    """Return the x and y coordinates (1, AREA) of a tile's pixel centres, relative to its corner."""
     q = tl.arange(0, AREA)[None, :]
     return (q % TILE).to(tl.float32) + 0.5, (q // TILE).to(tl.float32) + 0.5
 
 
 @inline
 def load_curve(p, i, ox, oy, here):
-    """Load curves from rows ``p`` + ``i`` (TILES,): start relative to (ox, oy), start to control, and bend, x and y."""
+    """Load x and y of curves at ``p`` + ``i``: start relative to (ox, oy), vector from start to control, and bend."""
     sx, sy = tl.load(p + i, here, 0.0) - ox, tl.load(p + i + 1, here, 0.0) - oy
     cx, cy = tl.load(p + i + 2, here, 0.0) - ox, tl.load(p + i + 3, here, 0.0) - oy
     ex, ey = tl.load(p + i + 4, here, 0.0) - ox, tl.load(p + i + 5, here, 0.0) - oy
@@ -38,20 +39,20 @@ def load_curve(p, i, ox, oy, here):
 
 @inline
 def clip(x, low, high):
-    """Clamp ``x`` to the range from ``low`` to ``high``, both scalars."""
+    """Clamp ``x`` to the range from ``low`` to ``high``."""
     return tl.minimum(tl.maximum(x, low), high)
 
 
 @inline
 def halley(a, b, c, d, t):
-    """Compute the step that Halley's method subtracts from ``t``."""
+    """Compute the step that Halley's method subtracts from ``t``, for the cubic with coefficients ``a`` to ``d``."""
     f, g = ((a * t + b) * t + c) * t + d, tl.maximum((3.0 * a * t + 2.0 * b) * t + c, LEAST_SLOPE)
     return 2.0 * f * g / tl.maximum(2.0 * g * g - f * (6.0 * a * t + 2.0 * b), g * g)
 
 
 @inline
 def valley(a, b, c, d, t, low, high):
-    """Take five steps of Halley's method from an end of the curve."""
+    """Take five steps of Halley's method from ``t``, each clamped to the range from ``low`` to ``high``."""
     for _ in tl.static_range(5):
         t = clip(t - halley(a, b, c, d, t), low, high)
     return t
@@ -59,9 +60,9 @@ def valley(a, b, c, d, t, low, high):
 
 @inline
 def find_nearest(sx, sy, fx, fy, bx, by, low, high, x, y):
-    """Find the parameters of the nearest points between ``low`` and ``high``: the nearer of the distance's two minima.
+    """Find the parameters, from ``low`` to ``high``, of the nearest points: the nearer of two minima of the distance.
 
-    All curves use the search that the CPU reserves for strongly bent curves; a branch would cost more than it saves.
+    All curves use the search that the CPU uses only for strongly bent curves; a branch would cost more than it saves.
     """
     a, b, c0 = bx * bx + by * by, 3.0 * (bx * fx + by * fy), 2.0 * (fx * fx + fy * fy)
     size = a + tl.abs(b) + c0 + 1e-20
@@ -83,13 +84,13 @@ def find_nearest(sx, sy, fx, fy, bx, by, low, high, x, y):
 
 @inline
 def sum_pixels(values):
-    """Sum over the pixels of each tile (TILES,), always in the same order."""
+    """Sum values (TILES, AREA) over each tile's pixels, always in the same order."""
     return tl.sum(values, axis=1)
 
 
 @inline
 def store_moments(out, x0, x1, x2, y0, y1, y2, here):
-    """Write the gradient of the control points, given those of start, start to control, and bend (TILES, AREA)."""
+    """Write the control points' gradient, given those of start, start-to-control vector and bend (TILES, AREA)."""
     x0, x1, x2 = sum_pixels(x0), sum_pixels(x1), sum_pixels(x2)
     y0, y1, y2 = sum_pixels(y0), sum_pixels(y1), sum_pixels(y2)
     tl.store(out, x0 - x1 + x2, here)

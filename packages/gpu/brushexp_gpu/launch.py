@@ -1,4 +1,4 @@
-"""Mark inlined functions of kernels, and launch kernels."""
+"""Mark functions that kernels inline, and launch kernels."""
 
 from typing import Any
 
@@ -7,12 +7,12 @@ import triton
 
 
 def inline(function: Any) -> Any:
-    """Mark a function that kernels call, except for the interpreter, which would have to rewrite it."""
+    """Mark a function that kernels call; leave it unmarked for the interpreter, which would have to rewrite it."""
     return function if triton.knobs.runtime.interpret else triton.jit(function)
 
 
 def launch(kernel: Any, programs: int, *arguments: Any, **options: Any) -> None:
-    """Launch ``programs`` programs of a kernel on the device of its first tensor; 0 is allowed."""
+    """Launch a kernel with this number of programs, possibly 0, on the device of its first tensor."""
     if programs:
         with torch.cuda.device_of(arguments[0]):
             kernel[(programs,)](*arguments, **options)

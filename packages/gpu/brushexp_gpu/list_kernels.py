@@ -1,4 +1,4 @@
-"""Kernels that find which strokes touch which tile; see `lists`."""
+"""Kernels that find the strokes touching each tile; see `lists`."""
 # mypy: allow-untyped-defs
 
 import math
@@ -18,9 +18,9 @@ HALVINGS = tl.constexpr(32)  # enough bisections for any number of pairs
 
 @inline
 def _box(start, control, end, reach, tiles):
-    """Find the first and last tile along an axis, and whether any exists.
+    """Find the first and last pixel, clamped to the canvas, that a stroke may reach along an axis, and whether it does.
 
-    A quadratic curve lies within the box of its chord and its midpoint, widened by an eighth of its bend.
+    A quadratic curve is contained in the bounding box of its ends and its midpoint, widened by an eighth of its bend.
     """
     middle, slack = (start + 2.0 * control + end) / 4.0, reach + tl.abs(start - 2.0 * control + end) / 8.0
     low = tl.minimum(tl.minimum(start, end), middle) - slack
@@ -32,7 +32,7 @@ def _box(start, control, end, reach, tiles):
 
 @inline
 def _count_at_most(numbers, count, limit, here):
-    """Count how many of ``count`` ascending numbers are at most ``limit``, by bisection."""
+    """Count by bisection how many of ``count`` ascending numbers do not exceed ``limit``."""
     low, high = tl.zeros_like(limit), tl.where(here, count, 0).to(limit.dtype)
     for _ in range(0, HALVINGS):
         middle, open = (low + high) // 2, low < high
@@ -43,9 +43,9 @@ def _count_at_most(numbers, count, limit, here):
 
 @jit(do_not_specialize=["n", "rows", "columns"])
 def box_kernel(curve, reach, order, boxes, sizes, n, rows, columns, BLOCK: tl.constexpr):
-    """Write the rectangle of tiles of each stroke, by depth: ``boxes`` (3, n) are left, top and columns.
+    """Write the rectangle of tiles around each stroke, by depth: left, top and number of columns in ``boxes`` (3, n).
 
-    ``sizes`` (n + 1,) is a 0 followed by the number of tiles in each rectangle.
+    ``sizes`` (n + 1,) receives a 0 followed by the number of tiles in each rectangle.
     """
     k = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     here = k < n
@@ -70,12 +70,12 @@ def box_kernel(curve, reach, order, boxes, sizes, n, rows, columns, BLOCK: tl.co
 
 @jit(do_not_specialize=["n", "pairs", "tiles", "columns"])
 def find_kernel(curve, reach, order, boxes, space, tile, stroke, part, n, pairs, tiles, columns, BLOCK: tl.constexpr):
-    """Write ``tile``, ``stroke`` and the ``part`` of the curve for each pair of a stroke and a tile in its box.
+    """Write ``tile``, ``stroke`` and ``part`` for each pair of a stroke and a tile in its rectangle.
 
-    This is decided by sample points of a curve: its ends, and points at most 2.5 px apart. The tile is ``tiles``,
-    meaning none, if no point is close enough to the square of the tile's pixel centres for the curve to come within
-    reach. A part encodes the range of PARTS that contains all points within reach of the tile: the first part, plus 256
-    times the part after the last.
+    Whether a curve comes within reach of a tile is decided from points sampled along it: its ends, and points at most
+    2.5 px apart. If no point is close enough to the square of the tile's pixel centres, ``tile`` is set to ``tiles``,
+    which means none. A curve has CURVE_PARTS parts; ``part`` encodes the range of parts with all points within reach of
+    the tile, as the first part plus 256 times the part after the last.
     """
     pair = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     here = pair < pairs
@@ -116,10 +116,10 @@ def find_kernel(curve, reach, order, boxes, space, tile, stroke, part, n, pairs,
 def arrange_kernel(
     tile, slot, found, near, stroke, part, first, sizes, pairs, tiles, CHUNK: tl.constexpr, BLOCK: tl.constexpr
 ):
-    """Write the lists of pairs sorted by ``tile``; ``slot`` is each pair's index in the output of `find_kernel`.
+    """Write the lists of pairs, sorted by ``tile``; ``slot`` is each pair's index in the output of `find_kernel`.
 
-    The strokes ``found`` and the ``near`` parts are written in that order. ``first`` (tiles + 1,) is where each list
-    begins, and ``sizes`` (tiles + 1,) is a 0 followed by the number of chunks in each list.
+    ``stroke`` receives the values of ``found`` in sorted order, and ``part`` those of ``near``. ``first`` (tiles + 1,)
+    receives the start of each list, and ``sizes`` (tiles + 1,) a 0 followed by the number of chunks in each list.
     """
     at = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     here = at < pairs

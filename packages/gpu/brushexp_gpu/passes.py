@@ -1,13 +1,13 @@
-"""The passes over tiles: each program composites the strokes of a few tiles, in chunks of their lists.
+"""Passes over the tiles, in which each program composites the strokes of a few tiles, chunk by chunk.
 
 The forward pass stores the nearest points and the light above for each pair of a tile and a stroke, and the colour and
 transmitted light of each chunk in isolation. `behind_pass` turns these into the colour behind each chunk, without
 dividing by nearly vanished light, so the backward pass can visit all chunks in parallel. Each pair writes its
 contribution to a separate row, and `sum_rows` always adds the rows in the same order, without atomics.
 
-Arguments: ``strokes`` (N, width), ``begin``, ``cells`` and ``frames`` come from `KernelInput`; ``first``
-(tiles + 1,), ``stroke``, ``slot`` and ``part`` (pairs,) and ``chunks`` (tiles + 1,) from `Lists`; ``used`` (tiles,) is
-the number of chunks painted per tile. There are C channels, padded to CP, a power of 2.
+The arguments ``strokes`` (N, width), ``begin``, ``cells`` and ``frames`` come from `KernelInput`, and ``first`` (tiles
++ 1,), ``stroke``, ``slot`` and ``part`` (pairs,), and ``chunks`` (tiles + 1,) from `Lists`. ``used`` (tiles,) is the
+number of chunks painted per tile. There are C channels, padded to CP, a power of 2.
 """
 # mypy: allow-untyped-defs
 
@@ -33,7 +33,7 @@ SIZES = ["tiles", "columns", "height", "width", "numbers"]  # sizes that kernels
 
 @inline
 def _seek(part, j, sx, sy, fx, fy, bx, by, here):
-    """Find the nearest points (TILES, AREA) on the listed parts of curves."""
+    """Find the parameters (TILES, AREA) of the nearest points on the listed parts of the curves."""
     bounds = tl.load(part + j, here, 0)[:, None]
     low, high = (bounds & 255).to(tl.float32) / CURVE_PARTS, (bounds >> 8).to(tl.float32) / CURVE_PARTS
     x, y = pixels()
@@ -42,7 +42,7 @@ def _seek(part, j, sx, sy, fx, fy, bx, by, here):
 
 @inline
 def _look(t, sx, sy, fx, fy, bx, by, strokes, begin, cells, frames, i, at, taper, here, TEXTURED: tl.constexpr):
-    """Compute coverage before opacity, its texture slopes, tone and its slopes (TILES, AREA); 0 if not ``here``."""
+    """Compute coverage before opacity (0 unless ``here``), tone, and the texture slopes of both (TILES, AREA)."""
     x, y = pixels()
     if TEXTURED:
         scale = load_number(strokes, at, 8, here)
@@ -61,7 +61,7 @@ def _look(t, sx, sy, fx, fy, bx, by, strokes, begin, cells, frames, i, at, taper
 
 @inline
 def _judge(errors, pair, shown, goal, there, alpha, here, C: tl.constexpr, CP: tl.constexpr):
-    """Write the sums of alpha |color - target|^2 and of alpha."""
+    """Write the sums of alpha |color - target|^2 and of alpha over each tile's pixels."""
     d = tl.where(there[None] & (tl.arange(0, CP)[:, None, None] < C), shown - goal, 0.0)
     tl.store(errors + 2 * pair, sum_pixels(alpha * tl.sum(d * d, axis=0)), here)
     tl.store(errors + 2 * pair + 1, sum_pixels(tl.where(there, alpha, 0.0)), here)
@@ -69,7 +69,7 @@ def _judge(errors, pair, shown, goal, there, alpha, here, C: tl.constexpr, CP: t
 
 @inline
 def _store_state(states, chunk, own, clear, here, C: tl.constexpr, CP: tl.constexpr):
-    """Write the colour (CP, TILES, AREA) of chunks and the light that they transmit."""
+    """Write the colour (CP, TILES, AREA) of each chunk and the light (TILES, AREA) that it transmits."""
     q, c = tl.arange(0, AREA)[None, :], tl.arange(0, CP)[:, None, None]
     at = states + (chunk * (C + 1) * AREA)[:, None] + q
     tl.store(at[None] + c * AREA, own, here[None, :, None] & (c < C))
@@ -83,12 +83,12 @@ def forward_pass(
     C: tl.constexpr, CP: tl.constexpr, TILES: tl.constexpr, CHUNK: tl.constexpr, TEXTURED: tl.constexpr,
     DRIFTS: tl.constexpr, JUDGE: tl.constexpr, KEEP: tl.constexpr,
 ):  # fmt: skip
-    """Paint ``image`` (C, H, W), and write ``used``.
+    """Paint ``image`` (C, H, W), and count the painted chunks in ``used``.
 
-    A tile is finished after a chunk below which less light than ``opaque`` remains at every pixel. With JUDGE, the pass
-    visits every stroke instead, and writes by slot ``errors`` (pairs, 2): the sums of alpha |color - target|^2, for a
-    ``target`` (C, H, W), and of alpha. With KEEP, it writes the input of the backward pass: ``near`` and ``above``
-    (pairs, AREA), and ``states`` (chunks, C + 1, AREA), whose last channel is the light.
+    A tile is finished when, after a chunk, less light than ``opaque`` remains at every pixel. With JUDGE, the pass
+    visits every stroke instead, and writes the sums of alpha |color - target|^2 and of alpha for each slot to
+    ``errors`` (pairs, 2), given a ``target`` (C, H, W). With KEEP, it writes the input of the backward pass: ``near``
+    and ``above`` (pairs, AREA), and ``states`` (chunks, C + 1, AREA), whose last channel is the transmitted light.
     """
     tile = tl.program_id(0) * TILES + tl.arange(0, TILES)
     inside = tile < tiles
@@ -142,9 +142,9 @@ def behind_pass(
     states, behinds, chunks, chunk_tile, used, background, tiles,
     C: tl.constexpr, CP: tl.constexpr, TILES: tl.constexpr,
 ):  # fmt: skip
-    """Write ``behinds`` (chunks, C, AREA), the colour behind each chunk, including the bare canvas.
+    """Write the colour behind each chunk, including the bare canvas, to ``behinds`` (chunks, C, AREA).
 
-    ``chunk_tile`` (chunks,) is the tile of each chunk, -1 if the chunk was not painted.
+    ``chunk_tile`` (chunks,) receives the tile of each chunk, or -1 if the chunk was not painted.
     """
     tile = tl.program_id(0) * TILES + tl.arange(0, TILES)
     inside = tile < tiles
@@ -165,7 +165,7 @@ def behind_pass(
 
 @inline
 def _open_chunks(first, chunks, chunk_tile, tiles, CHUNK: tl.constexpr, TILES: tl.constexpr):
-    """Return a program's chunks (TILES,), their tiles, whether they were painted, and their first pairs and counts."""
+    """Return a program's chunks (TILES,), their tiles, whether each was painted, its first pair and its pair count."""
     chunk = tl.program_id(0) * TILES + tl.arange(0, TILES)
     tile = tl.load(chunk_tile + chunk, chunk < tl.load(chunks + tiles), -1)
     inside = tile >= 0
@@ -182,11 +182,12 @@ def backward_pass(
     C: tl.constexpr, CP: tl.constexpr, TILES: tl.constexpr, CHUNK: tl.constexpr, TEXTURED: tl.constexpr,
     DRIFTS: tl.constexpr, WEIGHS: tl.constexpr,
 ):  # fmt: skip
-    """Visit the strokes of chunks back to front, after `behind_pass`; each chunk belongs to its ``chunk_tile``.
+    """Write the gradient or the importance of each stroke in each tile, visiting every chunk's strokes back to front.
 
-    ``picture`` is the gradient of the image (C, H, W), and the output, by slot, is the gradient of the strokes'
-    numbers, ``pairs`` (pairs, numbers). With WEIGHS, ``picture`` is image - target and the weight of each pixel (C + 1,
-    H, W), and ``pairs`` (pairs, 1) is the increase in the weighted squared error when the stroke is removed.
+    The pass follows `behind_pass`, which determines each chunk's ``chunk_tile``. The input ``picture`` is the gradient
+    of the image (C, H, W), and the output ``pairs`` (pairs, numbers) is the gradient of the strokes' numbers for each
+    slot. With WEIGHS, ``picture`` (C + 1, H, W) is image - target followed by the weight of each pixel, and ``pairs``
+    (pairs, 1) is the increase in the weighted squared error when the stroke is removed.
     """
     chunk, tile, inside, at, count = _open_chunks(first, chunks, chunk_tile, tiles, CHUNK, TILES)
     place, there, ox, oy = pixel_places(tile, columns, height, width, inside)
@@ -244,7 +245,7 @@ def _pull_color(
     out, cover, ga, given, seen, t, here, C: tl.constexpr, CP: tl.constexpr, TEXTURED: tl.constexpr,
     DRIFTS: tl.constexpr,
 ):  # fmt: skip
-    """Write the gradients of opacity, colour and drift, given the gradient ``ga`` of alpha and the share ``seen``."""
+    """Write the gradients of opacity, colour and drift, given the gradient ``ga`` of alpha and the weight ``seen``."""
     tl.store(out + 7, sum_pixels(ga * cover), here)
     store_colors(out + (9 if TEXTURED else 10), given, seen, here, C, CP)
     if DRIFTS:
@@ -253,7 +254,7 @@ def _pull_color(
 
 @jit(do_not_specialize=["numbers"])
 def sum_rows(pairs, space, order, sums, numbers, WIDTH: tl.constexpr, ROWS: tl.constexpr):
-    """Sum each stroke's rows of ``pairs`` (., numbers), from ``space``, into ``sums`` (N, .) in double precision."""
+    """Sum each stroke's rows of ``pairs``, which begin at ``space``, into ``sums`` (N, numbers) in double precision."""
     k = tl.program_id(0)
     begin, end = tl.load(space + k), tl.load(space + k + 1)
     row, column = tl.arange(0, ROWS)[:, None], tl.arange(0, WIDTH)[None, :]

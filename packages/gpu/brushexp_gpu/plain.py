@@ -1,4 +1,4 @@
-"""Coverage of strokes without a texture: this package's version of `brushexp.compositing.profile`."""
+"""Coverage of strokes without texture, as in `brushexp.compositing.profile`, for Triton kernels."""
 # mypy: allow-untyped-defs
 
 import triton.language as tl
@@ -25,13 +25,13 @@ def _slope(x):
 
 @inline
 def _offset(t, sx, sy, fx, fy, bx, by, x, y):
-    """Compute the vectors from pixels to the curve's points at parameters ``t``."""
+    """Compute the vectors from pixels to the points on the curve at parameters ``t``."""
     return (bx * t + 2.0 * fx) * t + (sx - x), (by * t + 2.0 * fy) * t + (sy - y)
 
 
 @inline
 def plain_cover(t, sx, sy, fx, fy, bx, by, x, y, half, sharp, widening, taper):
-    """Compute the coverage of pixels before opacity; ``half``, ``sharp`` and ``widening`` are (TILES, 1)."""
+    """Compute each pixel's coverage before opacity; ``half``, ``sharp`` and ``widening`` are (TILES, 1)."""
     rx, ry = _offset(t, sx, sy, fx, fy, bx, by, x, y)
     d, u = tl.sqrt(rx * rx + ry * ry), t + t - 1.0
     ht = half * (1.0 - taper * u * u) * (1.0 + widening * u)
@@ -41,9 +41,10 @@ def plain_cover(t, sx, sy, fx, fy, bx, by, x, y, half, sharp, widening, taper):
 
 @inline
 def plain_pull(out, ga, t, sx, sy, fx, fy, bx, by, x, y, half, opacity, sharp, widening, taper, by_color, here):
-    """Write the gradient of all numbers except opacity and colour to ``out`` + 0 to 9.
+    """Write the gradient of a stroke's numbers, except opacity and colour, to ``out`` + 0 to 9.
 
-    Inputs are the gradient of alpha, ``ga``, and the gradient of the parameter through the colour, ``by_color``.
+    The inputs are the gradient ``ga`` of alpha, and the gradient ``by_color`` of the parameter ``t`` through the
+    colour.
     """
     rx, ry = _offset(t, sx, sy, fx, fy, bx, by, x, y)
     d, u = tl.sqrt(rx * rx + ry * ry), t + t - 1.0

@@ -1,4 +1,4 @@
-"""Load and store pixels of tiles and colours of strokes.
+"""Load and store the pixels of tiles and the colours of strokes.
 
 There are C channels, padded to CP, a power of 2; ``here`` (TILES,) marks the active tiles.
 """
@@ -12,7 +12,7 @@ from brushexp_gpu.launch import inline
 
 @inline
 def pixel_places(tile, columns, height, width, here):
-    """Return the offsets of tiles' pixels in a plane (TILES, AREA), whether they exist, and tile corners (TILES,)."""
+    """Return each pixel's offset in a plane and whether it exists (TILES, AREA), and each tile's corner (TILES,)."""
     q = tl.arange(0, AREA)[None, :]
     top, left = tile // columns * TILE, tile % columns * TILE
     row, column = top[:, None] + q // TILE, left[:, None] + q % TILE
@@ -22,7 +22,7 @@ def pixel_places(tile, columns, height, width, here):
 
 @inline
 def load_planes(picture, place, there, height, width, C: tl.constexpr, CP: tl.constexpr):
-    """Load pixels (CP, TILES, AREA) of the first C planes of a picture; 0 beyond its edge."""
+    """Load pixels (CP, TILES, AREA) from the first C planes of a picture, with 0 beyond its edge."""
     c = tl.arange(0, CP)[:, None, None]
     offset = c.to(tl.int64) * height * width + place[None]
     return tl.load(picture + offset, there[None] & (c < C), 0.0)
@@ -43,7 +43,7 @@ def _load_colors(colors, i, here, C: tl.constexpr, CP: tl.constexpr):
 
 @inline
 def load_paint(strokes, row, t, here, C: tl.constexpr, CP: tl.constexpr, TEXTURED: tl.constexpr, DRIFTS: tl.constexpr):
-    """Load colours (CP, TILES, 1 or AREA) at the nearest points ``t``, and their drift along the strokes."""
+    """Load the colours (CP, TILES, 1 or AREA) at curve parameters ``t``, and their drift along the strokes."""
     paint = _load_colors(strokes + (9 if TEXTURED else 10), row, here, C, CP)
     drift = tl.zeros_like(paint)
     if DRIFTS:
@@ -61,12 +61,12 @@ def load_bare(background, C: tl.constexpr, CP: tl.constexpr):
 
 @inline
 def load_number(strokes, at, k: tl.constexpr, here):
-    """Load number ``k`` (TILES, 1) of the strokes whose numbers begin ``at`` (TILES,)."""
+    """Load the ``k``-th number (TILES, 1) of strokes whose numbers begin at the offsets ``at`` (TILES,)."""
     return tl.load(strokes + at + k, here, 0.0)[:, None]
 
 
 @inline
 def store_colors(out, given, seen, here, C: tl.constexpr, CP: tl.constexpr):
-    """Write the sums of channels ``given`` (CP, TILES, AREA), weighted by ``seen`` (TILES, AREA)."""
+    """Write each tile's sum of ``given`` (CP, TILES, AREA) over the pixels, weighted by ``seen`` (TILES, AREA)."""
     c = tl.arange(0, CP)[:, None]
     tl.store(out[None] + c, tl.sum(given * seen[None], axis=2), here[None] & (c < C))

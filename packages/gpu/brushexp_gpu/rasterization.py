@@ -1,4 +1,4 @@
-"""Paint a picture with Triton kernels, as `brushexp.compositing.rasterization` does with Numba's."""
+"""Paint a picture with Triton kernels, as `brushexp.compositing.rasterization` does with Numba kernels."""
 
 import torch
 import triton
@@ -16,7 +16,7 @@ ROWS = 64  # number of pairs of a stroke summed at once
 
 
 class TritonRasterization:
-    """Settings and lists of one pass; see `brushexp.compositing.rasterization.Rasterization`."""
+    """A picture's kernel settings and tile lists, used like `brushexp.compositing.rasterization.Rasterization`."""
 
     errors: Tensor
 
@@ -34,7 +34,7 @@ class TritonRasterization:
         self._kind = {"C": channels, "CP": triton.next_power_of_2(channels), "TILES": TILES, "num_warps": min(TILES, 8)}
 
     def paint(self, target: Tensor | None, *, keep: bool) -> Tensor:
-        """Paint a picture (C, H, W); ``keep`` the state that `gradient` or `importance` needs."""
+        """Paint a picture (C, H, W); with ``keep``, store the state that `gradient` and `importance` need."""
         lists, like, tiles = self.lists, self._strokes, len(self.lists.first) - 1
         channels, room = len(self.background), len(lists.stroke)
         image, used = like.new_empty((channels, *self.size)), torch.empty_like(lists.first[1:], dtype=torch.int32)
@@ -58,11 +58,11 @@ class TritonRasterization:
         return image
 
     def gradient(self, grad_image: Tensor) -> tuple[Tensor, ...]:
-        """Compute the gradient of the strokes' numbers from the gradient of the picture (C, H, W)."""
+        """Compute the gradient of the strokes' numbers from the picture's gradient (C, H, W)."""
         return (self._sums(self._run_back(grad_image, self._strokes.shape[1])),)
 
     def importance(self, target: Tensor, weight: Tensor) -> Tensor:
-        """Compute the increase (N,) in the squared error, weighted by (H, W), when each stroke is removed."""
+        """Compute the increase (N,) in the squared error, with pixel weights (H, W), when each stroke is removed."""
         error = self.paint(None, keep=True) - target
         return self._sums(self._run_back(torch.cat([error, weight[None]]), 1, weighs=True))[:, 0]
 
@@ -77,7 +77,7 @@ class TritonRasterization:
         return pairs
 
     def _sums(self, pairs: Tensor) -> Tensor:
-        """Sum the rows (pairs, C) of each stroke into (N, C)."""
+        """Sum each stroke's rows in ``pairs`` (pairs, C), and return the sums (N, C)."""
         columns = pairs.shape[1]
         sums = pairs.new_zeros((len(self._strokes), columns))
         width = triton.next_power_of_2(columns)
@@ -85,7 +85,7 @@ class TritonRasterization:
         return sums
 
     def _sizes(self) -> tuple[int, ...]:
-        """Return the arguments that kernels are not specialised for; see `passes.SIZES`."""
+        """Return the kernel arguments listed in `passes.SIZES`, for which kernels are not specialised."""
         return len(self.lists.first) - 1, self.lists.shape[1], *self.size, self._strokes.shape[1]
 
     def _programs(self, parts: int) -> int:

@@ -1,4 +1,4 @@
-"""Coverage of strokes with textures: this package's version of `brushexp.compositing.textured_profile`."""
+"""Coverage of textured strokes, as in `brushexp.compositing.textured_profile`, for Triton kernels."""
 # mypy: allow-untyped-defs
 
 import triton.language as tl
@@ -18,13 +18,13 @@ FRAME = tl.constexpr(9)  # numbers per stroke frame
 
 @inline
 def _size(fx, fy, bx, by):
-    """Compute a curve's squared size: the squares of the half velocities at both ends."""
+    """Compute a curve's squared size, the sum of the squared half velocities at both ends."""
     return fx * fx + fy * fy + (fx + bx) * (fx + bx) + (fy + by) * (fy + by)
 
 
 @inline
 def _direction(t, sx, sy, fx, fy, bx, by, x, y):
-    """Return curve-to-pixel vectors, velocity, its square, whether it moves, unit tangent, 1 / unnormalised length.
+    """Return curve-to-pixel vector, half velocity, its square, whether it moves, unit tangent, 1 / unnormalised length.
 
     Where the velocity is 0, the tangent is perpendicular to the offset; see `brushexp.compositing.frame`.
     """
@@ -45,7 +45,7 @@ def _load_frame(frames, i, k: tl.constexpr, here):
 
 @inline
 def _place(t, sx, sy, fx, fy, bx, by, x, y, frames, i, scale, here):
-    """Return texture coordinates (column and row, in texels), and the numbers of columns and rows (TILES, 1)."""
+    """Return texture coordinates, as column and row in texels, and the texture's columns and rows (TILES, 1)."""
     wx, wy, _, _, _, _, tx, ty, _ = _direction(t, sx, sy, fx, fy, bx, by, x, y)
     rows, columns = _load_frame(frames, i, 0, here), _load_frame(frames, i, 1, here)
     origin, body = _load_frame(frames, i, 2, here), _load_frame(frames, i, 3, here)
@@ -66,7 +66,7 @@ def _corner(word, k: tl.constexpr):
 
 @inline
 def _mix(word, x, y):
-    """Interpolate bilinearly between the four bytes of a word; return the value and its slopes along x and y."""
+    """Interpolate bilinearly between a word's four bytes, and return the value and its slopes along x and y."""
     a, b, c, d = _corner(word, 0), _corner(word, 1), _corner(word, 2), _corner(word, 3)
     twist = a - b - c + d
     along_y = c - a + x * twist
@@ -75,7 +75,7 @@ def _mix(word, x, y):
 
 @inline
 def look_up(t, sx, sy, fx, fy, bx, by, x, y, begin, cells, frames, i, scale, here):
-    """Return opacity in 255ths, its slopes along columns and rows, and tone and its slopes in steps of 1 / 127."""
+    """Look up opacity in 255ths and tone in [-1, 1], each followed by its slopes along columns and rows."""
     u, v, columns, rows = _place(t, sx, sy, fx, fy, bx, by, x, y, frames, i, scale, here)
     column, row = tl.minimum(u.to(tl.int32), columns.to(tl.int32)), tl.minimum(v.to(tl.int32), rows.to(tl.int32))
     u, v = u - column.to(tl.float32), v - row.to(tl.float32)
@@ -88,7 +88,7 @@ def look_up(t, sx, sy, fx, fy, bx, by, x, y, begin, cells, frames, i, scale, her
 
 @inline
 def textured_pull(out, gu, gv, t, sx, sy, fx, fy, bx, by, x, y, frames, i, half, scale, here):
-    """Write the gradient of curve and scale to ``out`` + 0 to 8, except 7, given that of the texture coordinates."""
+    """Write the gradient of curve and scale to ``out`` + 0 to 6 and 8, given that of the texture coordinates."""
     wx, wy, dx, dy, speed, moves, tx, ty, one = _direction(t, sx, sy, fx, fy, bx, by, x, y)
     size, beside = _size(fx, fy, bx, by), (t > 0.0) & (t < 1.0)
     along, across = tl.where(beside, 0.0, tx * wx + ty * wy), tx * wy - ty * wx

@@ -1,4 +1,4 @@
-"""A kernel that only searches for nearest points."""
+"""A kernel that only finds nearest points."""
 
 import torch
 import triton
@@ -21,7 +21,7 @@ def seek_kernel(curve, part, corners, found, n, TILES: tl.constexpr):
 
 
 def nearest_points(curve, reach, corners):
-    """Find the parameters (n, 64) of the points on curve k nearest to the pixels of the tile at corner k."""
+    """Find, for each curve, the parameters (n, 64) of its points nearest to the pixels of the tile at its corner."""
     n = len(curve)
     one = torch.ones(n, dtype=torch.int32, device=curve.device)
     order, space = torch.arange(n, device=curve.device), torch.arange(n + 1, device=curve.device)

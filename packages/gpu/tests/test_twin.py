@@ -1,4 +1,4 @@
-"""`blend.kernel=triton` agrees with the CPU's kernels; it is interpreted if there is no CUDA device."""
+"""Test that `blend.kernel=triton`, interpreted if there is no CUDA device, agrees with the CPU kernels."""
 
 import os
 import subprocess
@@ -45,14 +45,14 @@ OURS = ("plain", "tapered", "textured")  # kinds of layers that have kernels
 
 
 def moved(value, device=DEVICE):
-    """Copy a value differentiably to another device; return the copy and its leaves."""
+    """Copy a tensor, or all tensors in a dataclass, differentiably to another device."""
     if is_dataclass(value):
         return replace(value, **{f.name: moved(getattr(value, f.name), device) for f in fields(value) if f.init})
     return value.to(device) if isinstance(value, torch.Tensor) else value
 
 
 class Twin:
-    """Run the blend on values that lie on the CPU."""
+    """Run the Triton blend on values in CPU memory."""
 
     def __init__(self, **options):
         self.blend = Tiled(kernel="triton", **options)
@@ -106,7 +106,7 @@ def test_edges_of_any_width_agree_and_what_is_skipped_cannot_be_seen(monkeypatch
 
 @pytest.mark.parametrize("kind", ["plain", "textured"])
 def test_a_pile_of_several_chunks_has_the_same_bits_however_many_tiles_are_interpreted_at_once(kind, monkeypatch):
-    """The last stroke of a chunk is opaque; the colour behind it, from the next chunk, must still be computed."""
+    """The last stroke of a chunk is opaque, but the colour behind it, from the next chunk, must still be computed."""
     shorten_chunks(monkeypatch)
     pile = random_strokes(15, (8, 9), seed=3, bend=0.05, width=(0.3, 1.0))
     pile = replace(pile, opacity=torch.where(torch.arange(15) % 4 == 3, 1.0, 0.2 * pile.opacity))

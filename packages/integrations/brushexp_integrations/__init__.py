@@ -1,1 +1,1 @@
-"""Connect runs to experiment trackers, Lightning's callbacks, clusters and hyperparameter searches."""
+"""Connect runs to experiment trackers, Lightning callbacks, clusters and hyperparameter searches."""

@@ -1,4 +1,4 @@
-"""Publish Lightning's own callbacks by name, with Lightning's options."""
+"""Offer Lightning's own callbacks by name, with their options."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def lightning_callback(name: str, *args: Any, **options: Any) -> L.Callback:
-    """Make one of Lightning's callbacks, importing Lightning on demand because that takes seconds."""
+    """Make one of Lightning's callbacks; Lightning is imported only now, because importing it takes seconds."""
     return getattr(importlib.import_module("lightning.pytorch.callbacks"), name)(*args, **options)
 
 
@@ -36,7 +36,7 @@ class StopOnPlateau(Callback):
         monitor: name of the value in the curves: ``psnr`` in painting, ``validation/psnr_alpha`` in training.
         mode: direction of improvement: max or min.
         min_delta: smallest change that counts as an improvement.
-        patience: epochs without improvement before the end; in painting, an epoch is 100 steps.
+        patience: number of epochs without improvement before the fit ends; in painting, an epoch is 100 steps.
     """
 
     monitor: str = "psnr"
@@ -54,10 +54,10 @@ class BestCheckpoints(Callback):
     """Save Lightning checkpoints in the run's folder ``checkpoints`` (ModelCheckpoint).
 
     Args:
-        monitor: logged value that ranks the checkpoints; null keeps the last one, or all with save_top_k=-1.
+        monitor: logged value that ranks the checkpoints; null keeps the last checkpoint, or all with save_top_k=-1.
         mode: direction of improvement: max or min.
         save_top_k: number of checkpoints to keep; -1 = all.
-        every_n_train_steps: steps between two checkpoints.
+        every_n_train_steps: number of steps between checkpoints.
     """
 
     monitor: str | None = None

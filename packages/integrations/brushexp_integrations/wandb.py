@@ -37,15 +37,15 @@ ONE_SERVICE = ("https://api.wandb.ai", "https://api.forge.coreweave.com")  # one
 class WeightsAndBiases(Logger):
     """Log curves, pictures, a table and the catalogue to Weights & Biases; offline unless you are logged in.
 
-    Everything stays in the run's folder ``wandb``; ``wandb sync`` uploads offline runs later. Errors in wandb itself
+    All files are kept in the run's folder ``wandb``; ``wandb sync`` uploads offline runs later. Errors in wandb itself
     are reported to its developers only if WANDB_ERROR_REPORTING is set to true.
 
     Args:
-        project: project that collects the runs.
+        project: project to which the runs belong.
         entity: user or team that owns the project; null = the account's own.
         mode: mode of logging: auto (online if logged in by WANDB_API_KEY or ``wandb login``, otherwise offline, unless
             WANDB_MODE says otherwise), online, offline, or disabled (nothing is kept).
-        group: group that shows runs together; null = name of the sweep's folder.
+        group: group in which runs are shown together; null = name of the sweep's folder.
         tags: tags for finding runs.
     """
 
@@ -122,7 +122,7 @@ class WeightsAndBiases(Logger):
 
 
 def mode_of(mode: str) -> Any:
-    """Convert a mode to wandb's mode; None leaves the choice to WANDB_MODE."""
+    """Convert the option ``mode`` to wandb's mode; None leaves the choice to WANDB_MODE."""
     import wandb  # noqa: PLC0415
 
     if mode != "auto":
@@ -131,7 +131,7 @@ def mode_of(mode: str) -> Any:
 
 
 def is_logged_in() -> bool:
-    """Check, without network access, whether environment, settings or netrc file contain a wandb account."""
+    """Check, without network access, whether the environment, settings or netrc file contain wandb credentials."""
     import wandb  # noqa: PLC0415
     from requests.utils import get_netrc_auth  # noqa: PLC0415  (wandb needs it, too)
 

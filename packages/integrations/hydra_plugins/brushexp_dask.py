@@ -30,7 +30,7 @@ if find_spec("distributed"):  # installed with the extra `dask`
 
 
 class DaskLauncher(Launcher):
-    """Send jobs to workers with one thread each, because Hydra has one state per process."""
+    """Run jobs on workers with one thread each, because Hydra has one state per process."""
 
     def __init__(self, address: str | None, n_jobs: int) -> None:
         self.address, self.n_jobs = address, n_jobs

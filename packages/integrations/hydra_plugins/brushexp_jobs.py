@@ -1,4 +1,4 @@
-"""Functions shared by launchers that use several processes: number the jobs of a sweep, and run one job."""
+"""Number the jobs of a sweep and run one job, for launchers that use several processes."""
 
 import logging
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ log = logging.getLogger(__name__)
 
 
 def number_jobs(config: DictConfig, jobs: Sequence[Sequence[str]], first: int) -> dict[int, list[str]]:
-    """Log the jobs that a launcher starts, create the sweep's folder, and return the jobs by number."""
+    """Number and log the jobs that a launcher starts, create the sweep's folder, and return the jobs by number."""
     setup_globals()
     configure_log(config.hydra.hydra_logging, config.hydra.verbose)
     Path(config.hydra.sweep.dir).mkdir(parents=True, exist_ok=True)

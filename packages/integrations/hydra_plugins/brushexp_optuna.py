@@ -1,6 +1,6 @@
-"""Hydra sweeper ``optuna``: search for settings with hydra-optuna-sweeper, in the objective's direction.
+"""Hydra sweeper ``optuna``: search for settings with hydra-optuna-sweeper, in the direction that the objective needs.
 
-It replaces the original sweeper of this name, which would minimise PSNR, and it can continue studies.
+It replaces the original sweeper of this name, which would minimise PSNR by default, and can continue studies.
 """
 
 import logging
@@ -21,7 +21,7 @@ DIRECTIONS = {"higher": "maximize", "lower": "minimize"}  # better values of a m
 
 @dataclass
 class StudySweeperConf:
-    """Options of ``hydra/sweeper=optuna`` (`offer_sweepers`): those of the original, and ``resume``."""
+    """Options of ``hydra/sweeper=optuna`` (see `offer_sweepers`): the original sweeper's options, and ``resume``."""
 
     _target_: str = "hydra_plugins.brushexp_optuna.StudySweeper"
     defaults: list[Any] = field(default_factory=lambda: [{"sampler": "tpe"}])
@@ -46,7 +46,7 @@ def sweeper_config() -> type[StudySweeperConf] | None:
 
 
 class StudySweeper(Sweeper):
-    """Run Optuna's trials as jobs; a failed trial is marked as such, and the study continues."""
+    """Run Optuna's trials as jobs; a failed trial is recorded as failed, and the study continues."""
 
     config: Any  # Hydra's config, set by `setup`
 
@@ -68,7 +68,7 @@ class StudySweeper(Sweeper):
         self.study.setup(hydra_context=hydra_context, task_function=task_function, config=config)
 
     def sweep(self, arguments: list[str]) -> None:
-        """Check the corners of the search space, then run the trials that have not finished."""
+        """Check the ends of the search space, then run the remaining trials."""
         from brushexp.contracts import UserError  # noqa: PLC0415
         from brushexp.contracts.runs import (  # noqa: PLC0415
             begin_sweep,
@@ -93,7 +93,7 @@ class StudySweeper(Sweeper):
             renew_sweep_report(folder)
 
     def go_on(self, words: list[str]) -> None:
-        """Add the trials in the sweep's folder to the study, and first repeat the trials that were killed."""
+        """Add the finished trials in the sweep's folder to the study, and queue killed trials to be repeated first."""
         import optuna  # noqa: PLC0415
 
         from brushexp.contracts.results import has_ended, read_result, words_of  # noqa: PLC0415
@@ -118,7 +118,7 @@ class StudySweeper(Sweeper):
             self.study.sampler.reseed_rng()  # otherwise it would repeat its first proposals
 
     def open_study(self) -> Any:
-        """Create or load the Optuna study, and mark as failed the trials that the database lists as running."""
+        """Create or load the Optuna study, and mark trials as failed that the database still lists as running."""
         import optuna  # noqa: PLC0415
 
         name = self.study.study_name = self.options["study_name"]
@@ -132,7 +132,7 @@ class StudySweeper(Sweeper):
 
 
 def better_direction(objective: str | None, typed: str | None) -> str:
-    """Return ``maximize`` or ``minimize``: the metric's own direction or, for unknown metrics, the ``typed`` one."""
+    """Return ``maximize`` or ``minimize``: the metric's direction or, for unknown metrics, the value in ``typed``."""
     from brushexp.contracts import UserError  # noqa: PLC0415
     from brushexp.contracts.results import quantities  # noqa: PLC0415
 
@@ -152,7 +152,7 @@ def better_direction(objective: str | None, typed: str | None) -> str:
 
 
 def frozen_trial(result: dict[str, Any], values: dict[str, Any], space: dict[str, Any], objective: str) -> Any:
-    """Convert a finished trial to Optuna's record."""
+    """Convert a finished trial to an Optuna trial."""
     import optuna  # noqa: PLC0415
 
     from brushexp.contracts.results import objective_in  # noqa: PLC0415
@@ -164,14 +164,14 @@ def frozen_trial(result: dict[str, Any], values: dict[str, Any], space: dict[str
 
 
 def value_in(space: Any, typed: str) -> Any:
-    """Convert a job's argument to the value that Optuna proposed."""
+    """Convert the argument of a job to the value that Optuna proposed."""
     if hasattr(space, "choices"):
         return next(choice for choice in space.choices if str(choice) == typed)
     return int(typed) if type(space).__name__.startswith("Int") else float(typed)
 
 
 def ends_of(override: Override) -> list[str]:
-    """Return an override's values: all values of a choice, or the first and last of a range or interval."""
+    """Return all values of a choice, or the first and last value of a range or interval, from an override."""
     if not override.is_sweep_override():
         return [override.get_value_element_as_str()]
     sweep: Any = override.value()
@@ -183,7 +183,7 @@ def ends_of(override: Override) -> list[str]:
 
 
 def corner_jobs(ends: dict[str, list[str]]) -> list[list[str]]:
-    """List jobs in which each value of each key occurs, combined with the first values of the other keys."""
+    """List jobs that together try each value of each key, combined with the first values of all other keys."""
     first = {key: values[0] for key, values in ends.items()}
     jobs = [first] + [first | {key: value} for key, values in ends.items() for value in values[1:]]
     return [[f"{key}={value}" for key, value in job.items()] for job in jobs]

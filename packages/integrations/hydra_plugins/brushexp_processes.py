@@ -22,14 +22,14 @@ Pipe = connection.Connection
 
 @dataclass
 class ProcessesLauncherConf:
-    """Options of ``hydra/launcher=processes``, which ``jobs=`` chooses."""
+    """Options of ``hydra/launcher=processes``, the launcher that ``jobs=`` selects."""
 
     _target_: str = "hydra_plugins.brushexp_processes.ProcessesLauncher"
     n_jobs: int = -1  # number of concurrent jobs, which share the cores; -1 = one per core
 
 
 def works_here() -> bool:
-    """Check whether this process may be forked: libraries support forks only on Linux, and CUDA never does."""
+    """Check whether this process may be forked; libraries support forking only on Linux, and CUDA nowhere."""
     from brushexp.contracts.machine import device_of  # noqa: PLC0415  (torch)
 
     return sys.platform == "linux" and device_of("auto").type == "cpu"
@@ -42,7 +42,7 @@ if sys.platform == "linux":
 
 
 class ProcessesLauncher(Launcher):
-    """Run jobs like Hydra's joblib launcher, but load modules and kernels only once."""
+    """Run jobs in parallel, as Hydra's joblib launcher does, but load modules and kernels only once."""
 
     def __init__(self, n_jobs: int) -> None:
         self.n_jobs = n_jobs
@@ -54,7 +54,7 @@ class ProcessesLauncher(Launcher):
         torch.set_num_threads(1)  # a fork would wait forever for OpenMP's threads
 
     def launch(self, job_overrides: Sequence[Sequence[str]], initial_job_idx: int) -> Sequence[JobReturn]:
-        """Run all jobs and wait for them; a job that dies ends the sweep."""
+        """Run all jobs and wait for them; the sweep ends if a job's process dies."""
         from brushexp.contracts.machine import jobs_at_once  # noqa: PLC0415
 
         jobs = number_jobs(self.config, job_overrides, initial_job_idx)
@@ -87,7 +87,7 @@ class ProcessesLauncher(Launcher):
                 process.join()
 
     def _serve(self, pipe: Pipe, parent: int, of_parent: Sequence[Pipe]) -> None:
-        """Run jobs in a fork until no more arrive, or until the parent dies or closes its pipe."""
+        """Run jobs in a fork until no more are sent, or until the parent process dies or closes its pipe."""
         for other in of_parent:
             other.close()  # leaves the ends of other pipes to the parent alone
         os.setpgrp()  # lets Ctrl-C arrive only from the parent, not from the terminal
@@ -100,7 +100,7 @@ class ProcessesLauncher(Launcher):
 
 
 def _results(pipes: Sequence[Pipe], jobs: dict[int, list[str]]) -> dict[int, JobReturn]:
-    """Send a job to each process, and another whenever one ends; return the results by job number."""
+    """Send a job to each process, and the next job whenever a process is idle; return the results by job number."""
     from brushexp.contracts import UserError  # noqa: PLC0415
 
     queue, idle, at_work, results = list(jobs), list(pipes), dict[Pipe, int](), dict[int, JobReturn]()

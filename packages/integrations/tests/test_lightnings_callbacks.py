@@ -1,4 +1,4 @@
-"""Lightning's callbacks can be chosen by name."""
+"""Test that Lightning's callbacks can be chosen by name."""
 
 import pytest
 from brushexp_integrations import lightning_callbacks as lightning

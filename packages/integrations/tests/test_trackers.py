@@ -1,4 +1,4 @@
-"""Trackers receive the data of a run, and use the network only if asked."""
+"""Test that trackers receive a run's data, and use the network only if requested."""
 
 import io
 import json
@@ -28,7 +28,7 @@ PROXIES = ("http_proxy", "https_proxy", "all_proxy")
 
 @pytest.fixture(scope="module")
 def tracked(tmp_path_factory) -> SimpleNamespace:
-    """Run the only job of a sweep with every tracker; a proxy would catch all network traffic."""
+    """Run a sweep of one job with every tracker; a proxy detects any network traffic."""
     folder = tmp_path_factory.mktemp("tracked")
     (folder / "home").mkdir()
     rows, columns = np.mgrid[:40, :56]
@@ -54,7 +54,7 @@ def tracked(tmp_path_factory) -> SimpleNamespace:
 
 
 def records(path: Path) -> Iterator:
-    """Read a .wandb file, a LevelDB log: blocks of 32 KiB with pieces of messages."""
+    """Yield the records of a .wandb file, a LevelDB log whose blocks of 32 KiB contain pieces of messages."""
     from wandb.proto.wandb_internal_pb2 import Record  # noqa: PLC0415
 
     data, at, message = path.read_bytes(), 7, b""
@@ -150,7 +150,7 @@ def test_a_tracker_that_is_not_installed_is_refused_when_it_is_built(name, track
 
 
 class FakeWandb:
-    """Stand in for wandb while the network is down, and record how it is called."""
+    """A stand-in for wandb without a network, which records how it is called."""
 
     def __init__(self, **settings: object) -> None:
         self.__spec__ = self  # makes the package count as installed
@@ -179,7 +179,7 @@ class FakeWandb:
 
 @pytest.fixture
 def account(monkeypatch, tmp_path):
-    """Replace wandb with a fake; nobody is logged in."""
+    """Return a function that replaces wandb with a fake with the given settings; no user is logged in."""
     monkeypatch.setenv("NETRC", str(tmp_path / "netrc"))
 
     def known(**settings: object) -> FakeWandb:

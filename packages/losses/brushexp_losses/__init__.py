@@ -1,1 +1,1 @@
-"""Less common losses, and the networks of LPIPS."""
+"""Less common losses, and the networks for LPIPS."""

@@ -1,4 +1,4 @@
-"""Open LPIPS with its published weights, or the distance in the feature space of the bundled network."""
+"""Load LPIPS with its published weights, or the distance in the feature space of the bundled network."""
 
 from brushexp.contracts.pictures import Distance, bundled_distance, open_backbone, packaged_file, read_tensors
 
@@ -12,7 +12,7 @@ CALIBRATED = {
 
 
 def open_distance(backbone: str, weights: str | None, option: str = "loss.lpips.weights") -> Distance:
-    """Open a distance in a backbone's features, LPIPS if its weights are published; error messages name ``option``."""
+    """Load the bundled distance or, for other backbones, LPIPS with published weights; errors name ``option``."""
     if backbone == "effl0":
         return bundled_distance(weights, option)
     network = open_backbone(backbone, weights, option)

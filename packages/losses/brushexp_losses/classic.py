@@ -1,4 +1,4 @@
-"""AlexNet, SqueezeNet 1.1 and VGG16 in torchvision's layer numbering, with weights from the user's file."""
+"""AlexNet, SqueezeNet 1.1 and VGG16 with torchvision's layer numbering and weights from the user's file."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ VGG_DEPTHS = (2, 2, 3, 3, 3)  # convolutions per block
 
 
 class Fire(nn.Module):
-    """Squeeze to a few channels, then expand with two parallel convolutions."""
+    """SqueezeNet block that reduces the channels, then expands them with two parallel convolutions."""
 
     def __init__(self, before: int, inside: int, half: int) -> None:
         super().__init__()
@@ -55,7 +55,7 @@ def _vgg16() -> Iterator[nn.Module]:
 
 @dataclass(frozen=True)
 class Architecture:
-    """A network as a sequence of convolutions, rectifiers and poolings."""
+    """A network as a sequence of layers, with the names of its activations."""
 
     layers: Callable[[], Iterator[nn.Module]]
     taps: tuple[str, ...]  # names of the activations after rectifiers and "fire" modules

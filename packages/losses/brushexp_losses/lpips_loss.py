@@ -13,13 +13,15 @@ from brushexp_losses.calibrated import CALIBRATED, open_distance
 class Lpips(Loss):
     """LPIPS perceptual distance (Zhang et al.) between painting and target, in the feature space of a network.
 
-    Source: Zhang et al., 2018, arXiv:1801.03924. With alexnet, squeeze or vgg16 it uses the published weights and is
-    logged as lpips-alexnet and so on. Differs by default: ``effl0`` has one weight for all channels of an activation.
+    Source: Zhang et al., 2018, arXiv:1801.03924. With alexnet, squeeze or vgg16, the loss uses the published weights
+    and is logged as lpips-alexnet and so on. Unlike in the source, the default backbone ``effl0`` has one weight for
+    all channels of an activation.
 
     Args:
-        weight: factor in the sum of losses. With the default, the gradient in the picture is about as long as that of
-            ``mse`` for pictures of 256 pixels blurred by two; alexnet needs 0.0025 for that, squeeze 0.0015. Added
-            to ``mse``, it cost less than 0.1 dB of PSNR and reduced the distance by a fifth to a quarter.
+        weight: factor in the sum of losses. With the default, the gradient with respect to the picture has about the
+            same norm as that of ``mse``, for pictures of 256 pixels blurred by two; alexnet needs 0.0025 for this, and
+            squeeze 0.0015. Added to ``mse``, the default cost less than 0.1 dB of PSNR and reduced the distance by a
+            fifth to a quarter.
         backbone: feature network: effl0, or alexnet, squeeze or vgg16 (need ``weights``).
         weights: file with the network's features, under torchvision's names.
     """

@@ -9,12 +9,12 @@ from brushexp_losses.calibrated import CALIBRATED, open_distance
 
 @register("metric", "lpips")
 class OfficialLpips(Metric):
-    """LPIPS (Zhang et al., 2018) with its published weights, in a network whose features come from a file.
+    """LPIPS (Zhang et al., 2018) with its published weights, on the features of a network loaded from a file.
 
-    With ``effl0`` it equals ``perceptual``.
+    With the backbone ``effl0``, this metric equals ``perceptual``.
 
     Args:
-        option: key that sets the file, for error messages.
+        option: key that sets the file, to be named in error messages.
         backbone: feature network: effl0, or alexnet, squeeze or vgg16 (need ``weights``).
         weights: file with the network's features, under torchvision's names.
     """

@@ -1,4 +1,4 @@
-"""Optimal transport of colour as a loss."""
+"""Optimal transport between colour distributions as a loss."""
 
 import math
 from collections.abc import Sequence
@@ -19,25 +19,25 @@ MIN_EPSILON = 0.01  # lower bound of the blur, at which exp(-4 / epsilon) stays 
 
 @register("loss", "sinkhorn")
 class Sinkhorn(Loss):
-    """Sinkhorn divergence (optimal transport) between the colours and the target's; attracts strokes from far away.
+    """Sinkhorn divergence (optimal transport) between painting and target; attracts strokes from far away.
 
-    Each channel of the downsampled pictures is a mass on the pixel grid; moving it costs the squared distance, in
-    longer sides of the picture. The value is the debiased Sinkhorn divergence (Feydy et al., 2019, arXiv:1810.08278),
-    averaged over channels: 0 for equal pictures, otherwise positive. It compares the distribution of light, not its
-    amount, so combine it with ``mse``. It always covers the whole canvas, even in steps that compare only a part, and
-    ignores the focus.
+    Each channel of the downsampled pictures is a distribution of mass on the pixel grid; moving mass costs the squared
+    distance, in longer sides of the picture. The value is the debiased Sinkhorn divergence (Feydy et al., 2019,
+    arXiv:1810.08278), averaged over channels: 0 for equal pictures, otherwise positive. It compares the distribution of
+    light, not its amount, so combine it with ``mse``. It always covers the whole canvas, even in steps that compare
+    only a part of it, and ignores the focus.
 
-    Source: Zou et al., 2021 (Stylized Neural Painting, arXiv:2011.08114), who take one random channel per step and the
-    plain transport cost, which equal pictures do not minimise. Differs: all channels, the debiased cost, and a blur
-    that is halved until it reaches ``epsilon``.
+    Source: Zou et al., 2021 (Stylized Neural Painting, arXiv:2011.08114), who use one random channel per step and the
+    plain transport cost, which is not minimal for equal pictures. Unlike the source, this loss uses all channels, the
+    debiased cost, and a blur that is halved until it reaches ``epsilon``.
 
     Args:
-        weight: factor in the sum of losses. At 4, the gradient in the picture is as long as that of ``mse`` on a canvas
-            of the mean colour; where only details are missing, it is a hundred times shorter. Added to ``mse``, the
-            default changed the PSNR by 0.0 and +0.1 dB, a weight of 10 by -0.1 and -0.4 dB (two pictures).
+        weight: factor in the sum of losses. At 4, the gradient in the picture has the same norm as that of ``mse`` on a
+            canvas in the mean colour; where only details are missing, its norm is a hundred times smaller. Added to
+            ``mse``, the default changed the PSNR by 0.0 and +0.1 dB, a weight of 10 by -0.1 and -0.4 dB (two pictures).
         side: longer side in pixels to which pictures are downsampled by averaging; smaller pictures are unchanged.
         epsilon: blur of the transport, in squared longer sides, at least 0.01.
-        iterations: iterations with the final blur.
+        iterations: number of iterations with the final blur.
         floor: mass added to every pixel, so that black pictures have some.
     """
 
@@ -77,7 +77,7 @@ class Sinkhorn(Loss):
         return theirs, potentials(theirs.log()[None], [0], self.blurs)[0]
 
     def _downsampled(self, view: PaintedView) -> Tensor:
-        """Downsample the whole canvas to (3, h, w), differentiably in the part that the step compares."""
+        """Downsample the whole canvas to (3, h, w), with gradients for the part that the step compares."""
         around = view.surroundings
         if around is None:
             return downsample(at_least_single(view.image), self.side)
@@ -97,7 +97,7 @@ class Sinkhorn(Loss):
 
 
 def pooling_weights(first: int, count: int, side: int, small: int) -> Tensor:
-    """Compute the weights (count, small) of ``count`` pixels from ``first`` in each of ``small`` means along a side."""
+    """Compute the weights (count, small) with which pixels from ``first`` on enter ``small`` means along a side."""
     pixels = functional.pad(torch.eye(count, dtype=torch.float64), (first, side - first - count))
     return functional.adaptive_avg_pool1d(pixels, small)
 
@@ -111,8 +111,9 @@ def masses(small: Tensor, floor: float) -> Tensor:
 def potentials(scores: Tensor, partners: Sequence[int], blurs: Sequence[float]) -> Tensor:
     """Compute K potentials (K, C, h, w) by the symmetric updates of Feydy et al. (2019).
 
-    ``scores`` are the logarithms of the opposite masses, ``partners`` the indices of the opposite potentials. Updates
-    are averaged with the previous potential, except the first and a final extra one with the last blur.
+    ``scores`` are the logarithms of the opposite masses, and ``partners`` the indices of the opposite potentials. Each
+    update is averaged with the previous potential, except the first update and an extra final update with the last
+    blur.
     """
     potential = torch.zeros_like(scores)
     for number, blur in enumerate([*blurs, blurs[-1]]):
@@ -122,10 +123,10 @@ def potentials(scores: Tensor, partners: Sequence[int], blurs: Sequence[float]) 
 
 
 def soft_minimum(scores: Tensor, blur: float) -> Tensor:
-    """Compute -blur log sum_j exp(score_j - cost_ij / blur) at each place i of a grid; scores (K, C, h, w).
+    """Compute -blur log sum_j exp(score_j - cost_ij / blur) at each grid point i, for scores (K, C, h, w).
 
-    After subtracting the largest score, no relevant exponential underflows in double precision: scores differ by at
-    most 2 / blur + log(1 / floor + 1), and costs by at most 2 / blur. The kernel is separable.
+    The largest score is subtracted first, so that no relevant exponential underflows in double precision: scores differ
+    by at most 2 / blur + log(1 / floor + 1), and costs by at most 2 / blur. The kernel is separable.
     """
     height, width = scores.shape[-2:]
     places = [torch.arange(n, dtype=scores.dtype, device=scores.device) / max(height, width) for n in (height, width)]

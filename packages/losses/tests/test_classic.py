@@ -1,4 +1,4 @@
-"""Networks with weights from a user's file equal those of torchvision, and other files are refused."""
+"""Test that networks with weights from a user's file give torchvision's results, and that other files are rejected."""
 
 import pytest
 import torch

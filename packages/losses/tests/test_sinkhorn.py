@@ -1,4 +1,4 @@
-"""The transport loss agrees with dense matrices, is finite at extremes, and pulls strokes where pixel losses cannot."""
+"""Test that the transport loss agrees with dense matrices, is finite, and moves strokes where pixel losses cannot."""
 
 import pytest
 import torch
@@ -89,7 +89,7 @@ def test_a_part_is_looked_at_in_the_whole_canvas(size, monkeypatch):
 
 
 def disc(row: Tensor, column: Tensor) -> Tensor:
-    """Draw a soft bright disc on black, 48 x 64."""
+    """Draw a bright disc with soft edges on black, 48 x 64 pixels."""
     rows, columns = torch.meshgrid(torch.arange(48.0), torch.arange(64.0), indexing="ij")
     distance = (rows - row) ** 2 + (columns - column) ** 2
     return torch.sigmoid(4 - distance.add(1e-6).sqrt()).expand(3, -1, -1)

@@ -1,1 +1,1 @@
-"""Media for looks such as ``look=watercolour``: papers, palettes, brush and chalk marks, dots and drawn lines."""
+"""Media for looks such as ``look=watercolour``: papers, palettes, marks of brushes and chalk, dots and drawn lines."""

@@ -1,4 +1,4 @@
-"""Mean squared error of blurred pictures."""
+"""Mean squared error between blurred pictures."""
 
 import math
 from typing import Annotated
@@ -12,13 +12,13 @@ from brushexp_media.picture.smoothing import gaussian_blur
 
 @register("loss", "blurred")
 class Blurred(Loss):
-    """Mean squared difference between the painting and its target, both blurred as if seen from afar.
+    """Mean squared difference between painting and target, both blurred as if seen from afar.
 
-    Detail finer than the blur is unconstrained: only the mean of dots and lines has to match the picture, as the eye
-    mixes them (optical mixture: Signac, "D'Eugène Delacroix au néo-impressionnisme", 1899).
+    Detail finer than the blur is unconstrained: only the mean of dots and lines has to match the picture, because the
+    eye mixes them (optical mixture: Signac, "D'Eugène Delacroix au néo-impressionnisme", 1899).
 
     Args:
-        sigma: standard deviation of the Gaussian in pixels of the picture.
+        sigma: standard deviation of the Gaussian, in pixels.
     """
 
     cost = "not measured"

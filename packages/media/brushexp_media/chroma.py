@@ -1,4 +1,4 @@
-"""Penalise strokes in impure colours."""
+"""Penalise strokes with impure colours."""
 
 from typing import Annotated
 
@@ -11,13 +11,13 @@ from brushexp.contracts.strokes import at_least_single
 
 @register("loss", "chroma")
 class Chroma(Loss):
-    """Mean of max(0, least - C)^2 over the strokes, where C is the range of a colour's RGB values; avoids grey paint.
+    """Mean of max(0, least - C)^2 over all strokes, where C is the range of a colour's RGB values; avoids grey paint.
 
-    Together with `blurred`, neighbouring strokes reproduce a less pure colour by different hues whose mean is that
-    colour.
+    In combination with `blurred`, neighbouring strokes reproduce a less pure colour by different hues that average to
+    it.
 
     Args:
-        least: chroma above which a colour counts as pure, 0 to 1.
+        least: chroma from which a colour counts as pure, 0 to 1.
     """
 
     weight = 0.02

@@ -1,4 +1,4 @@
-"""Draw strokes with the marks of chalk, brushes, palette knives, washes and dabs, from formulas and scanned strokes."""
+"""Draw strokes with the marks of chalk, brushes, palette knives, washes and dabs, based on formulas and scans."""
 
 from functools import lru_cache
 from typing import Annotated
@@ -35,10 +35,10 @@ KINDS = ("chalk", "flat", "loaded", "knife", "wash", "dab")
 
 @register("renderer", "marks")
 class Marks(Renderer):
-    """Bezier stroke with the mark of a tool: chalk, a flat or a loaded brush, a palette knife, a wash, a dab.
+    """Bezier stroke with the mark of a tool: chalk, a flat or loaded brush, a palette knife, a wash or a dab.
 
-    Textures are deterministic, and nothing is trained. Textures of brushes and knives have the outlines and the dry
-    ends of scanned strokes, filled in by formulas. A stroke has a dry end only if it is more than five widths long.
+    Textures are deterministic and need no training. Textures of brushes and knives have the outlines and dry ends of
+    scanned strokes, and are filled in by formulas. A stroke has a dry end only if it is more than five widths long.
 
     Args:
         kind: chalk, flat, loaded, knife, wash or dab.
@@ -80,7 +80,7 @@ def _sheets(kind: str, device: torch.device) -> Sheets:
 
 
 def _grid() -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Return, for each texel: offset across, distance from the nearer end, t, and offset along, all in half widths."""
+    """Return each texel's offset across, distance beyond the ends, t, and offset along; lengths are in half widths."""
     across, t, before, beyond = (part[1:-1].double() for part in coordinates_of(ROWS, COLUMNS))
     outside = (beyond - before)[None].expand(ROWS, -1)  # beyond the ends
     along = (LENGTH * t + before + beyond)[None].expand(ROWS, -1)
@@ -91,9 +91,9 @@ LENGTH = 5.0  # half widths: length of the stroke for which the grain is isotrop
 
 
 def chalk(variant: int) -> Tensor:
-    """Draw the side of a stick of chalk, broken by grain, most at its edges and ends; pressure varies between variants.
+    """Draw a mark of the side of a chalk stick, broken by grain, mainly at edges and ends; variants differ in pressure.
 
-    The last `RUBBED` variants are rubbed in by a finger: soft, and without grain.
+    The last `RUBBED` variants look rubbed in with a finger: they are soft and have no grain.
     """
     across, outside, t, along = _grid()
     if variant >= VARIANTS - RUBBED:
@@ -113,7 +113,7 @@ def chalk(variant: int) -> Tensor:
 
 @lru_cache(maxsize=1)
 def _scans() -> tuple[Tensor, Tensor]:
-    """Read the coverage (M, 1, rows, columns), 0 to 1, of scanned strokes with full ends and with dry ends."""
+    """Read the coverage (M, 1, rows, columns), 0 to 1, of scanned strokes: first with full ends, then with dry ends."""
     scans = torch.from_numpy(read_scans().copy()).double()[:, None] / 255
     inner = scans[:, 0, :, SCAN_COLUMNS // 4 : -SCAN_COLUMNS // 4]
     filled, end = inner.mean((1, 2)), inner[:, SCAN_ROWS // 2 :].mean((1, 2))
@@ -133,7 +133,7 @@ def _scan(variant: int, seed: int) -> Tensor:
 
 
 def flat(variant: int) -> Tensor:
-    """Draw a flat brush full of body colour: even paint, with hair marks, within the outline of a scanned stroke."""
+    """Draw the mark of a flat brush with opaque paint: an even layer with hair marks in a scanned stroke's outline."""
     across, _, _, along = _grid()
     hairs = gradient_noise(along / 40, across / 0.13, 300 + variant)
     hairs = hairs + gradient_noise(along / 25, across / 0.3, 400 + variant)
@@ -143,7 +143,7 @@ def flat(variant: int) -> Tensor:
 
 
 def loaded(variant: int) -> Tensor:
-    """Draw a brush full of paste: a blunt start, a pointed end, a few furrows, and paint pushed aside."""
+    """Draw the mark of a brush with thick paint: a blunt start, a pointed end, furrows, and paint pushed aside."""
     across, outside, t, along = _grid()
     furrows = gradient_noise(along / 30, across / 0.34, 1000 + variant)
     furrows = furrows + 0.6 * gradient_noise(along / 14, across / 0.15, 1100 + variant)
@@ -157,7 +157,7 @@ def loaded(variant: int) -> Tensor:
 
 
 def knife(variant: int) -> Tensor:
-    """Draw a palette knife: a smooth slab, paint heaped on one side and where the blade lifts, and torn drags."""
+    """Draw the mark of a palette knife: smooth or torn, with paint heaped on one side and where the blade lifts off."""
     across, _, t, along = _grid()
     beyond = along - LENGTH
     drag = gradient_noise(along / 30, across / 0.6, 600 + variant)
@@ -177,7 +177,7 @@ def knife(variant: int) -> Tensor:
 
 
 def wash(variant: int) -> Tensor:
-    """Draw a loaded round brush on wet paper: a flat tint with a running edge and no height."""
+    """Draw the mark of a loaded round brush on wet paper: a flat tint with an irregular edge and no height."""
     across, outside, t, along = _grid()
     runs = 0.15 * fractal_noise(along / 1.1, across / 1.1, 800 + variant, 2)
     inside = 0.92 + runs - torch.hypot(across, outside)
@@ -185,7 +185,7 @@ def wash(variant: int) -> Tensor:
 
 
 def dab(variant: int) -> Tensor:
-    """Draw the dab of a brush tip: a soft, uneven spot, thickest where the brush lifted off."""
+    """Draw the mark of a dab with a brush tip: a soft, uneven spot, thickest where the brush lifts off."""
     across, outside, t, _ = _grid()
     along = 0.7 * t + outside  # a dab is hardly longer than wide
     uneven = 0.16 * fractal_noise(along / 1.5, across / 1.5, 900 + variant, 2)

@@ -1,4 +1,4 @@
-"""Palettes: map the tones and colours of a picture to those of a medium."""
+"""Palettes that map a picture's tones and colours to those of a medium."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,7 +17,7 @@ Array = np.ndarray
 
 
 def grouped(lightness: Array, values: int, blend: float) -> Array:
-    """Move lightness (0 to 100) towards the nearest of ``values`` even tones; ``blend`` 0 keeps it, 1 replaces it."""
+    """Move lightness, 0 to 100, towards the nearest of ``values`` evenly spaced tones, by the fraction ``blend``."""
     if values == 0:
         return lightness
     steps = lightness / 100 * values
@@ -26,10 +26,10 @@ def grouped(lightness: Array, values: int, blend: float) -> Array:
 
 
 def spread_out(lightness: Array, share: float) -> Array:
-    """Equalise lightness (0 to 100) until all tones are equally frequent; ``share`` 0 leaves it, 1 is full strength.
+    """Equalise lightness, 0 to 100, so that tones are more equally frequent; ``share`` is the strength, 0 to 1.
 
-    Source: contrast-limited histogram equalisation (Zuiderveld, 1994). Differs from the source: the histogram is that
-    of the whole picture.
+    Source: contrast-limited histogram equalisation (Zuiderveld, 1994). Unlike in the source, the histogram is computed
+    over the whole picture.
     """
     if share == 0:
         return lightness
@@ -41,17 +41,17 @@ def spread_out(lightness: Array, share: float) -> Array:
 
 
 def limited(chroma: Array, most: Array) -> Array:
-    """Compress chroma so that it stays below ``most``; chroma up to half of that is unchanged."""
+    """Compress chroma so that it stays below ``most``; chroma up to half of this limit is unchanged."""
     half = most.clip(1e-6) / 2
     bent: Array = np.minimum(chroma, half) + half * (1 - np.exp(-(chroma - half).clip(0) / half))
     return bent
 
 
 def harmonised(ab: Array, hues: int, share: float) -> Array:
-    """Shift a* and b* (H, W, 2) towards the nearest of ``hues`` colours, found by k-means; the chroma stays.
+    """Shift a* and b* (H, W, 2) towards the nearest of ``hues`` colours, found by k-means, and keep the chroma.
 
-    Colours far from all of these, such as small accents, keep their hue. Areas count by their square root, so that few
-    colours are far from all.
+    Colours that are far from all of these, such as small accents, keep their hue. k-means weights areas by their square
+    root, so that few colours are far from all.
     """
     cells = (ab.reshape(-1, 2) / BIN).round().astype(np.int64)
     lowest, sides = cells.min(0), np.ptp(cells, 0) + 1
@@ -72,26 +72,26 @@ def harmonised(ab: Array, hues: int, share: float) -> Array:
 @register("palette", "toned")
 @dataclass(kw_only=True, eq=False)
 class Toned(Palette):
-    """Maps lightness between two ends, scales chroma, groups values, flattens forms and draws outlines.
+    """Maps lightness to a range, scales chroma, groups values, flattens forms and draws outlines.
 
     Args:
-        dark: lightness (CIELAB L*) of black.
-        light: lightness of white.
-        white: L* of the picture above which the painting has ``light``; 100 for none.
-        spread: histogram equalisation of tones, with limited contrast, 0 (none) to 1 (full).
+        dark: lightness (CIELAB L*) to which black is mapped.
+        light: lightness to which white is mapped.
+        white: L* in the picture above which the painting has the lightness ``light``; 100 = none.
+        spread: strength of contrast-limited histogram equalisation of tones, 0 (none) to 1 (full).
         gamma: exponent of lightness: below 1 raises the middle tones, above 1 lowers them.
-        chroma: factor of chroma.
-        least_chroma: chroma towards which colours other than grey are raised; 0 for none.
-        most_chroma: upper limit of chroma, lower for the lightest colours unless they are yellow; 0 for none.
-        hues: number of colours, found in the picture, towards which hues are shifted; 0 for none.
-        harmony: pull of hues towards these colours, 0 to 1.
+        chroma: factor by which chroma is multiplied.
+        least_chroma: chroma towards which colours other than grey are raised; 0 = none.
+        most_chroma: upper limit of chroma, which is lower for the lightest colours unless they are yellow; 0 = none.
+        hues: number of colours, found in the picture, towards which hues are shifted; 0 = none.
+        harmony: strength with which hues are shifted towards these colours, 0 to 1.
         values: number of groups of lightness; 0 = not grouped.
-        grouping: pull of lightness towards its group, 0 to 1.
+        grouping: strength with which lightness is shifted towards its group, 0 to 1.
         flatness: flattening of forms by total variation, in proportion to the size of the picture; 0 = none.
-        irradiation: increase of the contrast of lightness with the surroundings, 0 to 2.
+        irradiation: increase in lightness contrast with the surroundings, 0 to 2.
         outlines: strength of outlines, 0 to 1.
-        night: share of their own lightness that dark areas of night scenes keep, 0 to 1.
-        warmth: shift of lights to yellow and darks to blue, in units of CIELAB.
+        night: extent to which dark areas of night scenes keep their own lightness, 0 to 1.
+        warmth: shift of lights towards yellow and darks towards blue, in CIELAB units.
     """
 
     dark: Annotated[float, between(0, 100)] = 0.0
@@ -146,10 +146,10 @@ class Toned(Palette):
 
 
 def green_tint(red: Array, chroma: Array, lightness: Array) -> Array:
-    """Compute how close colours are to white with a green tint, 0 to 1, from their a*, chroma and L*.
+    """Compute how close colours are to a greenish white, 0 to 1, from their a*, chroma and L*.
 
-    If such a tint became purer, teeth, eyes and linen would turn green. Faint warm and blue tints, as in clouds, are
-    harmless.
+    If the chroma of such colours were raised, teeth, eyes and linen would turn green. Faint warm and blue tints, such
+    as those of clouds, are harmless.
     """
     green = (-red / chroma.clip(1e-6)).clip(0, 1)
     light = ((lightness - TINTED[0]) / (TINTED[1] - TINTED[0])).clip(0, 1)
@@ -157,16 +157,16 @@ def green_tint(red: Array, chroma: Array, lightness: Array) -> Array:
 
 
 def share_of_night(own: float, toned: float) -> float:
-    """Compute the share of a picture's own lightness, 0 to 1, that a palette keeps so that night scenes stay dark.
+    """Compute the weight, 0 to 1, with which a palette keeps a picture's own lightness so that night scenes stay dark.
 
-    ``own`` and ``toned`` are the mean L* of the picture and of its tones in the palette.
+    ``own`` is the mean L* of the picture, and ``toned`` its mean L* after the palette's tone mapping.
     """
     allowed = NIGHT_LIFT + TWILIGHT_LIFT * max(own - NIGHT, 0.0)
     return 1 - min(1.0, allowed / max(toned - own, 1e-6))
 
 
 def share_of_dark(lightness: Array) -> Array:
-    """Compute the darkness of each pixel, 0 (lit) to 1, from its L*."""
+    """Compute each pixel's darkness, from 0 (lit) to 1 (dark), from its L*."""
     lit = ((lightness - LAMPLIGHT[0]) / (LAMPLIGHT[1] - LAMPLIGHT[0])).clip(0, 1)
     return 1 - lit * lit * (3 - 2 * lit)
 
@@ -198,7 +198,7 @@ OUTLINE = (18.0, 6.0, -28.0)  # L*, a*, b* of outlines: Prussian blue
 @register("palette", "picture")
 @dataclass(kw_only=True, eq=False)
 class OfPicture(Palette):
-    """Takes over the mean and covariance of another picture's colours.
+    """Gives the colours the mean and covariance of another picture's colours.
 
     Args:
         image: picture file, or the name of a sample.

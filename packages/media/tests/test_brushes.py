@@ -1,4 +1,4 @@
-"""Brush files of other programs are read, and their strokes keep thin starts and frayed ends at any length."""
+"""Test that brush files from other programs are read, and that strokes keep thin starts and frayed ends."""
 
 import io
 import struct
@@ -23,7 +23,7 @@ from brushexp.plugins.renderer.base import window_pictures
 
 
 def gbr(mask: np.ndarray, spacing: int = 20, depth: int = 1, version: int = 2) -> bytes:
-    """Write a brush as GIMP does; the mask is the alpha channel of a pixmap."""
+    """Encode a brush in GIMP's format; with a depth of 4, the mask is the alpha channel of a pixmap."""
     pixels = mask if depth == 1 else np.dstack([np.full((*mask.shape, 3), 90, np.uint8), mask])
     rest = b"GIMP" + struct.pack(">I", spacing) if version == 2 else b""
     head = struct.pack(">5I", 20 + len(rest) + 4, version, mask.shape[1], mask.shape[0], depth)
@@ -31,7 +31,7 @@ def gbr(mask: np.ndarray, spacing: int = 20, depth: int = 1, version: int = 2) -
 
 
 def wedge(height: int = 60, width: int = 400) -> np.ndarray:
-    """Draw the coverage of a stroke with a thin start, and a square end that lacks its lower hairs."""
+    """Draw the coverage of a stroke with a thin start and a square end without its lower hairs."""
     y, x = np.mgrid[-1 : 1 : 1j * height, 0 : 1 : 1j * width]
     return ((np.abs(y) <= np.minimum(1, 0.1 + 3 * x)) & (x < np.where(y > 0, 0.7, 1.1))).astype(np.float32)
 
@@ -44,7 +44,7 @@ DOT = (255 * (np.hypot(*np.mgrid[-1:1:16j, -1:1:16j]) < 0.9)).astype(np.uint8)
 
 
 def packed(row: bytes) -> bytes:
-    """Compress a row with PackBits: runs of one byte, and single literal bytes."""
+    """Compress a row with PackBits, using runs of equal bytes and single literal bytes."""
     parts, at = b"", 0
     while at < len(row):
         run = next((k for k in range(1, min(128, len(row) - at)) if row[at + k] != row[at]), min(128, len(row) - at))
@@ -54,7 +54,7 @@ def packed(row: bytes) -> bytes:
 
 
 def sampled(mask: np.ndarray, depth: int = 8, is_packed: bool = False, cut: int = 0) -> bytes:
-    """Write bounds, depth and pixels of a Photoshop brush; bounds do not begin at 0, and rows lack ``cut`` bytes."""
+    """Encode a Photoshop brush's bounds, which do not begin at 0, depth and pixels; packed rows lack ``cut`` bytes."""
     height, width = mask.shape
     pixels = mask if depth == 8 else (mask.astype(np.uint16) * 257).astype(">u2")
     rows = [packed(row.tobytes()) for row in pixels]
@@ -65,7 +65,7 @@ def sampled(mask: np.ndarray, depth: int = 8, is_packed: bool = False, cut: int 
 
 
 def old_abr(masks, version: int, spacing: int = 40, cut: int = 0) -> bytes:
-    """Write a brush set as Photoshop up to version 6 did; its first brush is a formula."""
+    """Encode a brush set as Photoshop up to version 6 did, with a formula as its first brush."""
     formula = struct.pack(">HI", 1, 14) + bytes(14)
     parts = [formula]
     for mask in masks:
@@ -77,7 +77,7 @@ def old_abr(masks, version: int, spacing: int = 40, cut: int = 0) -> bytes:
 
 
 def abr_in_sections(masks, magic: bytes = b"8BIM", minor: int = 2, version: int = 6, depth: int = 8) -> bytes:
-    """Write a brush set as Photoshop from version 7 does, with other sections before and after the brushes."""
+    """Encode a brush set as Photoshop does since version 7, with other sections before and after the brushes."""
     brushes = b""
     for k, mask in enumerate(masks):
         brush = bytes(37 + {1: 10, 2: 264}[minor]) + sampled(mask, depth, is_packed=bool(k % 2))

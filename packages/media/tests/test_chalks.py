@@ -1,4 +1,4 @@
-"""Pastels have masses at the bottom, hatchings and forms above them, and accents at edges."""
+"""Test that pastels have masses at the bottom, hatching and forms above them, and accents at edges."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ def of(init, target, n=300, focus=None, **options):
 
 
 def bar():
-    """Draw a grey picture with a black and a white bar."""
+    """Draw a grey picture with a black bar and a white bar."""
     target = torch.full((3, 120, 160), 0.5)
     target[:, 20:100, 40:50] = 0.05
     target[:, 20:100, 110:120] = 0.97

@@ -1,4 +1,4 @@
-"""Colour spaces composite paint in channels other than the picture's red, green and blue."""
+"""Test that colour spaces composite paint in channels other than the picture's red, green and blue."""
 
 from dataclasses import replace
 
@@ -32,7 +32,7 @@ AUTO = Tiled(opaque=0.0)  # PyTorch draws layers that have no kernel for many ch
 
 
 def decoded(space, channels):
-    """Decode the colours (n, 3) of channels (n, C)."""
+    """Decode channels (n, C) to colours (n, 3)."""
     return space.decode(channels.T[:, :, None])[:, :, 0].T
 
 

@@ -1,4 +1,4 @@
-"""Dots split the hues of a picture, and preserve its lightness and its mean."""
+"""Test that dots divide a picture's hues and preserve its lightness and mean colour."""
 
 import numpy as np
 import pytest

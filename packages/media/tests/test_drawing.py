@@ -1,4 +1,4 @@
-"""An ink drawing has single lines where they suffice, leaves a margin, and softens washes at soft forms."""
+"""Test that ink drawings use single lines where they suffice, leave a margin, and soften washes at soft forms."""
 
 import numpy as np
 import pytest

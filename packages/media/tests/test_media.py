@@ -1,4 +1,4 @@
-"""Looks resemble their media: white paper, visible ground, lines without greys, dots whose mean is the picture."""
+"""Test that looks resemble their media: paper stays white, ground shows, and dots average to the picture."""
 
 import math
 from dataclasses import replace
@@ -27,7 +27,7 @@ SIDE = 128
 
 @pytest.fixture(scope="module")
 def paintings():
-    """Paint a small picture with white, sky, darks and colours in the looks of the media."""
+    """Paint a small picture, with white, sky, dark and colourful areas, in the looks of all media."""
     y, x = np.mgrid[0:96, 0:SIDE] / SIDE
     picture = np.stack([0.45 + 0.3 * y, 0.62 + 0.1 * y, 0.85 - 0.2 * y], -1)
     picture[(x - 0.3) ** 2 + (y - 0.3) ** 2 < 0.02] = (0.97, 0.97, 0.95)
@@ -63,7 +63,7 @@ def test_watercolour_leaves_the_paper_white_where_the_picture_is(paintings):
 
 
 def ground_seen(painting) -> float:
-    """Measure the share of pixels that are mostly ground, which are lighter on white than on black."""
+    """Measure the fraction of pixels that are mostly ground, by comparing paintings on a white and a black ground."""
     job = replace(painting.finished.job, light=UNLIT)
     black, white = (
         replace(job, saved=replace(job.saved, background=torch.full((3,), b))).picture() for b in (0.0, 1.0)
@@ -128,7 +128,7 @@ def rows_of(target, n, **options):
 
 
 def slopes(strokes):
-    """Compute the angles of chords to the x axis, in radians in [-pi / 2, pi / 2]."""
+    """Compute the angles between visible strokes' chords and the x axis, in radians in [-pi / 2, pi / 2]."""
     along = strokes.end - strokes.start
     return torch.atan(along[:, 1] / along[:, 0])[strokes.opacity > 0]
 

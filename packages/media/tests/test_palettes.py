@@ -1,4 +1,4 @@
-"""Palettes give a picture the colours of a medium, and losses of dots reward the right hues and mean."""
+"""Test that palettes give a picture the colours of a medium, and that losses for dots reward pure hues and the mean."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Paint skips the requested share of a paper at any size, and every output of the painting shows the paper."""
+"""Test that paint skips the requested fraction of a paper at any size, and that every output file shows the paper."""
 
 import io
 from base64 import b64decode
@@ -26,7 +26,7 @@ WHITE = torch.ones(3)
 
 
 def covered(name: str, size: tuple[int, int], color: float = 0.2, **options):
-    """Paint an even coat on white paper."""
+    """Return the picture (3, H, W) of an even coat of paint on white paper."""
     return build_named("paper", name, options).cover(torch.full((3, *size), color), WHITE, Rows(0, size[0], size))
 
 
@@ -82,7 +82,7 @@ def test_pigment_gathers_on_the_dark_side_of_an_edge():
 
 
 def test_paper_is_what_strokes_that_skip_its_hollows_make(monkeypatch):
-    """The slow reference: each stroke skips the hollows and is composited onto the stroke below."""
+    """The slow reference makes each stroke skip the hollows, and composites it onto the strokes below."""
     monkeypatch.setattr(papers, "STEEP", 1e9)  # every pixel has either full paint or none
     job = job_on("cold_pressed", grain=40.0, tooth=0.3)
     rows, bare = Rows(0, job.size[0], job.size), torch.tensor([0.8, 0.7, 0.3])
@@ -185,7 +185,7 @@ def test_a_wash_is_warmer_here_and_cooler_there_and_bare_paper_is_white():
 
 
 def ground_through(color: float, ground: float, **options) -> torch.Tensor:
-    """Measure the visible share (H, W) of the ground under an even coat, 0 to 1."""
+    """Measure the fraction (H, W), 0 to 1, of the ground that is visible through an even coat of paint."""
     paper, rows = build_named("paper", "rough", {"grain": 8.0, **options}), Rows(0, 200, (200, 300))
     seen = paper.cover(torch.full((3, 200, 300), color), torch.full((3,), ground), rows)[0]
     return (seen - color) / (ground - color)

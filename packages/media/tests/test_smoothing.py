@@ -1,4 +1,4 @@
-"""Edges left by many strokes are smoothed along their direction, and stay as sharp as before."""
+"""Test that edges formed by many strokes are smoothed along their direction without becoming less sharp."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ from brushexp.registry import build_named
 
 
 def frayed(seed: int = 0, size: int = 80) -> Tensor:
-    """Draw a dark and a light half (3, size, size) whose edge shifts by a pixel every third row."""
+    """Draw a dark and a light half (3, size, size), separated by an edge that may shift by a pixel every third row."""
     steps = torch.randint(-1, 2, (size,), generator=torch.Generator().manual_seed(seed))
     steps = steps.repeat_interleave(3)[:size]
     dark = torch.arange(size)[None] < size // 2 + steps[:, None]

@@ -1,4 +1,4 @@
-"""Washes and accents fill shapes, follow paths only as far as a stroke can bend, and begin at rare tones."""
+"""Test that washes and accents fill shapes, follow paths only as far as strokes can bend, and begin at rare tones."""
 
 import numpy as np
 import pytest

@@ -1,1 +1,1 @@
-"""Published painters, as baselines."""
+"""Published painting methods, used as baselines."""

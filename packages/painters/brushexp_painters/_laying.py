@@ -15,12 +15,12 @@ Array = np.ndarray
 
 
 def portions(n: int) -> list[int]:
-    """List the numbers of strokes in at most `PORTIONS` states of a painting of n strokes."""
+    """List the stroke counts of up to `PORTIONS` states in which a painting of n strokes is yielded."""
     return sorted({n * k // PORTIONS for k in range(1, PORTIONS + 1)} - {0})
 
 
 def lay(strokes: Strokes) -> Iterator[PaintState]:
-    """Yield the states of a painting whose strokes are known in advance; one step is one stroke."""
+    """Yield the states of a painting whose strokes are known in advance; each stroke counts as one step."""
     for n in portions(len(strokes)):
         yield PaintState(strokes[:n], n, len(strokes))
 
@@ -37,5 +37,5 @@ def vectors(length: Array, angle: Array) -> Array:
 
 
 def numpy_generator(generator: torch.Generator) -> np.random.Generator:
-    """Seed a NumPy generator from a PyTorch one."""
+    """Create a NumPy generator that is seeded from a PyTorch generator."""
     return np.random.default_rng(int(torch.randint(2**62, (), generator=generator)))

@@ -35,7 +35,7 @@ class Genes:
         return Genes(*(getattr(self, gene.name)[index] for gene in fields(Genes)))
 
     def replace(self, index: Array, others: "Genes") -> "Genes":
-        """Return a copy with the genes at ``index`` replaced by others."""
+        """Return a copy in which ``others`` replace the genes at ``index``."""
         result = Genes(*(getattr(self, gene.name).copy() for gene in fields(Genes)))
         for gene in fields(Genes):
             getattr(result, gene.name)[index] = getattr(others, gene.name)
@@ -43,7 +43,7 @@ class Genes:
 
     @property
     def reach(self) -> Array:
-        """Distance (N,) from a stroke's middle to its farthest point."""
+        """Upper bound (N,) on the distance from a stroke's middle to its farthest point."""
         return np.hypot(*self.along.T) * np.hypot(1, self.bend) + self.half + MARGIN
 
     def strokes(self, opacity: float) -> Strokes:
@@ -59,19 +59,20 @@ class Genes:
 class Evolution(Painter):
     """A genetic algorithm that starts from random strokes; a child replaces its parent if it lowers the error.
 
-    Source: the genetic algorithms of section 5.3 of the thesis, in the manner of Collet et al., 2000 (Polar IFS +
-    Parisian Genetic Programming): the painting is the whole population, not one of its members. It is Haeberli's
-    relaxation (1990) with crossover. A child is its parent with some genes mutated or taken from another stroke, or a
-    new stroke on top where the error is large. The size of mutations follows the one-fifth rule (Rechenberg, 1973).
+    Source: the genetic algorithms in section 5.3 of the thesis, in the manner of Collet et al., 2000 (Polar IFS +
+    Parisian Genetic Programming): the painting is the whole population, not one of its members. This amounts to
+    Haeberli's relaxation (1990) with crossover. A child is its parent with some genes mutated or taken from another
+    stroke, or a new stroke on top where the error is large. The size of mutations follows the one-fifth rule
+    (Rechenberg, 1973).
 
-    Differs from the sources: the canvas is divided into cells whose size and position change with each generation. In
-    each cell, one of the strokes inside has a child, and all children are evaluated in one picture, cell by cell.
-    Initial colours are taken from the picture.
+    Unlike in the sources, the canvas is divided into cells whose size and position change with each generation. In each
+    cell, one of the strokes inside it has a child, and all children are evaluated in one picture, cell by cell. Initial
+    colours are taken from the picture.
 
     Args:
         children: number of children evaluated per stroke.
-        crossover: share of the children that inherit genes of another stroke.
-        renewal: share of the generations whose children are new strokes.
+        crossover: fraction of the children that inherit genes from another stroke.
+        renewal: fraction of the generations whose children are new strokes.
         opacity: opacity of the paint.
     """
 
@@ -110,7 +111,7 @@ class Evolution(Painter):
     def _children(
         self, genes: Genes, cells: "Cells", target: Array, canvas: Array, step: float, random: np.random.Generator
     ) -> tuple[Array, Genes, Array]:
-        """Choose parents, make a child of each in the same cell, and mark the children that are mutants."""
+        """Choose parents and make a child of each in the same cell; return both, and which children are mutants."""
         parents = cells.choose_one_each(genes, random)
         if random.random() < self.renewal:
             places = worst_places(target, canvas, random)
@@ -130,7 +131,7 @@ class Evolution(Painter):
 
 
 def vary(own: Genes, others: Genes, mutate: Array, step: float, random: np.random.Generator) -> Genes:
-    """Change half of each stroke's genes: at random where ``mutate`` (n,) is true, otherwise to genes of ``others``."""
+    """Change each gene with probability 1/2: at random where ``mutate`` (n,) is true, else to the one in ``others``."""
     n, length = len(mutate), np.hypot(*own.along.T) + own.half
     sizes = {"middle": length, "along": length, "bend": np.ones(n), "half": 0.5 * length, "color": np.full(n, 0.5)}
     genes = {}
@@ -155,7 +156,7 @@ def initial_genes(request: PaintRequest, target: Array, random: np.random.Genera
 
 
 def random_genes(middle: Array, length: Array, target: Array, depth: Array, random: np.random.Generator) -> Genes:
-    """Sample strokes with half-lengths (n,) at positions (n, 2), in the target's colours and random directions."""
+    """Sample strokes at positions (n, 2) with half-lengths (n,), the target's colours and random directions."""
     n = len(length)
     along = vectors(length, random.uniform(0, np.pi, n))
     half = (length * random.uniform(0.2, 0.7, n)).clip(LEAST_HALF, None)
@@ -164,7 +165,7 @@ def random_genes(middle: Array, length: Array, target: Array, depth: Array, rand
 
 
 class Cells:
-    """A grid of square cells, of random size and offset, that covers more than the canvas."""
+    """A grid of square cells, with random size and offset, that extends beyond the canvas."""
 
     def __init__(self, size: tuple[int, int], genes: Genes, random: np.random.Generator) -> None:
         height, width = size
@@ -175,7 +176,7 @@ class Cells:
         self.of_pixels = self.of(np.stack([x, y], 2))  # (H, W)
 
     def of(self, place: Array) -> Array:
-        """Return the cell index (...) of each position (..., 2); positions far off the canvas are in border cells."""
+        """Return the cell index (...) of each position (..., 2); positions far off canvas belong to border cells."""
         index = ((place + self.shift) / self.side).clip(0, self.columns - 1).astype(int)
         return index[..., 1] * self.columns + index[..., 0]
 
@@ -185,10 +186,10 @@ class Cells:
         return np.minimum(inside, self.side - inside).min(1)
 
     def errors(self, difference: Array) -> Array:
-        """Sum a picture's squared values (H, W, 3) in each cell."""
+        """Sum the squared values of a difference picture (H, W, 3) in each cell."""
         return np.bincount(self.of_pixels.ravel(), np.square(difference).sum(2).ravel(), self.columns**2)
 
     def choose_one_each(self, genes: Genes, random: np.random.Generator) -> Array:
-        """Choose one random stroke among those wholly within each cell, if any; return the indices."""
+        """Choose one random stroke from those completely inside each cell, if there are any; return the indices."""
         index = random.permutation(np.flatnonzero(self.room(genes.middle) >= genes.reach))
         return index[np.unique(self.of(genes.middle[index]), return_index=True)[1]]

@@ -18,24 +18,24 @@ from brushexp_painters._laying import PORTIONS, strokes_from_arrays
 @register("painter", "gatys")
 @dataclass(kw_only=True)
 class Gatys(Painter):
-    """Style transfer on a lattice of dots, whose colours are optimised for the features of the picture and of a style.
+    """Style transfer on a lattice of dots, whose colours are optimised to match features of the picture and of a style.
 
     Source: Gatys et al., 2016 (Image Style Transfer Using Convolutional Neural Networks). Gradient descent changes the
     colours of pixels to match the picture's features and the Gram matrices of the style's features.
 
-    Differs from the paper: each pixel is a dot with the soft edge of ``renderer``, so that canvas, catalogue and
-    exports contain it; `pixels_per_stroke=1` makes one dot per pixel, other values make larger dots, one per cell. The
-    descent starts from the picture, not from noise, because the small bundled network does not recover colours from
-    noise (`backbone=vgg16 weights=...` is closer to the paper). It uses Adam, not L-BFGS. Without a style, the picture
-    hardly changes.
+    Unlike in the paper, each pixel is a dot with the soft edge of ``renderer``, so that canvas, catalogue and exports
+    contain it; `pixels_per_stroke=1` makes one dot per pixel, and other values make larger dots, one per cell. The
+    descent starts from the picture instead of noise, because the small bundled network does not recover colours from
+    noise (`backbone=vgg16 weights=...` is closer to the paper), and uses Adam instead of L-BFGS. Without a style, the
+    picture hardly changes.
 
     Args:
         style: painting whose style is transferred; null = the picture's own statistics.
-        start: start of the descent: picture or noise.
+        start: picture from which the descent starts: picture or noise.
         steps: number of Adam steps.
         lr: learning rate of the colours.
-        content: weight of the picture's features.
-        style_weight: weight of the Gram matrices.
+        content: weight of the loss on the picture's features.
+        style_weight: weight of the loss on Gram matrices.
         backbone: feature network.
         weights: file with the network's weights; null = the weights in its package.
     """

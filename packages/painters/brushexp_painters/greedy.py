@@ -1,4 +1,4 @@
-"""The painter ``greedy``: one stroke after another, each the best of many candidates."""
+"""The painter ``greedy``: add strokes one by one, each the best of many candidates."""
 # mypy: allow-untyped-defs
 
 from collections.abc import Iterator
@@ -27,18 +27,18 @@ STEP_SIZE = 0.3  # size of the first mutations, in stroke lengths
 class Greedy(Painter):
     """A greedy search: each stroke is the best of random candidates, refined by hill climbing, in its optimal colour.
 
-    Source: Fogleman, 2016 (primitive), after the trial and error of Haeberli (1990) and the evolutionary painters cited
-    in the thesis. Each candidate gets the colour that minimises the squared error over the paint below, in closed form;
-    the stroke that lowers the error most is kept and never changed again.
+    Source: Fogleman, 2016 (primitive), which follows Haeberli's trial and error (1990) and the evolutionary painters
+    cited in the thesis. Each candidate gets the colour that minimises the squared error over the paint below, in closed
+    form; the stroke that lowers the error most is kept and never changed again.
 
-    Differs from the source: shapes are strokes; candidates are sampled in proportion to the error, not uniformly;
-    several mutations are tried at a time, and they shrink from round to round; and errors are measured at about 400
-    pixels per stroke. The search assumes plain strokes, even with other renderers.
+    Unlike in the source, shapes are strokes; candidates are sampled in proportion to the error, not uniformly; several
+    mutations are tried at a time, and become smaller from round to round; and errors are measured at about 400 pixels
+    per stroke. The search assumes plain strokes, even with other renderers.
 
     Args:
-        candidates: random candidates per stroke.
-        climbs: rounds of hill climbing per stroke.
-        mutations: mutations of the best stroke tried per round.
+        candidates: number of random candidates per stroke.
+        climbs: number of hill-climbing rounds per stroke.
+        mutations: number of mutations of the best stroke tried per round.
         opacity: opacity of the paint.
     """
 
@@ -71,7 +71,7 @@ class Greedy(Painter):
     def _best(
         self, target: Array, canvas: Array, places: Array, lengths: tuple[float, float], random: np.random.Generator
     ) -> tuple[Array, Array]:
-        """Find the stroke that lowers the error most: its points and half-thickness (7,), and its colour (3,)."""
+        """Find the stroke that lowers the error most; return its points and half-thickness (7,) and its colour (3,)."""
 
         def best_of(strokes: Array) -> tuple[Array, Array, float]:
             gain, color = np.zeros(len(strokes)), np.zeros((len(strokes), 3), np.float32)
@@ -113,7 +113,7 @@ def worst_places(target: Array, canvas: Array, random: np.random.Generator) -> A
 
 @inline
 def _coverage(x, y, curve, half):
-    """Compute a stroke's coverage of the pixel at (x, y) from its distance to the curve; edges are one pixel wide."""
+    """Compute a stroke's coverage at (x, y) from the distance to its curve; edges are one pixel wide."""
     nearest = np.float32(1e12)
     ax, ay = curve[0], curve[1]
     for piece in range(1, PIECES + 1):
@@ -141,10 +141,10 @@ def _box(curve, half, height, width):
 
 @function
 def judge_strokes(begin, end, target, canvas, strokes, opacity, gain, color):
-    """Compute how much each of the strokes (K, 7) reduces the squared error of a canvas (H, W, 3), and its colour.
+    """Compute the best colour of each of K strokes (K, 7), and how much it reduces the error of a canvas (H, W, 3).
 
-    With coverage a, canvas v and r = target - (1 - a) v, the error is the sum of (a c - r)^2; the minimum is at
-    c = sum ar / sum aa.
+    With coverage a, canvas v, colour c and r = target - (1 - a) v, the squared error is the sum of (a c - r)^2, which
+    is smallest for c = sum ar / sum aa.
     """
     height, width = target.shape[0], target.shape[1]
     for k in range(begin, end):

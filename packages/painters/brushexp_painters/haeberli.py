@@ -21,7 +21,7 @@ class Haeberli(Painter):
     Source: Haeberli, 1990 (Paint by Numbers: Abstract Image Representations). A stroke takes its colour from the
     picture, and its direction is normal to the picture's gradient.
 
-    Differs from the paper: positions and sizes are not chosen by a person. Positions are sampled, and the brush gets
+    Unlike in the paper, positions and sizes are not chosen by a person: positions are sampled, and the brush becomes
     finer from the first stroke to the last. Directions come from the structure tensor, in which gradients of opposite
     signs do not cancel. Haeberli's relaxation of a fixed set of strokes is not included.
 
@@ -30,7 +30,7 @@ class Haeberli(Painter):
         largest: thickness of the first strokes, in stroke spacings.
         smallest: thickness of the last strokes, in stroke spacings.
         length: length of a stroke, in units of its thickness.
-        stray: standard deviation of a stroke's direction from the picture's, in degrees.
+        stray: standard deviation of the angle between a stroke's direction and the picture's, in degrees.
         opacity: opacity of the paint, 0 to 1.
     """
 

@@ -1,4 +1,4 @@
-"""The painter ``hertzmann``: curved strokes in layers, from a large to a small brush."""
+"""The painter ``hertzmann``: curved strokes in layers, from the largest to the smallest brush."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -20,19 +20,19 @@ FLAT = 1e-9  # luminance gradient below which there is no direction
 @register("painter", "hertzmann")
 @dataclass(kw_only=True)
 class Hertzmann(Painter):
-    """Long curved strokes in layers: a large brush everywhere, then smaller ones where the canvas still differs.
+    """Long curved strokes in layers: a large brush everywhere, then smaller brushes where the canvas still differs.
 
     Source: Hertzmann, 1998 (Painterly Rendering with Curved Brush Strokes of Multiple Sizes). Each brush of radius R
     paints the picture blurred by f_s R, in cells of f_g R. Where a cell's mean difference exceeds T, a stroke starts at
     the cell's worst pixel and follows the normals of the luminance gradient in steps of R, smoothed by f_c, until the
     canvas is closer to the picture than the stroke's colour is. The strokes of a layer are painted in random order.
 
-    Differs from the paper: its cubic B-splines become quadratic Bezier curves, one if that is within ``tolerance``,
-    otherwise several that meet; ``strokes`` counts these curves. The number of strokes replaces the threshold: each
-    layer paints its worst cells (``threshold=100`` is the paper's value, still limited by the number of strokes). Bare
-    canvas ends strokes of the first layer just as paint does; otherwise they would all have the maximum length. The
-    paper's styles are presets (`hertzmann_impressionist`) with the same ratios between brushes; with the paper's pixels
-    and thresholds (``scale=1 threshold=100``), a few thousand strokes leave most of a canvas bare.
+    Unlike in the paper, cubic B-splines are replaced by quadratic Bezier curves, a single curve if it is within
+    ``tolerance``, otherwise several that meet; ``strokes`` counts these curves. The number of strokes replaces the
+    threshold: each layer paints its worst cells (``threshold=100`` is the paper's value, still limited by the number of
+    strokes). Bare canvas ends strokes of the first layer as paint does; otherwise, they would all have the maximum
+    length. The paper's styles are presets (`hertzmann_impressionist`) with the same ratios between brushes; with the
+    paper's pixels and thresholds (``scale=1 threshold=100``), a few thousand strokes leave most of a canvas bare.
 
     Args:
         radii: radii of the brushes, largest first, in units of ``scale``.
@@ -41,12 +41,12 @@ class Hertzmann(Painter):
             strokes allows.
         blur: standard deviation of the blur (f_s), in radii.
         grid: side of a cell (f_g), in radii.
-        curvature: smoothing of the direction (f_c); less than 1 straightens strokes.
+        curvature: smoothing of the direction (f_c); values below 1 straighten strokes.
         min_length: minimum number of steps per stroke.
         max_length: maximum number of steps per stroke.
         opacity: opacity of the paint.
-        jitter_rgb: random change of red, green and blue, as a share of their range.
-        jitter_hsv: random change of hue, saturation and value.
+        jitter_rgb: random change in red, green and blue, as a fraction of their range.
+        jitter_hsv: random change in hue, saturation and value.
         tolerance: maximum distance between a stroke and its Bezier curves, in radii.
     """
 
@@ -88,14 +88,14 @@ class Hertzmann(Painter):
             strokes = Strokes.join(strokes, layer)
 
     def _scale(self, request: PaintRequest) -> float:
-        """Choose the pixels per unit such that the cells of the largest brush need `FIRST_LAYER` of the strokes."""
+        """Choose the pixels per unit so that the largest brush's cells need a fraction `FIRST_LAYER` of the strokes."""
         cell = request.pitch * np.sqrt((1 + self.max_length / STEPS_PER_CURVE) / FIRST_LAYER)
         return float(cell / (self.grid * max(self.radii)))
 
     def _layer(
         self, reference: Array, canvas: Array, radius: float, room: int, random: np.random.Generator, everywhere: bool
     ) -> Strokes:
-        """Make at most ``room`` strokes of one brush on a canvas (3, H, W)."""
+        """Make at most ``room`` strokes with one brush on a canvas (3, H, W)."""
         difference = 255 * np.linalg.norm(reference - canvas, axis=0)
         cells, x, y = worst_of_cells(difference, max(1, round(self.grid * radius)))
         error = np.nanmean(cells, 1)
@@ -117,7 +117,7 @@ class Hertzmann(Painter):
     def _trace(
         self, reference: Array, canvas: Array, x: Array, y: Array, color: Array, radius: float
     ) -> tuple[Array, Array]:
-        """Trace S strokes from positions (S,) in colours (3, S); return points (S, L + 1, 2) and step counts (S,)."""
+        """Trace S strokes of colours (3, S) from positions (S,); return points (S, L + 1, 2) and step counts (S,)."""
         from scipy.ndimage import sobel  # noqa: PLC0415
 
         luminance = np.tensordot(LUMINANCE, reference, 1)
@@ -154,10 +154,10 @@ class Hertzmann(Painter):
 
 
 def fit_curves(points: Array, steps: Array, tolerance: float) -> tuple[Array, Array]:
-    """Fit quadratic Bezier curves to polylines (S, L + 1, 2); return each curve's line (M,) and the curves (M, 3, 2).
+    """Fit quadratic Bezier curves to polylines (S, L + 1, 2); return their line numbers (M,) and the curves (M, 3, 2).
 
-    ``steps`` (S,) counts the steps of each line. A line farther than ``tolerance`` from its curve is split into two
-    halves that meet; the curves of a line are listed in order along it.
+    ``steps`` (S,) is the number of steps in each line. A line that deviates from its curve by more than ``tolerance``
+    is split into two halves that meet. A line's curves are returned in their order along it.
     """
     line, first, last = np.arange(len(points)), np.zeros(len(points), int), steps
     pieces: list[tuple[Array, Array, Array]] = []
@@ -176,7 +176,7 @@ def fit_curves(points: Array, steps: Array, tolerance: float) -> tuple[Array, Ar
 
 
 def least_squares_curves(points: Array, line: Array, first: Array, last: Array) -> tuple[Array, Array]:
-    """Fit curves (M, 3, 2) from point ``first`` to ``last`` of each line, and measure their largest errors (M,)."""
+    """Fit curves (M, 3, 2) to each line from point ``first`` to ``last``, and measure their maximum errors (M,)."""
     number = np.arange(points.shape[1])
     inside = (first[:, None] < number) & (number < last[:, None])
     t = ((number - first[:, None]) / np.maximum(last - first, 1)[:, None]) * inside  # points are evenly spaced

@@ -1,4 +1,4 @@
-"""The painter ``kotovenko``: the parametrisation and losses of the published successor of the thesis."""
+"""The painter ``kotovenko``: the parametrisation and losses of the published successor to the thesis."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -17,16 +17,16 @@ from brushexp_painters._laying import PORTIONS
 @register("painter", "kotovenko")
 @dataclass(kw_only=True)
 class Kotovenko(Painter):
-    """Superpixels as strokes: their shapes follow the picture's features, and their colours follow only the style.
+    """Strokes initialised by superpixels; shapes follow the picture's features, and colours only the style.
 
     Source: Kotovenko et al., 2021 (Rethinking Style Transfer: From Pixels to Parameterized Brushstrokes,
-    arXiv:2103.17185), and its published code: it optimises location, start, end, control, width and colour of each
-    stroke, but neither depth nor opacity; SLIC initialises the strokes; the losses are content, Gram matrices,
-    curvature and direction; Adam takes 100 steps, with one rate for the shape, on all losses, and one for the colour,
+    arXiv:2103.17185), and its published code. The method optimises location, start, end, control, width and colour of
+    each stroke, but neither depth nor opacity. SLIC initialises the strokes. The losses are content, Gram matrices,
+    curvature and direction. Adam takes 100 steps, with one rate for the shape, on all losses, and one for the colour,
     on the style loss alone.
 
-    Differs from the paper: strokes cover each other, larger ones below, whereas in the paper each pixel belongs to the
-    nearest stroke; features come from the bundled small network; weights keep the paper's ratios between the terms. The
+    Unlike in the paper, where each pixel belongs to the nearest stroke, strokes cover each other, with larger strokes
+    below. Features come from the small bundled network; the weights keep the paper's ratios between the terms. The
     paper's second stage, which optimises pixels, is `painter=gatys`. Without a style, pixels are compared instead of
     features, and the colours also follow the pixels.
 

@@ -1,4 +1,4 @@
-"""The painter ``litwinowicz``: short strokes on a grid that end at edges."""
+"""The painter ``litwinowicz``: short strokes, placed on a grid, that end at edges."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,29 +17,29 @@ DATA_WEIGHT = 1e3  # weight of reliable directions relative to the bending of th
 @register("painter", "litwinowicz")
 @dataclass(kw_only=True)
 class Litwinowicz(Painter):
-    """Short straight strokes on a grid, along edges and clipped at edges.
+    """Short straight strokes on a grid, oriented along edges and clipped at edges.
 
     Source: Litwinowicz, 1997 (Processing Images and Video for an Impressionist Effect). A stroke grows from its centre
     in both directions, pixel by pixel, until it reaches its length or the Sobel magnitude of the smoothed luminance
-    falls. It has the colour at its centre and lies normal to the gradient; where the gradient is weak, a thin-plate
-    spline interpolates the direction. Length, thickness, direction, colour and order are random.
+    falls. It has the picture's colour at its centre and is normal to the gradient; where the gradient is weak, a
+    thin-plate spline interpolates the direction. Length, thickness, direction, colour and order are varied at random.
 
-    Differs from the paper: the spacing follows from ``strokes``. Lengths, which the paper gives in pixels at a spacing
-    of 2, are in spacings; so is the width of the blur, which the paper does not give. The spline is discrete, on the
-    grid, and of doubled angles, so that gradients of opposite signs do not cancel. A stroke ends once the magnitude has
-    fallen by ``fall`` from its maximum; the paper ends it at any fall, because its 8-bit values hid noise. The painter
-    is for single pictures: in films (`image=clip.mp4`), optical flow carries the strokes.
+    Unlike in the paper, the spacing follows from ``strokes``. Lengths, which the paper gives in pixels at a spacing of
+    2, are in spacings, and so is the width of the blur, which the paper does not give. The spline is discrete, on the
+    grid, and interpolates doubled angles, so that gradients of opposite signs do not cancel. A stroke ends once the
+    magnitude has fallen by ``fall`` from its maximum; in the paper it ends at any fall, because 8-bit values hid the
+    noise. This painter is for single pictures: in films (`image=clip.mp4`), optical flow carries the strokes.
 
     Args:
         length: minimum and maximum length of an unclipped stroke, in spacings.
         thickness: minimum and maximum thickness, in spacings.
         smoothing: standard deviation of the Gaussian before gradients, in spacings.
-        flat: gradient in x and in y below which directions are interpolated, in 8-bit levels per pixel.
+        flat: gradient, in both x and y, below which directions are interpolated, in 8-bit levels per pixel.
         clip: whether strokes end at edges.
-        fall: fall of the Sobel magnitude that marks an edge, in 8-bit levels per pixel.
-        stray: maximum random change of direction, in degrees.
-        stray_color: maximum random change of red, green and blue, in 8-bit levels.
-        stray_intensity: maximum random change of all three channels together, as a fraction.
+        fall: fall in the Sobel magnitude that marks an edge, in 8-bit levels per pixel.
+        stray: maximum random change in direction, in degrees.
+        stray_color: maximum random change in red, green and blue, in 8-bit levels.
+        stray_intensity: maximum random change in all three channels together, as a fraction.
         opacity: opacity of the paint.
     """
 
@@ -82,7 +82,7 @@ class Litwinowicz(Painter):
         yield from lay(strokes_from_arrays(curves[order], thickness[order], color[order], self.opacity))
 
     def _directions(self, smooth: Array, x: Array, y: Array, grid: tuple[int, int]) -> Array:
-        """Compute angles (n,) at the nodes of a grid, normal to the gradient, interpolated where that is weak."""
+        """Compute angles (n,) normal to the gradient at the nodes of a grid, interpolated where it is weak."""
         padded = np.pad(255 * smooth, 1, mode="edge")
         slope = np.stack([padded[1:-1, 2:] - padded[1:-1, :-2], padded[2:, 1:-1] - padded[:-2, 1:-1]]) / 2
         gx, gy = sampled_at(slope, x, y)
@@ -92,7 +92,7 @@ class Litwinowicz(Painter):
         return 0.5 * np.arctan2(field[:, 1], field[:, 0])
 
     def _grow(self, smooth: Array, middle: Array, ahead: Array, reach: Array) -> Array:
-        """Grow strokes from their centres (n, 2) in directions (n, 2), by at most ``reach`` (n,) pixels."""
+        """Return how far strokes grow from their centres (n, 2) in directions (n, 2), at most ``reach`` (n,) pixels."""
         from scipy.ndimage import map_coordinates, sobel  # noqa: PLC0415
 
         edges = 255 / 8 * np.hypot(sobel(smooth, 0), sobel(smooth, 1))  # levels per pixel
@@ -108,15 +108,15 @@ class Litwinowicz(Painter):
 
 
 def thin_plate(values: Array, reliable: Array, grid: tuple[int, int]) -> Array:
-    """Compute the field (n, k) of least bending on a grid of n nodes that has ``values`` where ``reliable`` (n,) is 1.
+    """Compute the least-bending field (n, k) on a grid of n nodes, given ``values`` where ``reliable`` (n,) is 1.
 
-    The field minimises the sum of squared Laplacians with mirrored borders; it is 0 if no value is reliable.
+    The field minimises the sum of squared Laplacians with mirrored borders, and is 0 if no value is reliable.
     """
     from scipy.sparse import diags, identity, kron  # noqa: PLC0415
     from scipy.sparse.linalg import splu  # noqa: PLC0415
 
     def line(n: int) -> Array:
-        """Compute second differences of n values in a row, with mirrored borders."""
+        """Return the matrix of second differences between n values in a row, with mirrored borders."""
         inner = np.ones(n - 1)
         return diags([inner, -(np.r_[0, inner] + np.r_[inner, 0]), inner], [-1, 0, 1], shape=(n, n))
 

@@ -1,4 +1,4 @@
-"""The painter ``zou``: add strokes one by one and optimise them in ever finer blocks of the canvas."""
+"""The painter ``zou``: add strokes one by one, and optimise them, in increasingly fine blocks of the canvas."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -27,20 +27,21 @@ UNITS = {"position": 1.0, "start": 1.0, "control": 1.0, "end": 1.0, "width": 0.3
 @register("painter", "zou")
 @dataclass(kw_only=True)
 class ProgressiveBlocks(Painter):
-    """Strokes are added one by one in 1, then 4, 9, ... blocks of the canvas, and optimised by gradient descent.
+    """Strokes added one by one in each of 1, then 4, 9, ... blocks of the canvas, and optimised by gradient descent.
 
-    Source: Zou et al., 2021 (Stylized Neural Painting, arXiv:2011.08114). A new stroke lies where the error is large,
-    in the picture's colour and a random direction, with a tenth to a quarter of the block's size. After each addition,
-    centred RMSprop optimises all strokes of the level for the L1 difference and a transport loss; earlier levels lie
-    below and stay fixed.
+    Source: Zou et al., 2021 (Stylized Neural Painting, arXiv:2011.08114). A new stroke is placed where the error is
+    large, in the picture's colour and a random direction, with a tenth to a quarter of the block's size. After each
+    addition, centred RMSprop optimises all strokes of the level for the L1 difference and a transport loss; earlier
+    levels are below and stay fixed.
 
-    Differs from the paper: ``renderer`` draws the strokes, not the paper's networks; all blocks of a level share one
-    canvas, so that strokes may leave their block, and the transport loss (`loss.sinkhorn`, debiased) covers the whole
-    canvas; there are fewer iterations at a higher rate. For style transfer, use `style=` with ``painter=gradient``.
+    Unlike in the paper, ``renderer`` draws the strokes instead of the paper's networks. All blocks of a level share one
+    canvas, so that strokes may extend beyond their block, and the transport loss (`loss.sinkhorn`, debiased) covers the
+    whole canvas. There are fewer iterations at a higher rate. For style transfer, use `style=` with
+    ``painter=gradient``.
 
     Args:
         levels: number of levels; null = chosen so that a block has about ten strokes.
-        iterations: iterations per level, divided among the strokes added.
+        iterations: number of iterations per level, divided among the strokes added.
         lr: learning rate of RMSprop, in half-blocks.
         transport: weight of the transport loss relative to the L1 difference; 0 omits it.
     """
@@ -77,7 +78,7 @@ class ProgressiveBlocks(Painter):
     def _optimize(
         self, request: PaintRequest, below: Strokes, level: Catalogue, optimizer: Optimizer, m: int, steps: int
     ) -> None:
-        """Optimise the strokes of a level of m x m blocks, on top of those ``below``."""
+        """Optimise the strokes of a level with m x m blocks, on top of the strokes in ``below``."""
         size = level.scale.new_tensor(request.size[::-1])
         middle = ((level().position.detach() * m / size).floor().clamp(0, m - 1) + 0.5) * size / m
         reach = (INSIDE - 0.5) * size / m
@@ -97,12 +98,12 @@ class ProgressiveBlocks(Painter):
 
 
 def detach(catalogue: Catalogue) -> Strokes:
-    """Detach the strokes of a catalogue from its gradients."""
+    """Return a catalogue's strokes, detached from the graph."""
     return catalogue().map(Tensor.detach)
 
 
 def initial_strokes(request: PaintRequest, strokes: Strokes, m: int, random: np.random.Generator) -> Strokes:
-    """Make a stroke in each of m x m blocks, at a position sampled according to the error of the painting so far."""
+    """Make a stroke in each of m x m blocks, at a position sampled according to the error in the painting so far."""
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (--help does not need it)
 
     height, width = request.size
@@ -126,7 +127,7 @@ def initial_strokes(request: PaintRequest, strokes: Strokes, m: int, random: np.
 
 
 def block_span(number: int, m: int, side: int) -> tuple[int, int]:
-    """Return the half-open pixel range of a block without its outer tenths, with at least one pixel."""
+    """Return the half-open pixel range of a block without its outer tenths; it contains at least one pixel."""
     first, last = (number + 1 - INSIDE) * side / m, (number + INSIDE) * side / m
     first = min(int(first), side - 1)
     return first, max(int(last), first + 1)

@@ -1,4 +1,4 @@
-"""Painters that lay stroke after stroke work with the driver that shows, ends and measures their paintings."""
+"""Test that painters work with the driver that displays, ends and measures their paintings."""
 
 import signal
 from dataclasses import replace
@@ -37,7 +37,7 @@ QUICK = {"evolution": {"children": 5}, "gatys": {"steps": 3}, "predictor": {"tem
 
 
 class Counting(Painter):
-    """Yield states with one more stroke each, and call ``then`` after each state."""
+    """A painter that yields states with one more stroke each, and calls ``then`` after each state."""
 
     def __init__(self, states=10, then=lambda step: None):
         self.states, self.then = states, then
@@ -75,7 +75,7 @@ def test_all_states_are_shown_filmed_and_counted_and_fewer_strokes_than_promised
 
 @pytest.mark.parametrize("by_steps", [True, False])
 def test_cpu_seconds_are_those_of_the_steps(by_steps):
-    """The seconds exclude compilation before the steps, which would make the first run the slowest."""
+    """The seconds must exclude compilation before the steps, which would make the first run the slowest."""
     procedure = OtherPainter(Counting(), standard_components(), TARGET, torch.ones(3), n=50, seed=0)
     painter = painter_of(steps=4) if by_steps else procedure
     spent, prepare = SimpleNamespace(cpu=7.0), painter.prepare

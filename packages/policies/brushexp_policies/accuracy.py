@@ -17,8 +17,8 @@ class Accuracy(Order):
     """Put strokes on top whose colours match the covered target more closely (thesis 2020, eq. 6.6).
 
     Args:
-        every: steps between two computations of the order, at least 1; the thesis computes it after every step.
-        until: share of a stage's steps after which the order stays fixed, 0 to 1; 1 in the thesis.
+        every: number of steps between computations of the order, at least 1; 1 in the thesis.
+        until: fraction of a stage's steps after which the order stays fixed, 0 to 1; 1 in the thesis.
     """
 
     every: Annotated[int, at_least(1)] = 10

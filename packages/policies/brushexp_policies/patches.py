@@ -19,9 +19,9 @@ SAMPLED_POINTS = 200  # random points used to estimate the mean number of stroke
 @register("sampler", "patches")
 @dataclass(kw_only=True)
 class Patches(Sampler):
-    """Move a few hundred neighbouring strokes per step, with a fixed ring of strokes around them (thesis 2020, 6.3).
+    """Move a few hundred neighbouring strokes per step, surrounded by a ring of fixed strokes (thesis 2020, 6.3).
 
-    The time and memory of a step do not depend on the size of the canvas.
+    The time and memory that a step needs do not depend on the canvas size.
 
     Args:
         n_active: maximum number of strokes that a step moves.
@@ -29,7 +29,7 @@ class Patches(Sampler):
         patch: side in pixels of the square that a step paints and compares; strokes centred outside do not move.
         steps_per_patch: number of consecutive steps on one patch.
         coverage: choice of patches: fair makes every stroke active in exactly one patch per round; random takes the
-            strokes nearest to a random point, as in the thesis, which visits strokes at the border less often.
+            strokes nearest to a random point, as the thesis does, and so visits strokes at the border less often.
     """
 
     n_active: Annotated[int, at_least(1)] = 256
@@ -99,10 +99,10 @@ class Patches(Sampler):
 
 
 def places(position: Tensor, most: int, side: float, generator: torch.Generator) -> Tensor:
-    """Divide strokes into groups of at most ``most`` strokes and ``side`` pixels, numbered (N,) in random order.
+    """Divide strokes into groups of at most ``most`` strokes and ``side`` pixels; return group numbers (N,).
 
     The strokes, at ``position`` (N, 2), are repeatedly split in two across the longer side of their bounding box, in
-    random proportions, so that the borders differ from round to round.
+    random proportions, so that the borders differ from round to round. The groups are numbered in random order.
     """
     groups, queue = [], [(torch.arange(len(position)), math.ceil(len(position) / most))]
     while queue:
@@ -125,7 +125,7 @@ def places(position: Tensor, most: int, side: float, generator: torch.Generator)
 
 
 def nearest_to_box(position: Tensor, among: Tensor, low: Tensor, high: Tensor, n: int) -> Tensor:
-    """List the ``n`` strokes nearest to a box from ``low`` to ``high``, in order, out of those ``among`` (N,), bool."""
+    """Return, in order, the ``n`` strokes in the mask ``among`` (N,) nearest to a box from ``low`` to ``high``."""
     outside = (low - position).clamp_min(0) + (position - high).clamp_min(0)
     distance = torch.where(among, outside.square().sum(1), torch.inf)
     return distance.topk(min(n, int(among.sum())), largest=False).indices.sort().values
@@ -137,7 +137,7 @@ def on_canvas(position: Tensor, size: tuple[int, int]) -> Tensor:
 
 
 def inside(position: Tensor, region: Region) -> Tensor:
-    """Mark the positions (N, 2) that lie in a region."""
+    """Mark which positions (N, 2) are inside a region."""
     low = position.new_tensor([region.left, region.top])
     high = low + position.new_tensor([region.width, region.height])
     return ((position >= low) & (position <= high)).all(1)

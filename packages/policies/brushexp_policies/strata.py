@@ -1,4 +1,4 @@
-"""Grow a painting in strata: a few large strokes, then repeatedly double their number with smaller ones on top."""
+"""Grow a painting in strata: start with a few large strokes, and repeatedly double their number with smaller ones."""
 
 from dataclasses import dataclass, replace
 from typing import Annotated
@@ -16,16 +16,16 @@ from brushexp.contracts.strokes import Strokes
 class Strata(Traced):
     """Start with a few large strokes, and double their number in each round with traced strokes of a suitable size.
 
-    New strokes lie on top; ``order.until=0`` keeps this order from the first step.
+    New strokes are placed on top; ``order.until=0`` preserves this order from the first step.
 
-    Source: Vector Scaffolding (2026), which doubles closed curves in strata. Differs from the source: new strokes are
+    Source: Vector Scaffolding (2026), which doubles closed curves in strata. Unlike in the source, new strokes are
     traced through the error, and the learning rate is the optimiser's.
 
     Args:
-        start: initial share of the strokes; a sixteenth is doubled four times.
+        start: initial fraction of the strokes; a sixteenth is doubled four times.
         rounds: number of rounds that add strokes, at least 8 steps apart.
-        until: share of the steps after which no strokes are added or removed.
-        moved: share of the strokes that each round may move elsewhere, 0 to 0.5.
+        until: fraction of the steps after which no strokes are added or removed.
+        moved: fraction of the strokes that each round may move elsewhere, 0 to 0.5.
         price: minimum ratio of a new stroke's gain to the importance of the stroke that it replaces; below 1, because
             further steps improve the new stroke.
         tolerance: error (root mean square over a pixel, 0 to 1) below which no stroke is added.

@@ -18,11 +18,11 @@ from brushexp.contracts.members import over
 class TopK(Blend):
     """Blend the top k non-empty strokes of each pixel in plain PyTorch (thesis 2020, eq. 6.8 to 6.21).
 
-    Differs from the source: strokes are looked up per tile instead of being scattered as windows, and a cumulative
-    product over the layers above replaces a k x k matrix per pixel. The background lies below the k-th stroke.
+    Unlike in the source, strokes are looked up per tile instead of being scattered as windows, and a cumulative product
+    over the layers above replaces a k x k matrix per pixel. The background is directly below the k-th stroke.
 
     Args:
-        k: number of strokes blended per pixel; in the thesis, as many as the fullest pixel has (``blend=topk_all``).
+        k: number of strokes blended per pixel; in the thesis, the largest number on any pixel (``blend=topk_all``).
     """
 
     cost = "about 300"
@@ -39,7 +39,7 @@ class TopK(Blend):
 
 
 def _uppermost(k: int, alpha: Tensor, color: Tensor) -> tuple[Tensor, Tensor]:
-    """Composite the top k non-empty of K layers (T, K, P), as `over` does."""
+    """Composite the top k non-empty layers out of K (T, K, P), as `over` does."""
     k = min(k, alpha.shape[1])
     filled = alpha > 0
     rank = torch.where(filled, filled.cumsum(1) - 1, k).clamp_max(k)  # (T, K, P) rank from the top; k if dropped

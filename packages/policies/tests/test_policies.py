@@ -1,4 +1,4 @@
-"""Strata of strokes double their number and lie above each other."""
+"""Test that strata double the number of strokes, and that new strokes are placed on top."""
 
 import torch
 from brushexp_policies.strata import Strata

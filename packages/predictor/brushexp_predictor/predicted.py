@@ -1,4 +1,4 @@
-"""Place strokes with a trained network in a few passes over the picture."""
+"""Place strokes with a trained network, in a few passes over the picture."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -19,19 +19,18 @@ from brushexp_predictor.lay.colors import ROUNDS
 class Predicted(Initializer):
     """Place strokes from large to small with a network, where the canvas so far is worst, in a fifth of a second.
 
-    The network is trained through the renderer (``task=train_predictor``), because only the picture that the strokes
-    form counts.
+    The network is trained through the renderer (``task=train_predictor``), because only the resulting picture matters.
 
     Source: the feed-forward prediction proposed in the thesis (2020), in stages that receive the canvas so far, as in
-    Paint Transformer (Liu et al., 2021). Differs: one stroke per cell, which may leave the cell; no labels; and colours
-    by least squares at the end.
+    Paint Transformer (Liu et al., 2021). Unlike in the source, there is one stroke per cell, which may extend beyond
+    the cell; training needs no labels; and colours are fitted by least squares at the end.
 
     Args:
         checkpoint: trained weights: a .safetensors file, or shipped weights: plain, or brushed for look=oil and similar
             looks (renderer=textured).
-        temperature: variation of strokes between seeds, in the deviations that the network predicts; 0 = none.
-        color_rounds: rounds of the search for the best colours (conjugate gradients); 0 keeps the predicted colours.
-        draft_effort: share of a look's steps that ``quality=draft`` takes, starting from these strokes.
+        temperature: variation in strokes between seeds, in the deviations that the network predicts; 0 = none.
+        color_rounds: number of conjugate-gradient rounds that optimise colours; 0 keeps the predicted colours.
+        draft_effort: fraction of a look's steps that ``quality=draft`` takes, starting from these strokes.
     """
 
     checkpoint: Annotated[str, WEIGHTS] = "plain"

@@ -18,8 +18,8 @@ class Predictor(Painter):
     Args:
         checkpoint: trained weights: a .safetensors file, or shipped weights: plain, or brushed for look=oil and similar
             looks (renderer=textured).
-        temperature: variation of strokes between seeds, in the deviations that the network predicts; 0 = none.
-        color_rounds: rounds of the search for the best colours (conjugate gradients); 0 keeps the predicted colours.
+        temperature: variation in strokes between seeds, in the deviations that the network predicts; 0 = none.
+        color_rounds: number of conjugate-gradient rounds that optimise colours; 0 keeps the predicted colours.
     """
 
     kind, differentiates = "a trained network", True

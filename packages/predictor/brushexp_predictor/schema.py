@@ -1,4 +1,4 @@
-"""Keys of ``task=train_predictor``, of ``task=sample`` and of ``task=calibrate``."""
+"""Keys of ``task=train_predictor``, ``task=sample`` and ``task=calibrate``."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ TEMPERATURE = "spread of strokes between samples, in the standard deviations tha
 
 @dataclass
 class TrainPredictorTask(NetworkTask):
-    """Train the network of init=predicted through the renderer."""
+    """Train the network for init=predicted through the renderer."""
 
     module = "brushexp_predictor.train.task"
     presets: ClassVar[dict[str, str]] = {"trainer": "default"}  # in 32 bits, which renderers need
@@ -36,7 +36,7 @@ class TrainPredictorTask(NetworkTask):
 class SampleTask(Task):
     """Paint a picture many times, and measure its brushwork with intervals: analyse photo.jpg samples=32.
 
-    The page shows how certain the directions, lengths and widths of strokes are at each place.
+    The page shows how certain the strokes' directions, lengths and widths are in each area.
     """
 
     module = "brushexp_predictor.samples.task"
@@ -63,7 +63,7 @@ class SampleTask(Task):
 
 @dataclass
 class CalibrateTask(Task):
-    """Fit the intervals of task=sample on paintings with known strokes, and test them on other pictures."""
+    """Fit the intervals for task=sample to paintings with known strokes, and test them on other pictures."""
 
     is_research = True
     module = "brushexp_predictor.samples.calibrate_task"

@@ -1,4 +1,4 @@
-"""Trained networks lay exactly the requested number of strokes on any canvas, with the quality measured at release."""
+"""Test that trained networks place exactly the requested number of strokes, with the quality measured at release."""
 
 import math
 from itertools import pairwise
@@ -92,7 +92,7 @@ def test_numbers_of_0_are_level_strokes_and_the_way_from_numbers_to_strokes_is_d
 
 
 def test_colors_are_those_of_least_squares() -> None:
-    """The reference solves the normal equations of a matrix whose columns are pictures of single strokes."""
+    """The reference is the least-squares solution for a matrix whose columns are pictures of single strokes."""
     random = torch.Generator().manual_seed(0)
     target = torch.rand(3, 24, 24, generator=random)
     strokes = Predicted(color_rounds=0)(target, 6, torch.Generator())

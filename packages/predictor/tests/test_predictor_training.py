@@ -1,4 +1,4 @@
-"""The network learns, continues after an interruption as if there had been none, and ships with a recipe."""
+"""Test that the network learns, resumes after an interruption without any difference, and is saved with a recipe."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Samples of a picture find visible strokes, are summarised correctly, and give intervals with the right coverage."""
+"""Test that samples find visible strokes, are summarised correctly, and give intervals with the desired coverage."""
 
 import json
 import math

@@ -1,14 +1,14 @@
-"""Recover the strokes of a photographed painting, measure them, and evaluate methods on paintings with known strokes.
+"""Recover the strokes in a photographed painting, measure them, and evaluate methods on paintings with known strokes.
 
-The folders are in the order of the data flow; each imports only from earlier folders:
+The folders are listed in the order of data flow; each folder imports only from earlier ones:
 
 - `raster`: arrays of pixels, their tiles and label images
 - `model`: the learned weights and the names of their channels and features
-- `segment`: a picture -> maps of the network -> superpixels
+- `segment`: a picture -> maps predicted by the network -> superpixels
 - `join`: superpixels -> a merge tree -> its best cut
 - `find`: a photograph of any size -> the regions of its strokes
 - `curves`: regions -> curves with a width
-- `order`: regions and curves -> the order of the strokes
+- `order`: regions and curves -> the painting order of strokes
 - `confidence`: regions -> the confidence in each region
 - `recover`: the whole pipeline, a picture -> a catalogue of its strokes
 - `measure`: strokes -> figures with intervals, tables, files

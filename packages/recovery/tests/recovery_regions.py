@@ -1,4 +1,4 @@
-"""Constructed regions for the tests of recovery."""
+"""Constructed regions for tests of the recovery package."""
 
 import numpy as np
 from brushexp_recovery.find.regions import Regions
@@ -6,7 +6,7 @@ from brushexp_recovery.model.channels import CENTRE, DIRECTION, LOG_SIZE, OCCLUS
 
 
 def crossed_regions() -> Regions:
-    """Make a horizontal region below a falling one, and a separate one, on 60 x 80 pixels."""
+    """Make a horizontal region, a vertical one that crosses above it, and a separate one, on 60 x 80 pixels."""
     labels = np.full((60, 80), -1, np.int32)
     labels[24:36, 10:70], labels[5:55, 34:46], labels[50:58, 2:20] = 0, 1, 2
     attributes = np.empty((3, len(StrokeAttribute)))

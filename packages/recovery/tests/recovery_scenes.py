@@ -1,4 +1,4 @@
-"""Paintings with known strokes for the tests of recovery, and simple methods that find strokes in plain pictures."""
+"""Paintings with known strokes for recovery tests, and simple methods that find strokes in plain pictures."""
 
 from functools import cache
 from typing import Any
@@ -22,7 +22,7 @@ Array = np.ndarray[Any, Any]
 
 
 def silent(share: float, state: str) -> None:
-    """Show nothing."""
+    """Ignore reports of progress."""
 
 
 @cache
@@ -32,26 +32,26 @@ def shipped() -> RecoveryModel:
 
 
 def straight(*ends: tuple[tuple[float, float], tuple[float, float]]) -> Array:
-    """Make curves (N, 3, 2) that are straight lines between two places each."""
+    """Make straight curves (N, 3, 2) from pairs of end points."""
     start, end = np.array(ends, float).transpose(1, 0, 2)
     return np.stack([start, 0.5 * (start + end), end], 1)
 
 
 def plain_strokes(curve: Array, width: float, color: Array | None = None) -> StrokeLayout:
-    """Make strokes of one width without sway and taper, grey unless colours are given."""
+    """Make strokes of equal width without sway or taper, which are grey unless colours are given."""
     n = len(curve)
     color = np.full((n, 3), 0.4) if color is None else color
     return StrokeLayout(np.asarray(curve, float), np.full(n, width), color, np.zeros(n), np.zeros(n))
 
 
 def lay_on(windows: StrokeWindows, layout: StrokeLayout, ground: Array, coats: float) -> KnownPainting:
-    """Lay opaque strokes on a ground."""
+    """Composite opaque strokes over a ground."""
     canvas = compose(windows, layout, opaque_mixing(len(layout), coats), ground)
     return KnownPainting(as_bytes(canvas.image), canvas.labels.astype(np.int16), geometry_of(windows, canvas))
 
 
 def bars(angle: float = 0.4) -> KnownPainting:
-    """Draw two straight strokes 20 px wide on 96 x 128 px with discs, the second above the first."""
+    """Paint two crossing straight strokes 20 px wide on 96 x 128 px with the disc engine, the second on top."""
     way = 35 * np.array([np.cos(angle), np.sin(angle)])
     ways, middle = np.array([way, [-way[1], way[0]]]), np.array([60.0, 48.0])
     curve = straight(*((middle - way, middle + way) for way in ways))
@@ -61,7 +61,7 @@ def bars(angle: float = 0.4) -> KnownPainting:
 
 
 def bristles(size: tuple[int, int], seed: int) -> KnownPainting:
-    """Draw about 50 bristle strokes on a canvas (H, W)."""
+    """Paint about 50 bristle strokes on a canvas (H, W)."""
     random = np.random.default_rng(seed)
     rows, columns = np.mgrid[: size[0], : size[1]] / 200
     picture = np.stack([0.5 + 0.4 * np.sin(4 * rows + 3 * columns + k) for k in range(3)], 2).astype(np.float32)
@@ -71,7 +71,7 @@ def bristles(size: tuple[int, int], seed: int) -> KnownPainting:
 
 
 def picture_of(painting: KnownPainting) -> Array:
-    """Convert the picture of a painting to (H, W, 3) float32 in [0, 1]."""
+    """Convert the picture of a painting to float32 (H, W, 3) in [0, 1]."""
     return painting.image.astype(np.float32) / 255
 
 
@@ -83,14 +83,14 @@ def saved_strokes(curve: Array, width: Array, color: Array, size: tuple[int, int
 
 
 def recover_dark(image: Array, confidence: float) -> Recovered:
-    """Find separate dark strokes, all with the same confidence."""
+    """Find separate dark strokes, and give all of them the same confidence."""
     found = prediction_from_labels(label(image.mean(2) < 0.5) - 1, image)
     saved = saved_strokes(found.curve, found.width, found.color, image.shape[:2])
     return Recovered(saved, np.full(len(found), confidence, np.float32), found.labels)
 
 
 def f1_of(labels: Array, truth: Array) -> float:
-    """Compute the F1 of the regions of two label images at an IoU of 0.5."""
+    """Compute the F1 between the regions of two label images at an IoU of 0.5."""
     counts = [np.bincount(one[one >= 0]) for one in (labels, truth)]
     both = (labels >= 0) & (truth >= 0)
     pairs, number = np.unique(np.stack([labels[both], truth[both]]), axis=1, return_counts=True)

@@ -1,4 +1,4 @@
-"""The folders of the package follow the data flow, and imports run in one direction only."""
+"""Test that the package's folders follow the data flow, and that each imports only from earlier ones."""
 
 import ast
 import re
@@ -14,7 +14,7 @@ MOST_MODULES = 15
 
 
 def folders_imported_by(path: Path) -> set[str]:
-    """List the package folders from which a module imports, including in functions and for types only."""
+    """List the package folders from which a module imports, including imports within functions and for types only."""
     nodes = (node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.ImportFrom))
     modules = (node.module for node in nodes if (node.module or "").startswith(f"{NAME}."))
     return {module.split(".")[1] for module in modules}

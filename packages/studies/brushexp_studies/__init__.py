@@ -1,4 +1,4 @@
-"""Compare settings: paired differences, fronts, curves and effects of sweeps, and ``task=compare``.
+"""Compare settings by paired differences, Pareto fronts, curves and effects in sweeps; provide ``task=compare``.
 
 Other packages also use `plotting` and `contact_sheet`.
 """

@@ -1,4 +1,4 @@
-"""Compare settings at equal time and at equal quality."""
+"""Compare the quality that settings reach in equal time, and the time they need for equal quality."""
 
 import math
 from collections.abc import Mapping
@@ -32,7 +32,10 @@ MOST_IMAGES = 6  # maximum number of images in a plot
 
 
 def quality_at(curve: Curve, seconds: float, *, after_end: bool = False) -> float | None:
-    """Interpolate the best PSNR in dB up to a time; None before the curve and, unless ``after_end``, after it."""
+    """Interpolate the best PSNR, in dB, reached within ``seconds``.
+
+    Returns None before the first point of the curve and, unless ``after_end`` is set, after its last point.
+    """
     times, psnr = curve
     if not times[0] <= seconds <= (math.inf if after_end else times[-1]):
         return None
@@ -40,7 +43,10 @@ def quality_at(curve: Curve, seconds: float, *, after_end: bool = False) -> floa
 
 
 def time_to(curve: Curve, psnr: float) -> float | None:
-    """Interpolate the time in seconds, not before the first point, at which a PSNR in dB was reached; None if never."""
+    """Interpolate the time, in seconds, at which a PSNR in dB was first reached.
+
+    The time is never earlier than the curve's first point. Returns None if the PSNR was never reached.
+    """
     times, best = curve[0], np.maximum.accumulate(curve[1])
     k = int(np.searchsorted(best, psnr))
     around = slice(max(k - 1, 0), k + 1)
@@ -48,7 +54,10 @@ def time_to(curve: Curve, psnr: float) -> float | None:
 
 
 def write_anytime(folder: Path, frame: DataFrame) -> Path | None:
-    """Write ``anytime.md``, quality at equal time and time to equal quality; None for fewer than two curves."""
+    """Write ``anytime.md``, which tabulates quality at equal time and time to equal quality.
+
+    Returns None if there are fewer than two curves.
+    """
     lines = ["Seconds of optimisation; a run keeps its best picture so far. Means over seeds."]
     for image, curves in curves_by_image(frame).items():
         if len(means := mean_curves(curves)) > 1:
@@ -62,7 +71,7 @@ def write_anytime(folder: Path, frame: DataFrame) -> Path | None:
 
 
 def _comparison(curves: Mapping[str, Curve]) -> list[str]:
-    """Tabulate quality at given times, time to given qualities, and the leaders."""
+    """Tabulate the quality at given times, the time to given qualities, and the leading setting at each time."""
     start, end = min(c[0][0] for c in curves.values()), max(c[0][-1] for c in curves.values())
     low, high = min(c[1][0] for c in curves.values()), max(c[1].max() for c in curves.values())
     qualities, times = [], []
@@ -84,9 +93,10 @@ def _comparison(curves: Mapping[str, Curve]) -> list[str]:
 
 
 def write_curves(folder: Path, frame: DataFrame) -> Path | None:
-    """Write ``curves.png``, thin lines for runs and thick lines for means over seeds; None for fewer than two curves.
+    """Plot PSNR against time in ``curves.png``, with thin lines for runs and thick lines for means over seeds.
 
-    Of more than ``MOST_CURVES`` settings, only those that led at some time are coloured.
+    If there are more than ``MOST_CURVES`` settings, only those that led at some time are coloured. Returns None if
+    there are fewer than two curves.
     """
     images = [(image, curves) for image, curves in curves_by_image(frame).items() if len(curves) > 1][:MOST_IMAGES]
     if not images:

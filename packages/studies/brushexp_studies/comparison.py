@@ -1,4 +1,4 @@
-"""Add comparisons to a sweep's report: verdicts, fronts, curves, effects and a contact sheet."""
+"""Add comparisons to a sweep's report: verdicts, Pareto fronts, curves, effect plots and a contact sheet."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +14,7 @@ from brushexp_studies.pareto import write_front
 
 
 def write_comparisons(folder: Path, frame: DataFrame) -> None:
-    """Write the comparisons of a sweep's runs; an album gets only a contact sheet."""
+    """Write all comparisons between a sweep's runs, or only a contact sheet for an album."""
     if not is_album(frame):
         paired.write_differences(folder, frame)
         write_front_and_curves(folder, frame)
@@ -25,14 +25,14 @@ def write_comparisons(folder: Path, frame: DataFrame) -> None:
 def write_front_and_curves(
     folder: Path, frame: DataFrame, cost: str | None = None, metrics: Sequence[str] = ()
 ) -> Path | None:
-    """Write front, curves and quality at equal time of some runs; return the table of the front."""
+    """Write the Pareto front, the curves and the quality at equal time; return the path of the front's table."""
     write_anytime(folder, frame)
     write_curves(folder, frame)
     return write_front(folder, frame, cost, metrics)
 
 
 def differences_on_page(frame: DataFrame) -> PageTable | None:
-    """Tabulate the differences that have enough units for a verdict; None if there are none."""
+    """Tabulate the differences that have enough units for a verdict; return None if there are none."""
     every = paired.paired_differences(paired.paired_table(frame))
     differences = [one for one in every if len(one.gains) >= paired.LEAST_UNITS]
     if not differences:

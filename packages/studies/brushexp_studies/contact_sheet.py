@@ -1,4 +1,4 @@
-"""Draw contact sheets, grids of labelled pictures on white, for example of a sweep's runs."""
+"""Draw contact sheets, which are grids of labelled pictures on white, for example of the runs in a sweep."""
 
 import math
 from collections.abc import Sequence
@@ -31,7 +31,7 @@ UNITS = {"psnr": "dB", "psnr_alpha": "dB in alpha", "seconds": "s"}  # units of 
 
 @dataclass(frozen=True)
 class SheetCell:
-    """A cell of a sheet: a picture, its file, or words in a grey box, with lines of text below."""
+    """One cell of a contact sheet: a picture, or words in a grey box, with lines of text below."""
 
     picture: Path | Image.Image | None
     label: tuple[str, ...] = ()
@@ -39,10 +39,11 @@ class SheetCell:
 
 
 def write_contact_sheet(folder: Path, frame: DataFrame) -> Path | None:
-    """Write ``sheet.png`` of a sweep's runs; return None if no run has a picture.
+    """Write ``sheet.png`` with the pictures of a sweep's runs; return None if no run has a picture.
 
-    A picture of many strokes is drawn at twice the size. Runs that differ in two settings and cover all combinations
-    form a matrix, with a row for each picture if they differ in pictures; other runs fill row after row.
+    Thumbnails are twice as large if any picture shows many strokes instead of a painting. If the runs differ in two
+    settings and cover all combinations, they form a matrix, whose rows are the images if the runs differ in their
+    images. Otherwise the runs fill the sheet row by row.
     """
     pictures = frame["run", "picture"].dropna()
     if pictures.empty:
@@ -54,7 +55,7 @@ def write_contact_sheet(folder: Path, frame: DataFrame) -> Path | None:
 
 
 def _rows(frame: DataFrame) -> list[list[SheetCell]]:
-    """Arrange the runs of a sweep in rows of cells."""
+    """Arrange a sweep's runs in rows of cells."""
     axes = varying_settings(frame)
     if not any("loss" in typed for typed in frame["run", "overrides"]):
         axes.pop("loss", None)  # determined by another setting
@@ -72,7 +73,7 @@ def _rows(frame: DataFrame) -> list[list[SheetCell]]:
 
 
 def _cells(frame: DataFrame, axes: dict[str, list[str]]) -> list[SheetCell]:
-    """Make the cells of runs and, except in an album, of every target before the first run that painted it."""
+    """Make a cell for each run and, except in an album, for each target before the first run that painted it."""
     words = {key: shorten(values) for key, values in axes.items()}
     settings, metrics = frame["setting"].fillna(""), numbers(frame).reindex(columns=list(UNITS))
     cells: list[SheetCell] = []
@@ -92,7 +93,7 @@ def _cells(frame: DataFrame, axes: dict[str, list[str]]) -> list[SheetCell]:
 
 
 def draw_sheet(rows: Sequence[Sequence[SheetCell]], title: str, side: int = THUMBNAIL_SIDE) -> Image.Image:
-    """Draw pictures in rows, with longer sides of ``side`` pixels, or fewer if the sheet would be too large."""
+    """Draw rows of pictures whose longer sides have ``side`` pixels, or fewer if the sheet would be too large."""
     columns = max(map(len, rows))
     side = max(1, min(side, int(LIMIT / max(columns, TALL * len(rows))) - GAP))
     letter = max(10, round(LETTER * side))
@@ -127,7 +128,7 @@ def _box(words: str, side: int, letters: int, font: ImageFont.FreeTypeFont) -> I
 
 
 def _picture(cell: SheetCell, side: int) -> Image.Image | None:
-    """Resize the picture of a cell; return None if it does not exist or cannot be read."""
+    """Resize a cell's picture; return None if it does not exist or cannot be read."""
     source = cell.picture
     if source is None:
         return None

@@ -1,4 +1,4 @@
-"""Plot the main metrics of a sweep against its settings, with means and standard deviations over seeds."""
+"""Plot a sweep's main metrics against its settings, with means and standard deviations over seeds."""
 
 from pathlib import Path
 from typing import Any
@@ -22,10 +22,11 @@ SPARSE = 0.5  # share of all combinations below which a sweep counts as a list
 
 
 def effects(frame: pd.DataFrame) -> dict[str, pd.DataFrame] | None:
-    """Tabulate the main metrics by the setting with the most values, for each combination of the others but the seed.
+    """Tabulate the main metrics against the setting with the most values, for each combination of the other settings.
 
-    A table has a row per value, ascending if all are numbers, and columns ("mean", metric) and ("std", metric). Returns
-    None if there is nothing to compare, or if few combinations were run; `pareto` compares a list of settings.
+    Seeds are averaged. Each table has one row per value, in ascending order if all values are numbers, and the columns
+    ("mean", metric) and ("std", metric). Returns None if there is nothing to compare, or if only a few of the
+    combinations were run; `pareto` compares a list of settings.
     """
     axes = {k: values for k, values in varying_settings(frame[frame["run", "label"].notna()]).items() if k != "seed"}
     if not axes:
@@ -50,9 +51,10 @@ def effects(frame: pd.DataFrame) -> dict[str, pd.DataFrame] | None:
 
 
 def write_effect(folder: Path, frame: pd.DataFrame) -> Path | None:
-    """Write ``effect.png`` of a sweep; None if only the seed varies, or fewer than two settings were finished.
+    """Write ``effect.png`` for a sweep.
 
-    The setting with the most values has an axis, which is horizontal if it is a number; colours show the others.
+    The setting with the most values has its own axis, which is horizontal if the values are numbers; colours
+    distinguish the other settings. Returns None if only the seed varies, or if fewer than two settings have finished.
     """
     series = effects(frame)
     if series is None:
@@ -80,7 +82,7 @@ def write_effect(folder: Path, frame: pd.DataFrame) -> Path | None:
 
 
 def _draw(axes: Axes, mean: pd.DataFrame, spread: pd.DataFrame, metric: str) -> None:
-    """Draw a column per series: lines over numbers, or otherwise a strip of points for each value."""
+    """Plot each column as one series: a line over numeric values, or otherwise a strip of points for each value."""
     plotting.tidy(axes)
     looks, label = [_look(k, name) for k, name in enumerate(mean)], quantities()[metric].label
     if mean.index.dtype == float:

@@ -1,6 +1,6 @@
-"""Compare settings by paired differences on the same pictures, or with the same seeds if there is only one picture.
+"""Compare settings by paired differences, over pictures or, if there is only one picture, over seeds.
 
-Each unit, a picture or a seed, counts once, with the difference between the means of its runs.
+Each unit (a picture or a seed) contributes one difference, between the means of its runs.
 """
 
 import math
@@ -42,10 +42,10 @@ LARGEST_LOGARITHM = 700.0  # upper bound on logarithms of ratios; exp(710) overf
 
 @dataclass(frozen=True)
 class Difference:
-    """Gains of a setting over a reference in one metric, on the units ("picture" or "seed") that have both.
+    """Gains of a setting over a reference setting in one metric, for all units ("picture" or "seed") that have both.
 
-    ``gains`` by unit, ``mean``, ``low`` and ``high`` are positive where the setting is better; for ratios, they are
-    natural logarithms.
+    ``gains`` maps each unit to its gain. Gains, ``mean``, ``low`` and ``high`` are positive where the setting is
+    better; for ratios, they are natural logarithms.
     """
 
     option: str
@@ -59,16 +59,16 @@ class Difference:
 
     @property
     def quantity(self) -> Quantity:
-        """The metric's quantity."""
+        """The description of the metric: its name, direction and smallest difference that matters."""
         return quantities()[self.metric]
 
     def units_that_gain(self, sign: int) -> list[str]:
-        """List the units on which the setting is better (``sign`` 1) or worse (-1) by more than what matters."""
+        """List the units on which the setting is better (``sign`` 1) or worse (-1) by an amount that matters."""
         return [unit for unit, gain in self.gains.items() if sign * gain > self.quantity.matters]
 
     @property
     def verdict(self) -> str:
-        """Decide between ``depends``, ``same``, ``better``, ``worse`` and ``not decided``; see `rule_for`."""
+        """The verdict: ``depends``, ``same``, ``better``, ``worse`` or ``not decided``; see `rule_for`."""
         if len(self.gains) < LEAST_UNITS or not math.isfinite(self.low):
             return NOT_DECIDED
         matters = self.quantity.matters
@@ -83,24 +83,24 @@ class Difference:
 
     @property
     def is_no_worse(self) -> bool:
-        """Check whether the interval excludes a loss that matters, and the result does not depend on the picture."""
+        """Whether the interval excludes a loss that matters and the result does not depend on the picture."""
         allows_none = self.low >= -self.quantity.matters
         return len(self.gains) >= LEAST_UNITS and allows_none and self.verdict != "depends"
 
     @property
     def bounds(self) -> str:
-        """The interval, in the metric's own direction."""
+        """The confidence interval as text, expressed as a change in the metric."""
         ends = (self.low, self.high) if self.quantity.better == "higher" else (self.high, self.low)
         return f"[{', '.join(map(self.format_gain, ends))}]"
 
     @property
     def effect(self) -> str:
-        """The mean with its interval, in the metric's own direction."""
+        """The mean and its confidence interval as text, expressed as a change in the metric."""
         return f"{self.format_gain(self.mean)} {self.bounds}"
 
     @property
     def sentence(self) -> str:
-        """The verdict in words, with its numbers."""
+        """The verdict in words, with its figures."""
         if self.verdict == "same":
             return f"no difference that matters: {self.effect}"
         if self.verdict == "depends":
@@ -111,18 +111,18 @@ class Difference:
         return f"{self.verdict}: {self.effect}"
 
     def format_gain(self, gain: float) -> str:
-        """Write a gain in the metric's own direction: ``+0.31``, or ``x 1.50`` for ratios."""
+        """Format a gain as a change in the metric itself: ``+0.31``, or ``x 1.50`` for ratios."""
         change = gain if self.quantity.better == "higher" else -gain
         return format_ratio(change) if self.quantity.ratio else f"{change:+.{self.quantity.digits}f}"
 
 
 def format_ratio(logarithm: float) -> str:
-    """Write a ratio with three digits, given its natural logarithm: ``x 1.00``."""
+    """Format a ratio, given its natural logarithm, with three significant digits: ``x 1.00``."""
     return f"x {math.exp(logarithm) if logarithm < LARGEST_LOGARITHM else math.inf:#.3g}".removesuffix(".")
 
 
 def interval(values: Iterable[float], confidence: float = CONFIDENCE) -> tuple[float, float, float]:
-    """Compute the mean of a sample and its interval by Student's t; infinite bounds for a single value."""
+    """Compute the mean of a sample and its Student's t interval; a single value has infinite bounds."""
     from scipy.stats import t  # noqa: PLC0415
 
     sample = np.array(list(values), float)
@@ -134,10 +134,10 @@ def interval(values: Iterable[float], confidence: float = CONFIDENCE) -> tuple[f
 
 
 def paired_table(frame: DataFrame) -> DataFrame | None:
-    """Tabulate the metrics of finished runs by setting and unit; None for fewer than two settings or units.
+    """Tabulate the metrics of finished runs by setting and unit; return None for fewer than two settings or units.
 
-    Columns are metrics. The index has the level "option", the overrides in which runs differ except image and seed, and
-    the level "picture" or "seed".
+    The columns are metrics. The index has two levels: "option", which holds the overrides in which the runs differ
+    apart from image and seed, and "picture" or "seed".
     """
     compared = frame[frame["run", "label"].notna()]
     if compared.empty:
@@ -158,9 +158,10 @@ def paired_table(frame: DataFrame) -> DataFrame | None:
 def paired_differences(
     table: DataFrame | None, reference: str | None = None, metrics: Sequence[str] = (), comparisons: int | None = None
 ) -> list[Difference]:
-    """Compare all settings of a `paired_table` with one, by default the first, in metrics with a known direction.
+    """Compare all settings of a `paired_table` with a reference, by default the first setting.
 
-    Intervals hold for all ``comparisons`` together (Bonferroni), by default the number of settings compared.
+    Without ``metrics``, all metrics are compared for which higher or lower is known to be better. The intervals are
+    corrected for ``comparisons`` simultaneous comparisons (Bonferroni), by default one for each setting compared.
     """
     if table is None:
         return []
@@ -180,7 +181,7 @@ def paired_differences(
 
 
 def gains_of(values: Any, others: Any, metric: str) -> dict[str, float]:
-    """Subtract others from values, with the sign for which more is better; see `Difference`."""
+    """Compute the gain of ``values`` over ``others`` for each unit, positive where better; see `Difference`."""
     both = values.notna() & others.notna()
     if quantities()[metric].ratio:
         both &= (values > 0) & (others > 0)
@@ -190,7 +191,7 @@ def gains_of(values: Any, others: Any, metric: str) -> dict[str, float]:
 
 
 def difference_rows(differences: Sequence[Difference]) -> list[dict[str, Any]]:
-    """Write one row per setting and metric in words."""
+    """Return one table row, in words, for each setting and metric."""
     return [
         {
             "setting": one.option,
@@ -205,7 +206,7 @@ def difference_rows(differences: Sequence[Difference]) -> list[dict[str, Any]]:
 
 
 def rule_for(unit: str) -> str:
-    """Write the rule of verdicts for pictures or seeds in words."""
+    """State the rule that decides a verdict, for pictures or seeds, in words."""
     depends = (
         f"a difference *depends on the picture* if at least {LEAST_ODD}, and {LEAST_SHARE:.0%}, of them differ by more "
         "than what matters, where that is known, in each direction; "
@@ -219,13 +220,13 @@ def rule_for(unit: str) -> str:
 
 
 def explain_pairing(differences: Sequence[Difference]) -> str:
-    """Write the reference, the unit of pairing and the rule of verdicts as Markdown."""
+    """State the reference, the unit of pairing and the rule that decides a verdict as Markdown."""
     unit = differences[0].unit
     return f"Against `{differences[0].reference}`, paired by {unit}. {rule_for(unit)}"
 
 
 def write_differences(folder: Path, frame: DataFrame) -> list[Difference]:
-    """Write ``differences.md``, ``.csv`` and ``.png`` if runs have several settings on the same units."""
+    """Write ``differences.md``, ``.csv`` and ``.png`` if several settings were run on the same units."""
     differences = paired_differences(paired_table(frame))
     if not differences:
         return []
@@ -243,7 +244,7 @@ def write_differences(folder: Path, frame: DataFrame) -> list[Difference]:
 
 
 def write_paired_plot(path: Path, differences: Sequence[Difference], title: str) -> Path:
-    """Write a PNG with a panel per metric, in which bars are means with their intervals."""
+    """Write a PNG with one panel per metric, in which bars show means with their confidence intervals."""
     measured = {one.metric for one in differences}
     metrics = [key for key in dict.fromkeys([*PANELS, *quantities()]) if key in measured][:MOST_PANELS]
     shown = [one for one in differences if one.metric in metrics]

@@ -1,4 +1,4 @@
-"""Find the settings that are worth their cost: the Pareto fronts of a cost against metrics of quality."""
+"""Find the settings that are worth their cost: the Pareto fronts of quality metrics against cost."""
 
 import math
 from collections.abc import Sequence
@@ -37,26 +37,26 @@ MOST_LINES, LINE = 20, 42  # maximum number of settings listed beside the panels
 
 @dataclass(frozen=True)
 class Trade:
-    """The names of a cost and of the metrics that are traded for it, each with a front."""
+    """The names of a cost and of the metrics that are traded against it, with one front for each metric."""
 
     cost: str
     metrics: tuple[str, ...]
 
     @property
     def columns(self) -> list[str]:
-        """Columns of a table of fronts."""
+        """The columns of a table of fronts."""
         return ["picture", "number", self.cost, *self.metrics, "runs", *self.flags, "overrides", "command"]
 
     @property
     def flags(self) -> list[str]:
-        """Columns that mark the settings on the front of each metric."""
+        """The columns that mark, for each metric, the settings on its front."""
         return [f"front_{metric}" for metric in self.metrics]
 
 
 def trade_of(frame: pd.DataFrame, cost: str | None = None, metrics: Sequence[str] = ()) -> Trade | None:
-    """Choose cost and metrics of finished runs where they are not given; None if the runs have none.
+    """Choose a cost and metrics that finished runs have; a given cost or given metrics are kept.
 
-    Raises UserError for a given quantity that no run has.
+    Returns None if the runs have no cost or no metric. Raises UserError for a given quantity that no run has.
     """
     known = [key for key, values in frame["metric"].items() if pd.to_numeric(values, errors="coerce").notna().any()]
     for key in filter(None, (cost, *metrics)):
@@ -73,7 +73,7 @@ def trade_of(frame: pd.DataFrame, cost: str | None = None, metrics: Sequence[str
 
 
 def front(costs: Any) -> np.ndarray:
-    """Mark the pairs of costs on the Pareto front, where no other pair is as low in both and lower in one."""
+    """Mark the pairs of costs on the Pareto front, that is, those that no other pair dominates."""
     costs = np.asarray(costs, float)
     as_low = (costs[:, None] <= costs[None]).all(-1)
     lower = (costs[:, None] < costs[None]).any(-1)
@@ -81,7 +81,10 @@ def front(costs: Any) -> np.ndarray:
 
 
 def front_table(frame: pd.DataFrame, trade: Trade) -> pd.DataFrame:
-    """Tabulate, for every image with at least two settings, the settings by cost; values are means over seeds."""
+    """Tabulate the settings in order of cost, for every image with at least two settings.
+
+    Values are means over seeds.
+    """
     named = frame.copy()
     named["run", "image"] = named["run", "image"].fillna("").replace("", EVERY_RUN)
     means = over_seeds(named)
@@ -103,13 +106,16 @@ def front_table(frame: pd.DataFrame, trade: Trade) -> pd.DataFrame:
 
 
 def _cost_of(values: pd.Series, key: str, *, as_cost: bool = False) -> np.ndarray:
-    """Negate values if more is better, so that less is always better; missing values are infinite."""
+    """Negate values if higher is better, so that lower is always better; missing values become infinite."""
     better = quantities()[key].better or ("lower" if as_cost else "higher")
     return (values if better == "lower" else -values).astype(float).fillna(math.inf).to_numpy()
 
 
 def write_front(folder: Path, frame: pd.DataFrame, cost: str | None = None, metrics: Sequence[str] = ()) -> Path | None:
-    """Write ``pareto.md``, ``.csv`` and ``.png``, and return the first; None if no image has two settings."""
+    """Write ``pareto.md``, ``.csv`` and ``.png``, and return the path of the first.
+
+    Returns None if no image has two settings.
+    """
     trade = trade_of(frame, cost, metrics)
     table = pd.DataFrame() if trade is None else front_table(frame, trade)
     if trade is None or table.empty:
@@ -133,7 +139,7 @@ def write_front(folder: Path, frame: pd.DataFrame, cost: str | None = None, metr
 
 
 def remark_on_own_features(frame: pd.DataFrame, metrics: Sequence[str]) -> str:
-    """Name the settings that minimise the same features as a metric; "" if there are none."""
+    """Warn about settings that directly minimise the features of a metric; return "" if there are none."""
     remarks = []
     for metric in metrics:
         losses = OWN_FEATURES.get(metric, ())
@@ -147,12 +153,12 @@ def remark_on_own_features(frame: pd.DataFrame, metrics: Sequence[str]) -> str:
 
 
 def _on_a_front(points: pd.DataFrame, trade: Trade, column: str) -> list[tuple[int, str]]:
-    """List the numbers of the settings on a front, with their values in a column."""
+    """List the settings that are on any front, as pairs of their number and their value in a column."""
     return list(points.loc[points[trade.flags].any(axis=1), ["number", column]].itertuples(index=False, name=None))
 
 
 def _plot(table: pd.DataFrame, trade: Trade, folder: Path) -> Figure:
-    """Draw a row of panels for each image, one per metric, and list the settings on the fronts next to it."""
+    """Draw a row of panels for each image, one per metric, with a list of the settings on the fronts beside them."""
     images = list(table.groupby("picture", sort=False))[:MOST_IMAGES]
     figure = plotting.new_figure(HEIGHT * len(images))
     n = len(trade.metrics)
@@ -171,12 +177,12 @@ def _plot(table: pd.DataFrame, trade: Trade, folder: Path) -> Figure:
 
 
 def _label(key: str) -> str:
-    """Label an axis; a quantity without a better direction has only its name."""
+    """Return the axis label of a quantity; its direction is stated only if it is known."""
     return quantities()[key].label if quantities()[key].better else quantities()[key].name
 
 
 def _panel(axes: Axes, points: pd.DataFrame, cost: str, metric: str) -> None:
-    """Draw all points and the numbered front of one metric, with axes that end near the front."""
+    """Plot all settings for one metric, number those on the front, and set the axis limits close to the front."""
     plotting.tidy(axes)
     axes.set(xlabel=_label(cost), ylabel=_label(metric))
     points = points.dropna(subset=[metric])

@@ -1,4 +1,4 @@
-"""Helpers for static plots: colours, text, axes, strips of points."""
+"""Helpers for static plots: colours, text, axes and strips of points."""
 
 import io
 import math
@@ -31,12 +31,12 @@ LOGARITHMIC_FROM = 20.0  # ratio of largest to smallest number above which an ax
 
 
 def new_figure(height: float = FIGURE_SIZE[1]) -> Figure:
-    """Make an empty figure on white, without global state."""
+    """Create an empty figure on white, without using Matplotlib's global state."""
     return Figure(figsize=(FIGURE_SIZE[0], height), dpi=DPI, layout="constrained", facecolor="white")
 
 
 def tidy(axes: Axes) -> None:
-    """Give axes a light grid and no frame."""
+    """Give axes a light grid, and remove their top and right spines."""
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color("#808080")
     axes.grid(color=FAINT, linewidth=0.6)
@@ -45,7 +45,7 @@ def tidy(axes: Axes) -> None:
 
 
 def save_figure(figure: Figure, path: Path) -> Path:
-    """Write a PNG that is byte-identical for the same figure."""
+    """Write a figure as a PNG file; equal figures give byte-identical files."""
     file = io.BytesIO()
     FigureCanvasAgg(figure).print_png(file, metadata={"Software": None})  # figure.savefig draws twice
     write_bytes(path, file.getvalue())
@@ -53,7 +53,7 @@ def save_figure(figure: Figure, path: Path) -> Path:
 
 
 def draw_strips(axes: Axes, table: DataFrame, looks: Sequence[Any], bars: DataFrame | None = None) -> None:
-    """Draw a strip of points for each row of a table, with its columns above each other, and error ``bars``."""
+    """Draw a strip of points for each table row, with the columns stacked within it and ``bars`` as error bars."""
     for k, look in enumerate(looks):
         places = np.arange(len(table)) + 0.8 * ((k + 0.5) / len(looks) - 0.5)
         axes.errorbar(table.iloc[:, k], places, xerr=None if bars is None else bars.iloc[:, k], ls="none", **look)
@@ -62,7 +62,7 @@ def draw_strips(axes: Axes, table: DataFrame, looks: Sequence[Any], bars: DataFr
 
 
 def fit_scale(axes: Axes, name: str, values: Iterable[float]) -> None:
-    """Make an axis (x or y) logarithmic, with plain numbers, if values are positive and differ widely."""
+    """Make an axis (x or y) logarithmic, with plain tick labels, if its values are positive and span a wide range."""
     finite = [value for value in values if math.isfinite(value)]
     if finite and min(finite) > 0 and max(finite) / min(finite) > LOGARITHMIC_FROM:
         axes.set(**{f"{name}scale": "log"})
@@ -73,18 +73,18 @@ def fit_scale(axes: Axes, name: str, values: Iterable[float]) -> None:
 
 
 def add_title(figure: Figure, folder: Path, text: str) -> None:
-    """Write the name of a sweep's folder and a text above all panels."""
+    """Add a title, which consists of the sweep's folder name and a text, above all panels."""
     figure.suptitle(f"{without_math(folder.resolve().name)[:60]}: {text}", fontsize=11, x=0.01, ha="left")
 
 
 def without_math(text: str) -> str:
-    """Put text on one line, replace letters that the font lacks with "?", and escape dollar signs."""
+    """Put text on one line, replace characters that the font lacks with "?", and escape dollar signs."""
     letters = get_font(findfont(FontProperties())).get_charmap()
     return "".join(sign if ord(sign) in letters else "?" for sign in " ".join(text.split())).replace("$", r"\$")
 
 
 def label_lines(text: str, width: int, most: int = 3) -> str:
-    """Break a label of a plot into at most ``most`` lines of ``width`` characters."""
+    """Break a plot label into at most ``most`` lines of ``width`` characters."""
     return wrap_text(without_math(text), width, most)
 
 

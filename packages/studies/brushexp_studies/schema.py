@@ -1,4 +1,4 @@
-"""Keys of ``task=compare``."""
+"""Define the config keys of ``task=compare``."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from brushexp.contracts.tasks import Task, key
 
 @dataclass
 class CompareTask(Task):
-    """Compare finished runs by quality for time, and show which led at each moment."""
+    """Compare finished runs by quality over time, and show which run led at each moment."""
 
     module = "brushexp_studies.task"
     alone = "runs"

@@ -1,4 +1,4 @@
-"""Brushwork analysis gives known strokes their known measures, compares paintings, and writes tables and figures."""
+"""Test that brushwork analysis measures known strokes correctly, and that comparisons are well defined."""
 
 import math
 from dataclasses import replace
@@ -55,7 +55,7 @@ def analysis_of_random(n: int = 60, seed: int = 0, name: str = "one", size: tupl
 
 
 def combed(n: int, angle: float = 0.5) -> Strokes:
-    """Make straight parallel strokes."""
+    """Return ``n`` straight parallel strokes."""
     made = random_strokes(n, SIZE, width=(0.2, 0.2))
     way = torch.tensor([math.cos(angle), math.sin(angle)]).expand(n, 2)
     return replace(made, start=-0.5 * way, control=0 * way, end=0.5 * way, scale=torch.full((n,), 12.0))

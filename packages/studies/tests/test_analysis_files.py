@@ -1,4 +1,4 @@
-"""An analysis writes tables that can be read back, marks of sizes determined by settings, figures and other files."""
+"""Test that an analysis writes readable tables and all figures, and marks sizes that a setting has fixed."""
 
 import csv
 import io

@@ -1,4 +1,4 @@
-"""Runs from any folders are compared at equal time, at equal quality, and on one front."""
+"""Test that runs from any folders are compared at equal time, at equal quality, and by their Pareto front."""
 
 import shlex
 import warnings
@@ -22,14 +22,14 @@ NUMBERS = {"psnr": 25.0, "perceptual": 0.2, "seconds": 2.0, "anytime": [[0.1, 15
 
 
 def single_run(folder: Path, *words: str, **numbers: object) -> Path:
-    """Write the files of a run."""
+    """Write the files of one run."""
     make_run(folder.parent, {}, name=folder.name, target=100, **(NUMBERS | numbers))
     write_words(folder, *words)
     return folder
 
 
 def sweep(folder: Path, *settings: str, **numbers: object) -> None:
-    """Write the files of a sweep with one override per job."""
+    """Write the files of a sweep with one job per setting."""
     for k, setting in enumerate(settings):
         single_run(folder / str(k), setting, loss="mse", **numbers)
 
@@ -84,7 +84,7 @@ def test_a_folder_without_runs_is_explained(tmp_path, name, reason):
 
 @pytest.fixture
 def compare(tmp_path, config):
-    """Run the task in this process; return the folder and the metrics."""
+    """Return a function that runs the task in this process and returns its folder and metrics."""
     folder = tmp_path / "compared"
 
     def run(*overrides: str):
@@ -122,7 +122,7 @@ COSTS = st.lists(st.tuples(st.integers(0, 6), st.integers(0, 6)), min_size=1, ma
 
 
 def make_sweep(folder: Path) -> None:
-    """Write four settings; steps=2 beats steps=3 in PSNR, and all beat steps=4 in everything."""
+    """Write a sweep of four settings: steps=2 beats steps=3 in PSNR, and all beat steps=4 in everything."""
     rows = ((4, 8.0, 15, 0.4), (1, 1.0, 20, 0.3), (2, 2.0, 25, 0.2), (3, 4.0, 24, 0.1))
     for steps, seconds, psnr, perceptual in rows:
         numbers = {"seconds": seconds, "psnr": psnr, "perceptual": perceptual}

@@ -1,4 +1,4 @@
-"""Paired differences agree with SciPy's paired t test, verdicts follow their rule, and effects are plotted."""
+"""Test that paired differences agree with SciPy's paired t-test, and that verdicts and plots follow from them."""
 
 import json
 import math
@@ -29,7 +29,7 @@ PICTURES = ("a", "b", "c", "d")
 
 
 def make_study(folder, psnr=(A, B, C), units=PICTURES, key="image", **noted):
-    """Write a sweep with one setting per row, over pictures or seeds; None is a failed job."""
+    """Write a sweep with one setting for each row of ``psnr``, over pictures or seeds; None makes a failed job."""
     for unit, *values in zip(units, *psnr, strict=True):
         for k, value in enumerate(values):
             numbers = {"psnr": value, "seconds": 2.0 + k} if value is not None else {"status": "failed"}

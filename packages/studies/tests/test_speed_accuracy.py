@@ -1,4 +1,4 @@
-"""The published front of speed and accuracy agrees with its records, and a regret compares only what it may."""
+"""Test that the published speed and accuracy figures agree with their records, and how regrets are computed."""
 
 import sys
 from pathlib import Path

@@ -32,7 +32,7 @@ FEWEST_STROKES, MOST_STROKES, NOTCHES = 50, 10_000, 80  # range of the slider fo
 
 
 class Controls:
-    """Inputs for the choices of a visit; ``complain`` shows an error on the page."""
+    """Input controls for a visitor's choices; ``complain`` shows an error message on the page."""
 
     def __init__(self, visit: Visit, complain: Callable[[str], None]) -> None:
         self.visit, self.complain = visit, complain
@@ -72,7 +72,7 @@ class Controls:
         self.show()
 
     def show(self) -> None:
-        """Show the available pictures and the chosen ones."""
+        """Show the available pictures, and mark the chosen ones."""
         wishes = self.visit.wishes
         for focus, button in self.focus.items():
             button.press(focus == wishes.focus)
@@ -97,13 +97,13 @@ class Controls:
                 button.press(other == key)
 
     def show_drafts(self) -> None:
-        """Replace the samples of looks with the finished drafts of the photograph."""
+        """Replace each look's sample with the finished draft of the photograph in that look."""
         for look, sample in self.samples.items():
             address = self.visit.drafts.address(self.visit.wishes.photo, look)
             sample.set(src=address or f"/looks/{look}.webp")
 
     def _thumbs(self, name: str, chosen: Photo | None, take: Callable[[Photo], None]) -> dict[str, Button]:
-        """Add the choices: samples, or paintings for styles, and the visitor's own picture."""
+        """Add thumbnails of the sample pictures or styles and of the visitor's own picture; return them by key."""
         none = Button("None", lambda: self._take_style(None), classes="drop") if name == "style" else None
         whole = name == "picture"  # accepts a file dropped anywhere on the page
         own = {"name": f"Your own {name}", "text": "Your own", "address": "/photos", "whole": whole}
@@ -156,7 +156,10 @@ class Controls:
         self.visit.wishes.palette = palette
 
     async def _take_tubes(self, tubes: str) -> None:
-        """Choose paints and a look that uses them; without paints, return to the first look."""
+        """Choose a set of paints.
+
+        A set of paints also selects the look that uses it; without one, this look is replaced by the first look.
+        """
         wishes = self.visit.wishes
         wishes.tubes = tubes
         if tubes:
@@ -165,7 +168,7 @@ class Controls:
             await self._take_look(self.visit.looks[0])
 
     def receive(self, answer: dict[str, Any], take: Callable[[Photo], None]) -> None:
-        """Use an uploaded photo, or show its error."""
+        """Use an uploaded picture, or show the error that it caused."""
         self.complain(str(answer.get("error", "")))
         if "photo" in answer:
             try:
@@ -214,7 +217,7 @@ class Controls:
         self.visit.notify()
 
     async def _renew_strokes(self) -> None:
-        """Show the planned number of strokes and whether their size can be chosen."""
+        """Show the planned number of strokes, and show the size slider only if the look has its own stroke size."""
         wishes = self.visit.wishes
         if wishes.photo is None:
             return
@@ -229,7 +232,7 @@ class Controls:
 
 @contextmanager
 def part(title: str, hint: str = "") -> Iterator[None]:
-    """Add a section with a heading to the controls."""
+    """Add a section with a heading to the controls within the ``with`` block."""
     with Tag("section", "part"):
         with Tag("h2", text=title):
             if hint:

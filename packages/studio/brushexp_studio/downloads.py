@@ -1,4 +1,4 @@
-"""Make slow files of a finished painting in threads and report their progress."""
+"""Create a painting's slow files, such as prints and layered files, in threads, and report their progress."""
 
 import zipfile
 from collections.abc import Callable
@@ -17,22 +17,22 @@ MAKING, MADE, BROKEN = "making", "made", "broken"
 
 
 class Painted(Protocol):
-    """A finished painting and its files, from which other files are made."""
+    """A finished painting with its files, from which further files can be made."""
 
     folder: Path
     painting: Any  # a `brushexp.Painting`, or None if it was not kept
 
     @property
     def name(self) -> str:
-        """Name of saved files."""
+        """The stem of the names of saved files."""
 
     @property
     def ratio(self) -> float:
-        """Width over height."""
+        """The ratio of width to height."""
 
     @property
     def files(self) -> dict[str, Path]:
-        """Files of the painting by name."""
+        """The painting's files by name."""
 
     @property
     def has_tubes(self) -> bool:
@@ -41,7 +41,7 @@ class Painted(Protocol):
 
 @dataclass(frozen=True)
 class Form:
-    """A type of file made on request."""
+    """A type of file that is made on request."""
 
     title: str  # label of its button
     what: str  # description in one line
@@ -60,7 +60,7 @@ FORMS = {
 
 
 def possible_forms(work: Painted) -> dict[str, Form]:
-    """List the files that can be made from a painting; PSD needs an extra, and a plan needs tubes."""
+    """Return the kinds of files that can be made from a painting: PSD needs an extra, and a plan needs tubes."""
     missing = {"psd"} if find_spec("psd_tools") is None else set()
     if not work.has_tubes:
         missing.add("plan")
@@ -69,7 +69,7 @@ def possible_forms(work: Painted) -> dict[str, Form]:
 
 @dataclass
 class Download:
-    """A file that is being made or is finished."""
+    """A file that has been made, is being made, or could not be made."""
 
     form: str
     choice: Print | Plan | None = None  # the visitor's choice of size or difficulty
@@ -80,7 +80,7 @@ class Download:
 
     @property
     def words(self) -> str:
-        """Progress in words.
+        """The progress as text.
 
         >>> Download("pdf", share=0.4).words
         'Making the PDF … 40 %'
@@ -92,7 +92,7 @@ class Download:
 
 @dataclass(frozen=True)
 class WatchedJob(ExportJob):
-    """An export job that reports the share of the picture in each drawn band to ``watch``."""
+    """An export job that calls ``watch`` with the fraction of the picture that each finished band covers."""
 
     watch: Callable[[float], None] = field(default=lambda share: None, kw_only=True)
 
@@ -107,7 +107,10 @@ class Stopped(Exception):
 
 
 def make_file(work: Painted, download: Download, tell: Callable[[float | None], None]) -> Path:
-    """Make a file of a finished painting, reporting progress to ``tell``; raise UserError if that is impossible."""
+    """Make a file of a finished painting and return its path.
+
+    ``tell`` receives the progress. Raises UserError if the file cannot be made.
+    """
     folder = work.folder / PRINTS
     folder.mkdir(parents=True, exist_ok=True)
     if download.form == "zip":
@@ -131,7 +134,7 @@ def make_file(work: Painted, download: Download, tell: Callable[[float | None], 
 
 
 def zip_files(work: Painted, path: Path, tell: Callable[[float], None]) -> Path:
-    """Pack all files of a painting, reporting the finished share of their bytes to ``tell``."""
+    """Pack all of a painting's files into a ZIP archive, and report the packed fraction of their bytes to ``tell``."""
     files = work.files
     total = max(1, sum(file.stat().st_size for file in files.values()))
     packed = 0
@@ -144,7 +147,7 @@ def zip_files(work: Painted, path: Path, tell: Callable[[float], None]) -> Path:
 
 
 def describe_file(path: Path, size: tuple[int, int]) -> str:
-    """Describe in one line the type and size of a file of a painting of ``size`` (H, W) in pixels."""
+    """Describe the type and size of a painting's file in one line; ``size`` is the painting's (H, W) in pixels."""
     megabytes = path.stat().st_size / 1e6
     amount = f"{megabytes:.1f}\u00a0MB" if megabytes >= 0.1 else f"{1000 * megabytes:.0f}\u00a0kB"
     if path.suffix == ".svg":

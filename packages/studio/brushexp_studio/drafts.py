@@ -1,4 +1,4 @@
-"""Paint small drafts of the chosen photograph in each look, in the background."""
+"""Paint small drafts of the chosen photograph, one in each look, in the background."""
 
 import logging
 import os
@@ -23,7 +23,7 @@ NICENESS = 10  # niceness of the thread on systems with niceness per thread
 
 
 class Drafts:
-    """Drafts of photographs by key and look, painted one at a time while no painting is running or waiting."""
+    """Drafts by photograph and look, painted one at a time while no painting is in progress or waiting."""
 
     def __init__(self, works: Works) -> None:
         self.works = works
@@ -33,18 +33,18 @@ class Drafts:
         self._thread: Thread | None = None
 
     def want(self, photo: Photo, looks: list[str]) -> None:
-        """Paint drafts of a photograph in each look, in this order, replacing earlier requests."""
+        """Request drafts of a photograph in the given looks, in this order; earlier requests are dropped."""
         self._wanted = photo, looks
         if self._thread is None:
             self._thread = Thread(target=self._run, name="drafts", daemon=True)
             self._thread.start()
 
     def address(self, photo: Photo | None, look: str) -> str | None:
-        """Return the address of a draft, or None if it does not exist."""
+        """Return the address of a draft, or None if the draft does not exist."""
         return f"/drafts/{photo.key}/{look}.jpg" if photo and self.pictures.get((photo.key, look)) else None
 
     def close(self) -> None:
-        """Stop the draft and the thread."""
+        """Abort the current draft and end the thread."""
         self._closing.set()
         if self._thread:
             self._thread.join()
@@ -66,7 +66,7 @@ class Drafts:
                 self.works.version += 1
 
     def _next(self) -> tuple[Photo, str] | None:
-        """Return the next draft to paint, or None if there is nothing to do."""
+        """Return the photograph and look of the next draft, or None if all requested drafts are finished."""
         if self._wanted is None:
             return None
         photo, looks = self._wanted
@@ -76,7 +76,7 @@ class Drafts:
         return self.works.is_warm.is_set() and self.works.current is None and not self._closing.is_set()
 
     def _paint(self, photo: Photo, look: str) -> bytes | None:
-        """Paint a draft; return None if more urgent work arrives, and empty bytes if the look fails."""
+        """Paint a draft; return None if more urgent work interrupts it, and empty bytes if the look fails."""
         keys: dict[str, Any] = {"look": look, "quality": "draft", "resolution": min(SIDE, max(photo.size))}
         try:
             if not self._may_paint():

@@ -31,7 +31,7 @@ FILES = {  # names on the page; a film is either an MP4 or a GIF
 
 
 class Easel:
-    """The views of a visit to the page."""
+    """The right side of the page, which shows the chosen view of the picture, its files, and earlier paintings."""
 
     def __init__(self, visit: Visit, receive: Any, begin: Callable[[Wishes], None]) -> None:
         self.visit, self.receive, self.begin = visit, receive, begin
@@ -51,7 +51,7 @@ class Easel:
         self.show()
 
     def show(self) -> None:
-        """Redraw everything."""
+        """Redraw all parts of the easel."""
         views = self.visit.views()
         if self.visit.view not in views:
             self.visit.view = views[-1] if views else PHOTOGRAPH
@@ -70,7 +70,7 @@ class Easel:
         self.renew()
 
     def renew(self) -> None:
-        """Show the latest picture of the painting, and redraw everything if anything else has changed."""
+        """Show the latest picture of the painting; redraw everything if anything else has changed."""
         work, works = self.visit.work, self.visit.works
         made = tuple((key, download.status) for key, download in work.downloads.items()) if work else ()
         state = (len(works.all), work and (work.number, work.status), bool(work and work.frames))
@@ -123,7 +123,7 @@ class Easel:
             found.set_text(in_words(len(faces)))
 
     async def _mark_faces(self, photo: Photo) -> None:
-        """Let the visitor mark faces by hand, in addition to detected ones."""
+        """Let the visitor mark faces by hand, starting from a mask of the detected faces."""
         faces = await run.io_bound(find_faces, photo)
         wishes = self.visit.wishes
         if wishes.mask is None and faces:
@@ -231,7 +231,7 @@ class Easel:
             Tag("small", text=describe_file(work.files[name], work.wishes.canvas))
 
     def _show_form(self, key: str, form: Form, work: Work) -> None:
-        """Add a file made on request, shown first as a button, then as its progress, then as a link."""
+        """Add a file that is made on request: a button, then its progress, then a link."""
         download = work.downloads.get(key)
         if download and download.status != MAKING and download.choice != self._choice_for(key):
             download = None  # made for another size or difficulty
@@ -251,7 +251,7 @@ class Easel:
                 chips("Difficulty of the plan", DIFFICULTIES, self.visit.plan.difficulty, self._take_difficulty)
 
     def _choice_for(self, key: str) -> Print | Plan | None:
-        """Return this tab's choice of size or difficulty for a file."""
+        """Return the visitor's choice of print size or plan difficulty for a kind of file; None for other kinds."""
         if FORMS[key].is_print:
             return self.visit.paper
         return self.visit.plan if key == "plan" else None
@@ -267,7 +267,7 @@ class Easel:
         self.renew()
 
     def _renew_files(self) -> None:
-        """Show the progress of files being made, and save finished files of this tab."""
+        """Update the progress of files that are being made, and download the finished files that this tab requested."""
         work, works = self.visit.work, self.visit.works
         for key, (words, bar) in self.making.items():
             if work and (download := work.downloads.get(key)):

@@ -1,4 +1,4 @@
-"""Define the elements of the page: plain HTML in the style of run pages, and six elements with scripts."""
+"""Define the elements of the page: plain HTML in the style of the run pages, and six scripted elements."""
 
 from collections.abc import Callable
 from functools import partial
@@ -17,7 +17,7 @@ class Tag(TextElement):
         self.set(**attributes)
 
     def set(self, **attributes: Any) -> None:
-        """Change attributes; None removes an attribute."""
+        """Set attributes of the element; the value None removes an attribute."""
         for name, value in attributes.items():
             attribute = name.replace("_", "-")
             if value is None:
@@ -27,7 +27,7 @@ class Tag(TextElement):
 
 
 class Button(Tag):
-    """A button that calls ``do``; ``pressed`` is its state if it is a choice."""
+    """A button that calls ``do`` when clicked; ``pressed`` is its state if it represents a choice."""
 
     def __init__(
         self, text: str, do: Callable[[], Any], *, pressed: bool | None = None, classes: str = "button"
@@ -44,7 +44,7 @@ class Button(Tag):
 
 
 class Scripted(ui.element):
-    """An element with a script and properties; ``answer`` receives the replies to its uploads."""
+    """An element with a script and properties; ``answer`` receives the server's replies to its uploads."""
 
     def __init__(self, answer: Callable[[dict[str, Any]], Any] | None = None, **props: Any) -> None:
         super().__init__()
@@ -54,30 +54,31 @@ class Scripted(ui.element):
 
 
 class Drop(Scripted, component="web/drop.js"):
-    """A drop zone for files with ``name``, ``text`` and upload ``address``; ``whole`` covers the page."""
+    """A drop zone that uploads files to ``address``; ``whole`` makes it accept drops anywhere on the page."""
 
 
 class Wipe(Scripted, component="web/wipe.js"):
-    """Two pictures on either side of a divider: addresses ``left`` and ``right``, ``leftName`` and ``rightName``."""
+    """Two pictures on either side of a divider; ``leftName`` and ``rightName`` describe ``left`` and ``right``."""
 
 
 class Frames(Scripted, component="web/frames.js"):
-    """Pictures one after another: addresses ``frames``, and ``captions``."""
+    """A replay of pictures in sequence, given by their addresses ``frames`` and their ``captions``."""
 
 
 class Blend(Scripted, component="web/blend.js"):
-    """A slider from a photograph to its painting: addresses ``photograph``, ``painting`` and ``saved`` (the blend)."""
+    """A slider that blends a photograph with its painting; ``saved`` is the address for saving the blend."""
 
 
 class Mask(Scripted, component="web/mask.js"):
-    """A mask over a ``picture`` with a ``ratio`` (width / height); ``before`` is the address of a mask to continue.
+    """A mask painted over a ``picture`` of the given ``ratio`` (width / height).
 
-    ``label`` and ``group`` describe the mask and its brush.
+    ``before`` is the address of an existing mask to start from; ``label`` and ``group`` describe the mask and its
+    brush.
     """
 
 
 class Slide(Scripted, component="web/slide.js"):
-    """A slider with a name; ``change`` receives the value and returns the text next to the name."""
+    """A labelled slider; ``change`` receives its value and returns the text shown next to the label."""
 
     def __init__(self, change: Callable[[float], str], **props: Any) -> None:
         super().__init__(shown=change(props["value"]), **props)
@@ -88,7 +89,7 @@ class Slide(Scripted, component="web/slide.js"):
 
 
 def chips(name: str, choices: dict[Any, str], chosen: Any, choose: Callable[[Any], Any]) -> dict[Any, Button]:
-    """Add a group of buttons, one of them pressed, and return the buttons by key; ``choose`` receives a key."""
+    """Add a group of buttons of which one is pressed, and return them by key; ``choose`` receives the clicked key."""
     buttons: dict[Any, Button] = {}
 
     def press(key: Any) -> Any:

@@ -17,14 +17,14 @@ REACH = 0.7  # sides of a face: radius of its mark
 
 @lru_cache(maxsize=64)
 def find_faces(photo: Photo) -> list[Any]:
-    """Find faces as a painting does, each with a centre ``x``, ``y`` and a ``side`` in pixels of the photograph."""
+    """Find faces with the detector used in painting; each has a centre ``x``, ``y`` and a ``side``, in photo pixels."""
     with Image.open(photo.path) as picture:
         pixels = np.asarray(picture.convert("RGB"), np.float32) / 255
     return faces_of(settings_of("paint", {"faces": "auto"}).cfg, torch.from_numpy(pixels).movedim(2, 0))
 
 
 def in_words(count: int) -> str:
-    """Describe how many faces were found.
+    """State the number of faces that were found.
 
     >>> in_words(0), in_words(1), in_words(5)
     ('Found no face.', 'Found 1 face.', 'Found 5 faces.')
@@ -33,7 +33,7 @@ def in_words(count: int) -> str:
 
 
 def mask_of(faces: Sequence[Any], size: tuple[int, int]) -> np.ndarray:
-    """Draw a mask (bytes) of ``size`` (H, W) with a disc on each face."""
+    """Draw a uint8 mask of ``size`` (H, W) with a disc on each face."""
     mask = Image.new("L", (size[1], size[0]))
     for face in faces:
         radius = REACH * face.side

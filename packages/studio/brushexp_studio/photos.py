@@ -1,4 +1,4 @@
-"""Store uploaded pictures and samples; each picture is read once and kept as a plain PNG."""
+"""Store uploaded pictures and samples; each picture is decoded once and kept as a plain PNG."""
 
 import itertools
 import logging
@@ -31,7 +31,7 @@ PAINTINGS = {  # samples of styles: key -> file; made with look=vangogh and look
 
 @dataclass(frozen=True)
 class Photo:
-    """A picture as a PNG in the session's folder."""
+    """A picture that is stored as a PNG in the session's folder."""
 
     key: str
     name: str  # name of the user's file or of a sample, or path of a painting
@@ -48,13 +48,13 @@ class Photo:
         return f"/photos/{self.key}/shown.jpg"
 
     def jpeg(self, side: int) -> bytes:
-        """Encode the picture for the page with at most ``side`` pixels on its longer side."""
+        """Encode the picture as a JPEG for the page, with at most ``side`` pixels on its longer side."""
         with Image.open(self.path) as picture:
             return encode(picture.convert("RGB"), side, **JPEG)
 
 
 class Photos:
-    """The pictures and masks of a session, by keys that are not paths."""
+    """The pictures and masks of a session, accessed by keys that are not file paths."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -64,7 +64,7 @@ class Photos:
         self._reading = RLock()  # one picture at a time: pictures may be large, and remarks are read from stderr
 
     def __getitem__(self, key: str) -> Photo:
-        """Return a picture by key, or a sample or painting by name; raise UserError if it does not exist."""
+        """Return an uploaded picture by key, or a sample or painting by name; raise UserError if there is none."""
         with self._reading:
             if key in SAMPLES and key not in self._photos:
                 self._photos[key] = self._store(samples()[key], key, key)
@@ -76,7 +76,7 @@ class Photos:
         return self._photos[key]
 
     def add(self, received: Path, name: str) -> Photo:
-        """Read an uploaded file under its name; raise UserError for anything but a picture."""
+        """Read and store an uploaded file under its original name; raise UserError if it is not a valid picture."""
         key = f"photo{next(self._numbers)}"
         path = Path("".join(letter for letter in name if letter.isprintable()) or "picture")
         short = path.stem[:LONGEST_NAME] + path.suffix[:LONGEST_NAME] or "picture"
@@ -87,14 +87,17 @@ class Photos:
         return self._photos[key]
 
     def add_mask(self, received: Path, photo: Photo) -> str | None:
-        """Store a mask for a picture and return its key, or None if it is empty; raise UserError for a wrong size."""
+        """Store an uploaded mask for a picture and return its key, or None if the mask is empty.
+
+        Raises UserError if the mask's aspect ratio differs from that of the picture.
+        """
         with self._reading:
             grey = read_picture(received, key="mask").max(2)
             check_ratio("the mask", grey.shape, photo.size, "focus")
             return self.keep_mask(grey)
 
     def keep_mask(self, grey: np.ndarray) -> str | None:
-        """Store a mask (H, W) and return its key, or None for an empty mask."""
+        """Store a mask (H, W) and return its key, or None if the mask is empty."""
         if not grey.any():
             return None
         path = self.folder / f"mask{next(self._numbers)}.png"
@@ -119,7 +122,7 @@ class Photos:
 
 @contextmanager
 def remarks() -> Iterator[list[str]]:
-    """Collect the warnings issued in this thread while a file is read, for example that it is truncated."""
+    """Collect the warnings logged in this thread within the ``with`` block, for example about a truncated file."""
     told: list[str] = []
     thread = get_ident()
 
@@ -137,5 +140,5 @@ def remarks() -> Iterator[list[str]]:
 
 
 def portable_name(name: str) -> str:
-    """Make a file name that is valid on every system."""
+    """Convert a name to a file name that is valid on every system."""
     return re.sub(r"[^\w-]+", "_", name)

@@ -1,4 +1,4 @@
-"""Choose the difficulty of a plan for painting by hand."""
+"""Store the chosen difficulty of a plan for painting by hand."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -8,7 +8,7 @@ DIFFICULTIES = {"": "As painted", "easy": "Easy", "medium": "Medium", "hard": "H
 
 @dataclass(frozen=True)
 class Plan:
-    """A plan with one of the ``DIFFICULTIES``."""
+    """A plan for painting by hand, with one of the ``DIFFICULTIES``."""
 
     difficulty: str = ""
 
@@ -18,7 +18,7 @@ class Plan:
         return self.difficulty
 
     def options(self, ratio: float) -> dict[str, Any]:
-        """Convert to options of an exporter, for a picture with a ``ratio`` (width / height).
+        """Return the exporter options; ``ratio`` (width / height) is not used for plans.
 
         >>> Plan("easy").options(1.5), Plan().options(1.5)
         ({'difficulty': 'easy'}, {})

@@ -15,7 +15,7 @@ MOST_MARGIN, MOST_BLEED = 20, 10  # mm
 
 
 class PrintControls:
-    """Controls for paper, margin and bleed, which call ``changed`` after each change."""
+    """Controls for paper size, margin and bleed; ``changed`` is called after each change."""
 
     def __init__(self, visit: Visit, changed: Callable[[], None]) -> None:
         self.visit, self.changed = visit, changed
@@ -37,7 +37,7 @@ class PrintControls:
             self.files = Tag("ul", "downloads")
 
     def show(self, work: Work | None) -> None:
-        """Show the size of a painting's print, or nothing if there is no painting."""
+        """Show the print size of a painting, or hide the controls if there is no painting."""
         self.work = work
         self.place.set_visibility(work is not None)
         self.fits.set_visibility(self.visit.paper.paper in PAPERS)

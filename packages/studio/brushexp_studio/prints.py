@@ -1,4 +1,4 @@
-"""Compute the size of a print from the paper or a length, the treatment of edges, and the number of pixels."""
+"""Compute a print's size in cm and its resolution from the chosen paper, margins and bleed."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +12,7 @@ MOST_PIXELS = 5000  # on the longer side: more than 300 dpi on A3; larger prints
 
 @dataclass(frozen=True)
 class Print:
-    """A size on paper; paper is measured in cm, margin and bleed in mm."""
+    """The size of a print, with paper in cm, and margin and bleed in mm."""
 
     paper: str = "A4"
     side: float = 30.0  # side in cm of a square, or longer side in cm of a picture with its own proportions
@@ -27,11 +27,11 @@ class Print:
 
     @property
     def is_cropped(self) -> bool:
-        """Check whether the picture takes the shape of the paper: always on a square, never in its own proportions."""
+        """Whether the picture is cropped to the paper: always on square paper, never at its own proportions."""
         return self.paper == SQUARE or (self.paper in PAPERS and self.fill)
 
     def box(self, ratio: float) -> tuple[float, float]:
-        """Compute the width and height of the paper in cm for a picture with a ``ratio`` (width / height)."""
+        """Compute the paper's width and height in cm for a picture with the given ``ratio`` (width / height)."""
         longer, shorter = PAPERS.get(self.paper, (self.side, self.side))
         return (longer, shorter) if ratio >= 1 else (shorter, longer)
 
@@ -49,7 +49,7 @@ class Print:
         return round(across + around, 1), round(across / ratio + around, 1)
 
     def dpi(self, ratio: float) -> int:
-        """Compute the pixels per inch: 300, or fewer if the print would have more than `MOST_PIXELS`.
+        """Compute the resolution in dpi: 300, or less if the longer side would exceed `MOST_PIXELS`.
 
         >>> Print("A4").dpi(1.5), Print("A2").dpi(1.5)
         (300, 213)
@@ -57,7 +57,7 @@ class Print:
         return int(min(DPI, MOST_PIXELS * CM / max(self.size(ratio))))
 
     def options(self, ratio: float) -> dict[str, Any]:
-        """Convert to options of an exporter."""
+        """Return the exporter options for a picture with the given ``ratio`` (width / height)."""
         width, height = self.box(ratio)
         options = {"size_cm": f"{width:g}x{height:g}", "dpi": float(self.dpi(ratio))}
         return options | {"fill": self.is_cropped, "margin": self.margin, "bleed": self.bleed}
@@ -83,7 +83,7 @@ class Print:
 
 
 def share_of(share: float) -> str:
-    """Write a share of a picture.
+    """Format a fraction of a picture.
 
     >>> share_of(0.334), share_of(0.07), share_of(0)
     ('a third', '7 %', 'nothing')

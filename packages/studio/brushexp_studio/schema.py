@@ -1,4 +1,4 @@
-"""Declare the keys of ``task=studio`` and ``task=view``."""
+"""Define the config keys of ``task=studio`` and ``task=view``."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -40,7 +40,7 @@ class ViewTask(Task):
 
     @staticmethod
     def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
-        """Check that a page exists to view."""
+        """Check that there is a page to view."""
         from brushexp_studio.view import newest_run  # noqa: PLC0415  (``--help`` does not need it)
 
         if cfg.catalogue is None:

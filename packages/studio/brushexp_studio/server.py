@@ -1,4 +1,4 @@
-"""Serve the studio to this machine only: pictures and files for the browser, and uploads from it."""
+"""Serve the studio's page, pictures and files to this machine only, and receive uploads from the browser."""
 
 import socket
 import time
@@ -44,7 +44,7 @@ READER = ThreadPoolExecutor(1, "reader")  # thread for uploads; each thread reta
 
 
 def application(photos: Photos, works: Works, drafts: Drafts) -> FastAPI:
-    """Serve pictures and files of paintings, and receive uploads."""
+    """Build the web application that serves pictures and files and receives uploads."""
     app = FastAPI(openapi_url=None, docs_url=None, redoc_url=None)
 
     @app.get("/photos/{key}/{size}.jpg")
@@ -107,7 +107,7 @@ def _take_uploads(app: FastAPI, photos: Photos) -> None:
 
 
 class OwnPages:
-    """Reject requests from pages of other sites, and send the content security policy."""
+    """Middleware that rejects requests from other sites' pages and adds security headers to all responses."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -133,7 +133,10 @@ class OwnPages:
 
 
 async def _receive(request: Request, use: Any) -> dict[str, Any]:
-    """Pass an uploaded file to ``use`` and return its result or error; stop at `LARGEST_UPLOAD`."""
+    """Pass an uploaded file to ``use`` and return its result.
+
+    Returns an ``error`` message instead if the file cannot be used or is larger than `LARGEST_UPLOAD`.
+    """
     received = 0
     try:
         with NamedTemporaryFile() as file:
@@ -154,7 +157,10 @@ async def _receive(request: Request, use: Any) -> dict[str, Any]:
 
 @contextmanager
 def running(app: FastAPI, port: int) -> Iterator[str]:
-    """Serve an application on this machine inside ``with`` and yield its address; port 0 means any free port."""
+    """Serve an application on this machine within the ``with`` block, and yield its address.
+
+    Port 0 means any free port. Raises UserError if the port is not available.
+    """
     listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
@@ -177,9 +183,10 @@ def running(app: FastAPI, port: int) -> Iterator[str]:
 
 @contextmanager
 def open_studio(own: Path, results: Path, port: int, options: dict[str, Any]) -> Iterator[tuple[str, Works]]:
-    """Run the studio inside ``with``, and yield its address and its paintings.
+    """Run the studio within the ``with`` block, and yield its address and its paintings.
 
-    Uploads go into the folder ``own``, paintings into ``results``; ``options`` are keys of all paintings.
+    Uploads are stored in the folder ``own`` and paintings in ``results``; ``options`` are overrides that apply to every
+    painting.
     """
     warnings.filterwarnings("ignore", ".*torch.distributed.reduce_op", FutureWarning)  # NiceGUI inspects all objects
     photos, works = Photos(own), Works(results, options)

@@ -31,9 +31,10 @@ TIMEOUT_SECONDS = 10  # seconds of silence after which a connection is closed
 
 @contextmanager
 def serve(pages: Mapping[str, Path], port: int = 0) -> Iterator[str]:
-    """Serve files by address inside ``with``, and yield the address of the first file, ``/``.
+    """Serve files within the ``with`` block, and yield the address of the page at ``/``.
 
-    Files are read at each request. Port 0 means any free port; an unavailable port raises UserError.
+    ``pages`` maps URL paths to files, which are read anew at each request. Port 0 means any free port. Raises UserError
+    if the port is not available.
     """
     try:
         server = _Server((HOST, port), _Handler)
@@ -51,13 +52,13 @@ def serve(pages: Mapping[str, Path], port: int = 0) -> Iterator[str]:
 
 
 def port_error(port: int, error: OSError) -> UserError:
-    """Make the error for an unavailable port."""
+    """Return the UserError for a port that is not available."""
     reason = f"port={port} is not available ({error.strerror})"
     return UserError(f"{reason}; choose another port, or port=0 for any free port")
 
 
 def show_until_interrupted(address: str, *, in_browser: bool) -> None:
-    """Open the address in the browser if asked, and wait for Ctrl-C."""
+    """Open the address in a browser if requested, and wait for Ctrl-C."""
     try:
         if in_browser and not webbrowser.open(address):
             log.info("no browser could be started; open %s yourself", address)

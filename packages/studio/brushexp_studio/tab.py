@@ -1,4 +1,4 @@
-"""Build the page of the studio for each tab: a bar, controls, easel and buttons."""
+"""Build the studio's page for each tab: a bar, controls, an easel, and buttons that start and stop a painting."""
 
 import asyncio
 from pathlib import Path
@@ -29,7 +29,7 @@ ICON = (
 
 
 def add_page(app: FastAPI, photos: Photos, works: Works, drafts: Drafts) -> None:
-    """Add the page of the studio to an application at ``/``."""
+    """Add the studio's page to an application, at the address ``/``."""
     head = "".join(f"<script>{(TEMPLATES / name).read_text()}</script>" for name in ("theme.js", "zoom.js"))
     head += "".join(f"<style>{path.read_text()}</style>" for path in (TEMPLATES / "page.css", WEB / "studio.css"))
     bar = (WEB / "bar.html").read_text()
@@ -47,12 +47,12 @@ def add_page(app: FastAPI, photos: Photos, works: Works, drafts: Drafts) -> None
 
 
 def by_popularity(look: str) -> tuple[int, str]:
-    """Order looks by popularity; users' own looks come last, by name."""
+    """Return the sort key of a look: by popularity, with the user's own looks last, in alphabetical order."""
     return (LIKELY.index(look) if look in LIKELY else len(LIKELY)), look
 
 
 class Tab:
-    """The page below the bar."""
+    """The content of a tab below the bar."""
 
     controls: Controls
 
@@ -81,13 +81,13 @@ class Tab:
         self.trouble.set_text(words)
 
     async def paint(self) -> None:
-        """Start a painting of the chosen picture and show it; ignore a second click."""
+        """Paint the chosen picture with the current choices, after waiting for pictures that are still being read."""
         while self.visit.reading:  # otherwise it would paint the previous picture
             await asyncio.sleep(MOMENT)
         self.begin(self.visit.wishes)
 
     def begin(self, wishes: Wishes) -> None:
-        """Start a painting and show it."""
+        """Start a painting and show it; repeated clicks are ignored until its first picture appears."""
         last = self.visit.begun
         if last and last.is_open and not last.frames and last.wishes == wishes:
             return
@@ -101,7 +101,7 @@ class Tab:
         ui.run_javascript("scrollTo({ top: 0 })")
 
     def end(self) -> None:
-        """Stop the painting of this tab and keep its state."""
+        """Stop this tab's painting; the result so far is kept."""
         if work := self.visit.stoppable():
             self.works.stop(work)
             if work not in self.works.all:
@@ -110,7 +110,7 @@ class Tab:
             self.renew()
 
     def look(self) -> None:
-        """Serve files by address inside ``with``, and yield the address of the first file, ``/``."""
+        """Update the page if anything has changed since the last call."""
         if self.version != self.works.version:
             self.version = self.works.version
             self.visit.join()
@@ -119,7 +119,7 @@ class Tab:
             self.renew()
 
     def renew(self) -> None:
-        """Update the buttons and the line next to them."""
+        """Update the buttons, the progress bar and the status line."""
         work, mine = self.visit.work, self.visit.stoppable()
         self.main.allow(self.visit.wishes.photo is not None)
         self.stop.allow(mine is not None and mine.status != FINISHING and not mine.stopped.is_set())
@@ -132,7 +132,7 @@ class Tab:
             self.complain(work.trouble)
 
     def describe(self) -> str:
-        """Describe what the studio is doing."""
+        """Return the status line, which says what the studio is currently doing."""
         current = self.works.current
         if current is None:
             return "" if self.visit.wishes.photo else "Choose a picture first."

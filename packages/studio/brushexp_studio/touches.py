@@ -1,4 +1,4 @@
-"""Repaint an area of a finished painting with finer, larger or different strokes."""
+"""Repaint an area of a finished painting with finer, larger or new strokes."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +21,7 @@ TOO_SMALL = "this place is too small for its strokes; paint over more of it"
 
 @dataclass(frozen=True)
 class Touch:
-    """An area of a painting, bright in a ``mask``, and how to repaint it."""
+    """A request to repaint the area of a painting where a ``mask`` is bright."""
 
     number: int  # number of the painting
     mask: Path
@@ -29,11 +29,11 @@ class Touch:
 
 
 def lay_fresh_strokes(painting: Any, touch: Touch, seed: int, path: Path) -> None:
-    """Replace the strokes in an area of a painting with new strokes in its look, and write the catalogue.
+    """Replace the strokes in an area of a painting with new strokes in the same look, and write a catalogue.
 
-    A stroke lies in the area if both ends and the middle of its curve do. ``touch.how`` determines the number of new
-    strokes, which lie on top of all others, small over large, and are then optimised. Raises UserError if the area is
-    too small.
+    A stroke belongs to the area if both end points and the midpoint of its curve are inside the mask. ``touch.how``
+    determines the number of new strokes, which are placed above all others, smaller ones over larger ones; optimising
+    them is left to the caller. Raises UserError if the area is too small.
     """
     saved = painting.finished.job.saved
     mask = load_mask(str(touch.mask), saved.size, "region") >= 0.5
@@ -61,7 +61,7 @@ def lay_fresh_strokes(painting: Any, touch: Touch, seed: int, path: Path) -> Non
 
 
 def lies_in(mask: Tensor, strokes: Strokes) -> Tensor:
-    """Mark the strokes (N,) with both ends and the middle of their curves inside a mask (H, W), bool."""
+    """Mark the strokes, as bool (N,), with both end points and the midpoint of their curves inside a mask (H, W)."""
     points = point_at(curve_of(strokes)[:, None], torch.linspace(0, 1, 3)).floor().long()  # (N, 3, 2)
     x, y = points[..., 0].clamp(0, mask.shape[1] - 1), points[..., 1].clamp(0, mask.shape[0] - 1)
     inside: Tensor = mask[y, x].all(1)
@@ -69,12 +69,15 @@ def lies_in(mask: Tensor, strokes: Strokes) -> Tensor:
 
 
 def picture_at(pixels: np.ndarray, size: tuple[int, int]) -> Tensor:
-    """Resize a picture (h, w, 3), uint8, to ``size`` (H, W), as (3, H, W) in [0, 1]."""
+    """Resize a picture (h, w, 3), uint8, to ``size`` (H, W); return it as (3, H, W) in [0, 1]."""
     scaled = Image.fromarray(pixels).resize((size[1], size[0]), Image.Resampling.LANCZOS)
     return torch.from_numpy(np.asarray(scaled, np.float32) / 255).movedim(2, 0)
 
 
 def overrides_of(keys: dict[str, Any], touch: Touch, catalogue: Path) -> dict[str, Any]:
-    """Convert the overrides of a painting to overrides that repaint one area, starting from given strokes."""
+    """Convert a painting's overrides to those that repaint one area.
+
+    The new painting starts from the strokes in ``catalogue``.
+    """
     kept = {key: value for key, value in keys.items() if key != "strokes" and key.partition(".")[0] != "init"}
     return kept | {"catalogue": str(catalogue), "region": str(touch.mask)}

@@ -1,4 +1,4 @@
-"""``task=view``: show the page of a painting, run or sweep in the browser."""
+"""``task=view``: show the page of a painting, a run or a sweep in the browser."""
 
 import logging
 from pathlib import Path
@@ -19,7 +19,7 @@ SHOWN = ("catalogue.h5", "report.html")  # files in a run's folder that can be v
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Serve the page of a run or sweep until Ctrl-C; write a missing page into this run's folder."""
+    """Serve the page of a painting, run or sweep until Ctrl-C; a missing page is written into this run's folder."""
     source = newest_run() if cfg.catalogue is None else Path(cfg.catalogue)
     pages = pages_of(cfg, source, folder)
     with serve(pages, cfg.port) as address:
@@ -30,10 +30,10 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def pages_of(cfg: DictConfig, source: Path, folder: Path) -> dict[str, Path]:
-    """Map paths of addresses to the files to serve for a catalogue, run or sweep.
+    """Map URL paths to the files that are served for a catalogue, a run or a sweep.
 
-    A missing ``report.html`` is written into ``folder``. A sweep includes the pages of its runs. A source that is
-    neither a run nor a sweep raises UserError.
+    A missing ``report.html`` is written into ``folder``. The pages of a sweep's runs are included. Raises UserError if
+    ``source`` is a folder without a run or a sweep.
     """
     page = folder / PAGE_NAME
     if (source / PAGE_NAME).is_file() and cfg.get("renderer") is None:
@@ -60,7 +60,7 @@ def pages_of(cfg: DictConfig, source: Path, folder: Path) -> dict[str, Path]:
 
 
 def _reopen(cfg: DictConfig, path: Path) -> ExportJob:
-    """Reopen a catalogue with its own renderer unless another one is chosen."""
+    """Open a catalogue with its own renderer, or with the configured one."""
     saved, renderer = with_renderer(load_catalogue(path), cfg.get("renderer"), str(path))
     return export_job(saved, renderer, build(cfg.blend), source=str(path))
 
@@ -74,7 +74,7 @@ def _draw(job: ExportJob) -> Finished:
 
 
 def newest_run(folder: Path = Path("outputs")) -> Path:
-    """Find the run or sweep with the newest page or catalogue; raise UserError if there is none."""
+    """Return the folder of the run or sweep with the newest page or catalogue; raise UserError if there is none."""
     places = {path.parent: path.stat().st_mtime for name in SHOWN for path in sorted(folder.glob(f"*/{name}"))}
     if not places:
         raise UserError(f"there is no run in {folder}/; name one to view: brushexp view FOLDER")

@@ -1,4 +1,4 @@
-"""Hold the state of one browser tab; paintings belong to all tabs."""
+"""Hold the state of one browser tab; all tabs share the same paintings."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -23,7 +23,7 @@ VIEWS = {
 
 @dataclass
 class Visit:
-    """A tab with its choices, painting and view; parts of the page listen for changes."""
+    """The choices, painting and view of one tab; ``listeners`` are called after each change."""
 
     photos: Photos
     works: Works
@@ -43,7 +43,7 @@ class Visit:
     listeners: list[Callable[[], None]] = field(default_factory=list)
 
     def notify(self) -> None:
-        """Notify all parts of the page."""
+        """Tell all parts of the page that the state has changed."""
         for listener in self.listeners:
             listener()
 
@@ -53,19 +53,19 @@ class Visit:
         self.notify()
 
     def stoppable(self) -> Work | None:
-        """Return the painting that Stop ends: this tab's own, or the displayed one if no other tab waits for it."""
+        """Return the painting that Stop ends: this tab's own, or the displayed one if its tab has been closed."""
         shown = self.work if self.work and not getattr(self.work.owner, "is_there", False) else None
         return next((work for work in (self.begun, shown) if work and work.is_open), None)
 
     def look_at(self, work: Work) -> None:
-        """Show a painting."""
+        """Show a painting on the easel."""
         self.work, self.view = work, PAINTING
         if self.against is work:
             self.against = None
         self.notify()
 
     def arrive(self, tab: str | None) -> None:
-        """Connect to a tab; after a reload, the visit shows the painting that the tab started."""
+        """Connect to a browser tab; after a reload, the tab's own painting is shown again."""
         self.is_there, self.tab = True, tab
         mine = [work for work in self.works.all if tab is not None and getattr(work.owner, "tab", None) == tab]
         for work in mine:
@@ -76,13 +76,13 @@ class Visit:
             self.look_at(mine[-1])
 
     def join(self) -> None:
-        """Show the last painting of another tab if this one has none yet."""
+        """Show the latest painting, even one started by another tab, if this tab does not show any yet."""
         if self.work is None and self.works.all:
             self.wishes.photo = self.wishes.photo or self.works.all[-1].wishes.photo
             self.look_at(self.works.all[-1])
 
     def views(self) -> list[str]:
-        """List the currently possible views."""
+        """List the views that are currently available."""
         views = [PHOTOGRAPH] if self.wishes.photo else []
         if self.work:
             views += [PAINTING]

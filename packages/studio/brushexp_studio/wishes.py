@@ -1,4 +1,4 @@
-"""Convert the choices of a user to overrides of the command line."""
+"""Convert a user's choices to command-line overrides."""
 
 import shlex
 from dataclasses import dataclass
@@ -45,7 +45,7 @@ LONGEST_STROKE = 10.0  # maximum init.length and init.width in pitches
 
 @dataclass
 class Wishes:
-    """The choices of a user; None leaves a choice to the look."""
+    """A user's choices; None leaves a choice to the look."""
 
     photo: Photo | None = None  # None if no picture is chosen yet
     look: str = "oil"
@@ -64,22 +64,22 @@ class Wishes:
 
     @property
     def subject(self) -> Photo:
-        """The picture to paint, which must have been chosen."""
+        """The picture to paint; it must have been chosen."""
         assert self.photo is not None
         return self.photo
 
     @property
     def resolution(self) -> int:
-        """Longer side of the canvas in pixels; small pictures are not enlarged."""
+        """The longer side of the canvas in pixels; small pictures are not enlarged."""
         return min(self.side, max(self.subject.size))
 
     @property
     def canvas(self) -> tuple[int, int]:
-        """Height and width of the canvas."""
+        """The height and width of the canvas in pixels."""
         return size_at(self.resolution, *self.subject.size)
 
     def overrides(self) -> dict[str, Any]:
-        """Convert to keys of the command line other than ``image``."""
+        """Return the command-line overrides for these choices, without ``image``."""
         keys: dict[str, Any] = {"look": self.look, "resolution": self.resolution, "frames": 60}
         keys |= {"quality": self.quality} if self.seconds is None else {"seconds": self.seconds}
         if self.strokes is not None:
@@ -100,14 +100,17 @@ class Wishes:
         return keys
 
     def at_a_glance(self) -> dict[str, Any] | None:
-        """Convert to keys of a painting that starts from predicted strokes; None if it already does, or cannot."""
+        """Return the overrides for a preview that starts from predicted strokes.
+
+        Returns None if the painting starts from predicted strokes anyway, or if no preview is possible.
+        """
         drafted, own = (plugin_of(_settings(self.look, quality).init).name for quality in ("glance", "normal"))
         if drafted == own or self.size != 1 or self.touch or (self.seconds is None and self.quality == "draft"):
             return None
         return {key: value for key, value in self.overrides().items() if key != "seconds"} | {"quality": "glance"}
 
     def command(self) -> str:
-        """Write the command line with the name of the user's file."""
+        """Return the equivalent command line, which refers to the user's file by its name."""
         words = {"image": self.subject.name} | self.overrides()
         del words["frames"]
         if self.mask and words.get("focus") == str(self.mask):
@@ -119,13 +122,13 @@ class Wishes:
 
 
 def planned_strokes(wishes: Wishes) -> int:
-    """Compute the maximum number of strokes of the painting."""
+    """Return the maximum number of strokes in the painting."""
     cfg = _settings(wishes.look, wishes.quality)
     return wishes.strokes or stroke_budget(cfg, wishes.canvas, build(cfg.density))
 
 
 def own_size(look: str) -> dict[str, float]:
-    """Read the stroke length and width of a look in pitches; empty if they come from another painting."""
+    """Return a look's stroke length and width in pitches, or {} if the strokes come from another painting."""
     cfg = _settings(look, "normal")
     if cfg.style.brushwork is not None:
         return {}
@@ -134,5 +137,5 @@ def own_size(look: str) -> dict[str, float]:
 
 @lru_cache(maxsize=64)
 def _settings(look: str, quality: str) -> Any:
-    """Compose the config of a look, which takes most of a second the first time."""
+    """Compose the config of a look; the first call takes most of a second."""
     return settings_of("paint", {"look": look, "quality": quality}).cfg

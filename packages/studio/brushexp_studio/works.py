@@ -1,4 +1,4 @@
-"""Paint the paintings of a session one at a time in a thread, while others wait in a queue."""
+"""Paint a session's paintings one at a time in a thread; further paintings wait in a queue."""
 
 import io
 import logging
@@ -33,7 +33,7 @@ WAITING, PAINTING, FINISHING, DONE, FAILED = "waiting", "painting", "finishing",
 
 @dataclass
 class Work:
-    """One painting with its pictures so far as JPEGs with captions."""
+    """A painting with its choices, state, files, and intermediate pictures (JPEGs with captions)."""
 
     number: int
     wishes: Wishes
@@ -60,27 +60,27 @@ class Work:
 
     @property
     def name(self) -> str:
-        """Name of saved files, valid on every system."""
+        """The stem of the names of saved files, which is valid on every system."""
         return portable_name(f"{Path(self.wishes.subject.name).stem}-{self.wishes.look}-{self.number}")
 
     @property
     def ratio(self) -> float:
-        """Width over height."""
+        """The ratio of width to height."""
         return self.wishes.subject.ratio
 
     @property
     def last(self) -> int:
-        """Number of the latest picture; -1 if there is none."""
+        """The number of the latest picture, or -1 if there is none."""
         return max(self.frames, default=GLANCE)
 
     @property
     def address(self) -> str:
-        """Address of the latest picture."""
+        """The address of the latest picture."""
         return f"/works/{self.number}/{self.last}.jpg"
 
     @property
     def files(self) -> dict[str, Path]:
-        """Downloadable files by name in the folder."""
+        """The downloadable files in the painting's folder, by relative path."""
         if self.status != DONE:
             return {}
         paths = sorted(path for path in self.folder.rglob("*") if path.is_file())
@@ -93,7 +93,7 @@ class Work:
         return self.painting is not None and "tubes" in self.painting.settings.cfg.change
 
     def blend(self, percent: int) -> bytes:
-        """Return a PNG of the painting over its photograph at 0 to 100 percent opacity, as on the page."""
+        """Blend the painting over its photograph at 0 to 100 percent opacity, as the page does; return a PNG."""
         with Image.open(self.files["painting.png"]) as picture:
             painting = picture.convert("RGB")
         with Image.open(self.wishes.subject.path) as picture:
@@ -103,13 +103,13 @@ class Work:
         return file.getvalue()
 
     def jpeg(self, number: int) -> bytes:
-        """Return a picture or, if it has been removed, the next one; raise KeyError if there is none."""
+        """Return a picture by number, or the next one if it has been removed; raise KeyError if there is none."""
         frames = dict(self.frames)  # the painting thread continues
         later = [other for other in frames if other >= number]
         return frames[min(later, default=number)][0]
 
     def add_frame(self, image: Any, caption: str, number: int | None = None) -> None:
-        """Add a picture (H, W, 3), uint8, under ``number``, or under the next number if it is None."""
+        """Add a picture (H, W, 3), uint8, as ``number``, or as the next number if it is None."""
         number = self.last + 1 if number is None else number
         self.frames[number] = encode(Image.fromarray(image), FRAME_SIDE, **JPEG), caption
         if len(self.frames) > MOST_FRAMES:
@@ -118,7 +118,7 @@ class Work:
 
 
 class Works:
-    """All paintings of a session in a folder; ``options`` are keys for all of them."""
+    """All paintings of a session, stored in a folder; ``options`` are overrides that apply to each of them."""
 
     def __init__(self, folder: Path, options: dict[str, Any]) -> None:
         self.folder, self.options = folder, options
@@ -134,19 +134,19 @@ class Works:
 
     @property
     def current(self) -> Work | None:
-        """The painting in progress, or otherwise the first in the queue."""
+        """The painting in progress, or otherwise the first one in the queue."""
         return next((work for work in self.all if work.is_open), None)
 
     def before(self, work: Work) -> int:
-        """Count the paintings ahead of this one in the queue."""
+        """Count the unfinished paintings that were started before this one."""
         return sum(other.is_open and other.number < work.number for other in self.all)
 
     def __getitem__(self, number: int) -> Work:
-        """Return a painting by number; raise KeyError if it does not exist."""
+        """Return the painting with the given number; raise KeyError if it does not exist."""
         return {work.number: work for work in self.all}[number]
 
     def warm_up(self) -> None:
-        """Import and compile what the first painting needs, in a thread."""
+        """Import and compile what the first painting needs, in a background thread."""
         self._thread = Thread(target=self._warm, name="warm-up", daemon=True)
         self._thread.start()
 
@@ -167,7 +167,7 @@ class Works:
         return work
 
     def stop(self, work: Work) -> None:
-        """Stop a painting and keep its state, or remove it from the queue."""
+        """Stop a painting and keep its result so far, or remove it from the queue if it has not begun."""
         work.stopped.set()
         if work.status == WAITING:
             work.status = WITHDRAWN
@@ -175,9 +175,9 @@ class Works:
         self.version += 1
 
     def make(self, work: Work, form: str, choice: Print | Plan | None = None) -> Download:
-        """Start making a file of a finished painting unless it exists or is being made.
+        """Start making a file of a finished painting unless the file exists or is being made.
 
-        A print or a plan is remade for another ``choice``.
+        A print or plan is made again if ``choice`` differs from the previous one.
         """
         download = work.downloads.get(form)
         is_other = download is not None and download.choice != choice and download.status != MAKING
@@ -190,7 +190,7 @@ class Works:
         return download
 
     def close(self) -> None:
-        """Stop the paintings and the thread."""
+        """Stop all paintings and wait for their threads to end."""
         self._closing.set()
         for work in [work for work in self.all if work.is_open]:
             self.stop(work)
@@ -270,7 +270,7 @@ class Works:
                     work.painting = state.painting
 
     def _glance(self, work: Work) -> None:
-        """Show strokes predicted by a network until the painting's first picture exists."""
+        """Show a preview of strokes predicted by a network until the painting's first picture is ready."""
         if (keys := work.wishes.at_a_glance()) is not None:
             painter: Any = brushexp.iterate(work.wishes.subject.path, **keys | self.options)
             with closing(painter) as states:
@@ -281,7 +281,7 @@ class Works:
 
 
 def progress_of(step: int, steps: int, spent: float, limit: float | None) -> tuple[float, float | None]:
-    """Return the finished share of a painting and the remaining seconds, None before the first step.
+    """Return the finished fraction of a painting and the remaining seconds, which are None before the first step.
 
     >>> progress_of(10, 40, 5.0, None), progress_of(10, 0, 5.0, 20.0), progress_of(0, 40, 0.1, None)
     ((0.25, 15.0), (0.25, 15.0), (0.0, None))

@@ -1,4 +1,4 @@
-"""Tests of ``task=studio`` in a real browser with a real photograph; all tests share one server."""
+"""Test ``task=studio`` in a real browser with a real photograph; all tests share one server."""
 
 import io
 import re
@@ -22,7 +22,7 @@ CHELSEA = Path(skimage.data.__file__).parent / "chelsea.png"
 
 @pytest.fixture(scope="module")
 def studio(tmp_path_factory):
-    """Start a studio, yield its address, and close it with Ctrl-C at the end."""
+    """Start a studio, yield its address, and finally close it with Ctrl-C."""
     folder = tmp_path_factory.mktemp("studio")
     process = Program("task=studio", "open=false", "threads=1", f"output={folder}/out", cwd=folder, TMPDIR=str(folder))
     log, found = folder / "out" / "run.log", None
@@ -41,7 +41,7 @@ def studio(tmp_path_factory):
 
 @pytest.fixture
 def tab(studio, browser):
-    """Open the studio in a new tab; check at the end that no errors and no requests to other machines occurred."""
+    """Yield a function that opens the studio in a new tab; finally check for errors and requests to other machines."""
     contexts, asked, errors = [], [], []
 
     def open_tab(size=WIDE, **options):
@@ -71,7 +71,7 @@ def choose(page, group, name):
 
 
 def paint(page, number, look):
-    """Paint with few pixels and steps, and wait for the files."""
+    """Paint a small picture in a few steps, and wait for the files."""
     choose(page, "Canvas", "256")
     choose(page, "Time", "Draft")
     choose(page, "Look", look)
@@ -84,7 +84,7 @@ def finish(page, number):
 
 
 def fits(page):
-    """Check that nothing scrolls sideways, every control has a name, and no controls overlap."""
+    """Check that the page does not scroll sideways, that all controls have names, and that no controls overlap."""
     assert page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth")
     nameless = """[...document.querySelectorAll("button, a, input, canvas")].filter((one) => one.checkVisibility() &&
       !(one.ariaLabel || one.labels?.length || one.innerText?.trim() || one.querySelector("img[alt]:not([alt=''])")))

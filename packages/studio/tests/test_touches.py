@@ -1,4 +1,4 @@
-"""A place of a painting is repainted with more, fewer or different strokes, and the rest stays unchanged."""
+"""Test that touching up changes the strokes in the chosen area only."""
 
 import numpy as np
 import pytest

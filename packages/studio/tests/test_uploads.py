@@ -1,4 +1,4 @@
-"""Uploads to the studio are pictures or are refused in one line; paintings queue and can be stopped."""
+"""Test that uploads other than pictures are refused in one line, and that paintings queue and can be stopped."""
 
 import asyncio
 import errno
@@ -49,7 +49,7 @@ CHELSEA = Path(skimage.data.__file__).parent / "chelsea.png"
 
 @pytest.fixture
 def uploads(tmp_path, caplog):
-    """Run a studio server in this process, without its page; on exit, check that no upload caused a traceback."""
+    """Run a studio server without its page in this process; finally check that no upload caused a traceback."""
     works = Works(tmp_path, {})
     with running(application(Photos(tmp_path), works, Drafts(works)), 0) as address:
         yield address
@@ -65,7 +65,7 @@ def encoded_as(kind, picture=None):
 
 
 def claiming(kind, place, size):
-    """Encode a picture whose header, at ``place``, claims a different size."""
+    """Encode a picture whose header is overwritten at byte ``place`` with a different size."""
     data = encoded_as(kind)
     return data[:place] + size + data[place + len(size) :]
 
@@ -74,7 +74,7 @@ WIDEST = b"\xff\xff\xff\xff"
 
 
 def flipped(data, place):
-    """Copy bytes with one bit flipped."""
+    """Return a copy of ``data`` with one bit flipped in byte ``place``."""
     return data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :]
 
 

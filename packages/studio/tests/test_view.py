@@ -1,4 +1,4 @@
-"""``task=view`` serves the page of a catalogue, a run or a sweep to this machine only."""
+"""Test that ``task=view`` serves the page of a catalogue, a run or a sweep, and only to this machine."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""A painting keeps a limited number of pictures, and a page that requests a removed picture gets the next one."""
+"""Test that a painting keeps a limited number of pictures, and that a removed picture is replaced by the next one."""
 
 import io
 

@@ -1,4 +1,4 @@
-"""Checks of each plugin family's contract, which packages can apply to their own members.
+"""Checks of each plugin family's contract, which packages can apply to their own plugins.
 
     import brushexp
     import pytest
@@ -8,8 +8,8 @@
     def test_contract(check):
         check(lambda **options: build_named("engine", "dabs", options))
 
-A check takes a function that builds the plugin from options, and fails with an AssertionError. It needs no pytest;
-``pytest.register_assert_rewrite("brushexp_testing")`` in a conftest.py makes its messages longer.
+A check takes a function that builds the plugin from options, and fails with an AssertionError. The checks do not need
+pytest; ``pytest.register_assert_rewrite("brushexp_testing")`` in a conftest.py makes their messages more detailed.
 """
 
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from typing import Any
 
 
 def contract(family: str) -> list[Callable[..., Any]]:
-    """List the checks of a family; the last one checks the texts of a member.
+    """List the checks for a plugin family; the last one checks the texts of the plugin.
 
     >>> [check.__name__ for check in contract("order")]
     ['gives_every_stroke_a_depth', 'has_clear_texts']

@@ -1,4 +1,4 @@
-"""Check the contract of changes to a painting."""
+"""Check that changes to a painting keep its targets and strokes valid, and that they resume identically."""
 
 from dataclasses import replace
 from typing import Any
@@ -16,7 +16,7 @@ STEPS = 100
 
 
 def painting_at(step: int, strokes: Strokes, *, is_over: bool = False) -> PaintingState:
-    """Return the state of a painting of random colours after ``step`` steps with given strokes."""
+    """Return the state, after ``step`` steps, of a painting with a random target and the given strokes."""
     renderer, blend = Analytic(), Compositor(Tiled(), Rgb())
     ground = torch.tensor([0.9, 0.8, 0.6])
 
@@ -43,14 +43,14 @@ def painting_at(step: int, strokes: Strokes, *, is_over: bool = False) -> Painti
 
 
 def begin_change(make: Make) -> tuple[Any, Strokes]:
-    """Build a change, and start a painting with its first strokes."""
+    """Build a change and start a painting with it; return the change and the initial strokes."""
     change, strokes = make(), some_strokes(N, SIZE)
     change.target(painting_at(0, strokes).target)
     return change, change.begin(strokes, painting_at(0, strokes))
 
 
 def keeps_shapes_of_target_and_ground(make: Make) -> None:
-    """Check that targets, in [0, 1], and grounds keep their shapes and are finite at every step."""
+    """Check that targets stay in [0, 1] and grounds finite at every step, and that both keep their shapes."""
     change, strokes = begin_change(make)
     for step in (0, 1, 50, STEPS):
         state = painting_at(step, strokes)
@@ -65,9 +65,9 @@ def keeps_shapes_of_target_and_ground(make: Make) -> None:
 
 
 def limits_strokes_once(make: Make) -> None:
-    """Check that limiting strokes preserves their number and validity, and that limiting them again has no effect.
+    """Check that limiting strokes keeps their number and validity, and that limiting them twice has no further effect.
 
-    Enlarging strokes also preserves their number.
+    Enlarging strokes must also preserve their number.
     """
     change, strokes = begin_change(make)
     assert isinstance(change.order(Depth()), Order)
@@ -83,7 +83,7 @@ def limits_strokes_once(make: Make) -> None:
 
 
 def keeps_strokes_at_the_end(make: Make) -> None:
-    """Check that finished strokes begin with the original N, and that the order includes all of them."""
+    """Check that the final strokes begin with the original N strokes, and that the order covers all of them."""
     for n in (0, 1, N):
         change, strokes = make(), some_strokes(n, SIZE)
         state = painting_at(STEPS, strokes, is_over=True)
@@ -96,7 +96,7 @@ def keeps_strokes_at_the_end(make: Make) -> None:
 
 
 def resumes_identically(make: Make) -> None:
-    """Check that a change restored from another's state continues identically."""
+    """Check that a change that is restored from a saved state continues identically."""
     change, strokes = begin_change(make)
     state = painting_at(50, strokes)
     change.aim(state.target, state.ground, state)

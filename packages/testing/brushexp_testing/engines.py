@@ -1,4 +1,4 @@
-"""Check the contract of brush simulators."""
+"""Check that brush simulators (engines) give valid, reproducible pictures with the paint in the right place."""
 
 import torch
 from torch import Tensor
@@ -27,7 +27,7 @@ def _valid(n: int) -> Tensor:
 
 
 def _distances(parameters: Tensor) -> Tensor:
-    """Measure the distance (n, S, S) of every pixel's centre from the curves, in windows."""
+    """Compute the distance (n, S, S) from each pixel's centre to each stroke's curve, in windows."""
     strokes = strokes_of(parameters)
     t = torch.linspace(0, 1, 101)[:, None, None]
     curve = (1 - t) ** 2 * strokes.start + 2 * t * (1 - t) * strokes.control + t**2 * strokes.end  # (101, n, 2)
@@ -47,7 +47,10 @@ def _is_simulated(parameters: Tensor, simulated: Simulated) -> None:
 
 
 def returns_pictures_and_heights(make: Make) -> None:
-    """Check that each stroke leaves paint, but none in the corner, and keeps its own colour where there is no paint."""
+    """Check that each stroke leaves paint, but none in a corner of the window.
+
+    Pixels without paint must have the stroke's own colour.
+    """
     engine, parameters = make(window=WINDOW), _valid(6).requires_grad_()
     simulated = engine(parameters, seed=1)
     _is_simulated(parameters, simulated)
@@ -64,7 +67,7 @@ def returns_pictures_and_heights(make: Make) -> None:
 
 
 def is_independent_of_batch(make: Make) -> None:
-    """Check that simulating any part of a set alone gives the same strokes as simulating the whole."""
+    """Check that simulating part of a set gives the same strokes as simulating the whole set."""
     engine, parameters = make(window=WINDOW), _valid(6)
     whole = engine(parameters, seed=3, first=5)
     for start, stop in ((0, 1), (2, 3), (2, 6)):
@@ -73,7 +76,7 @@ def is_independent_of_batch(make: Make) -> None:
 
 
 def is_reproducible_on_any_number_of_threads(make: Make) -> None:
-    """Check that every valid seed reproduces the same bits."""
+    """Check that results are bit-for-bit identical for any number of threads, at seeds from 0 to 2**64 - 1."""
     engine, parameters, threads = make(window=WINDOW), _valid(6), torch.get_num_threads()
     for seed in (0, 2**63, 2**64 - 1):
         one = engine(parameters, seed=seed)
@@ -86,7 +89,7 @@ def is_reproducible_on_any_number_of_threads(make: Make) -> None:
 
 
 def draws_extreme_strokes(make: Make) -> None:
-    """Check that extreme strokes, and empty sets, give valid pictures and do not affect their neighbours."""
+    """Check that extreme strokes and empty sets give valid pictures, and do not affect the other strokes."""
     engine, alone = make(window=WINDOW), _valid(1)
     parameters = torch.cat([torch.tensor(EXTREMES), alone])
     simulated = engine(parameters, seed=1)
@@ -96,7 +99,7 @@ def draws_extreme_strokes(make: Make) -> None:
 
 
 def paints_on_the_stroke(make: Make) -> None:
-    """Check that most of the paint lies on the stroke, and that most of the stroke has paint."""
+    """Check that most of the paint is within the stroke's outline, and that much of the stroke is covered."""
     parameters = _valid(12)
     alpha = make(window=WINDOW)(parameters, seed=1).images[:, 3]
     width, distance = strokes_of(parameters).width[:, None, None], _distances(parameters)
@@ -109,7 +112,7 @@ def paints_on_the_stroke(make: Make) -> None:
 
 
 def centres_the_paint_on_the_stroke(make: Make) -> None:
-    """Check that paint is centred on a straight stroke, and that a wider stroke covers more."""
+    """Check that the paint is centred on a straight stroke, and that a wider stroke covers a larger area."""
     parameters = torch.tensor([[-0.6, 0.3, 0, 0.3, 0.6, 0.3, w, 0, 0, 0] for w in (-1.0, 0.0, 1.0)])
     alpha = make(window=WINDOW)(parameters, seed=1).images[:, 3]
     middle = (torch.arange(WINDOW) + 0.5) / WINDOW
@@ -121,7 +124,7 @@ def centres_the_paint_on_the_stroke(make: Make) -> None:
 
 
 def rotates_with_the_stroke(make: Make) -> None:
-    """Check that rotating a stroke by a right angle rotates its picture, apart from the grain."""
+    """Check that rotating a stroke by 90 degrees rotates its picture, apart from its random texture."""
     engine = make(window=WINDOW)
     parameters = torch.tensor([[-0.6, 0.3, 0.1, -0.4, 0.5, 0.1, 0.5, 0, 0, 0]]).repeat(24, 1)  # grains average out
     turned = parameters.clone()

@@ -1,4 +1,4 @@
-"""Check the contracts of all families except engines, changes, palettes and papers."""
+"""Check plugins of all families other than engines, changes, palettes and papers."""
 
 import tempfile
 from collections.abc import Callable
@@ -38,7 +38,7 @@ def some_strokes(
     width: tuple[float, float] = (0.02, 0.3),
     dtype: torch.dtype = torch.float32,
 ) -> Strokes:
-    """Sample ``n`` random strokes on and around a canvas of ``size`` (H, W); ``bend`` scales their curvature."""
+    """Sample ``n`` random strokes on and near a canvas of ``size`` (H, W); ``bend`` scales their curvature."""
     generator = torch.Generator().manual_seed(seed)
     uniform = partial(torch.rand, generator=generator)
     start, end = uniform(n, 2) * 2 - 1, uniform(n, 2) * 2 - 1
@@ -56,12 +56,12 @@ def some_strokes(
 
 
 def with_gradients(strokes: Strokes, dtype: torch.dtype = torch.float32) -> Strokes:
-    """Copy strokes into leaves that collect gradients."""
+    """Copy the fields of strokes into leaf tensors that accumulate gradients."""
     return strokes.map(lambda value: value.detach().to(dtype).clone().requires_grad_())
 
 
 def makes_requested_strokes_in_range(make: Make) -> None:
-    """Check that an initialiser's strokes have the right number and ranges, and depend only on the seed."""
+    """Check that an initialiser returns the requested number of valid strokes, which depend only on the seed."""
     for n in (1, 7, 60):
         target = torch.rand(3, *SIZE)
         strokes, again = (make()(target, n, torch.Generator().manual_seed(1)) for _ in range(2))
@@ -72,7 +72,7 @@ def makes_requested_strokes_in_range(make: Make) -> None:
 
 
 def is_bounded_and_differentiable_in_every_field(make: Make) -> None:
-    """Check that alpha is 0 to 1, a gradient reaches every field, and nothing lies beyond a stroke's reach."""
+    """Check that alpha is in [0, 1] and 0 outside a stroke's reach, and that every field receives a gradient."""
     strokes = with_gradients(some_strokes(5, SIZE, width=(0.1, 0.3)))
     layers = make()(strokes)
     points = torch.rand(1, 400, 2) * torch.tensor([40.0, 24.0])
@@ -93,7 +93,7 @@ def is_bounded_and_differentiable_in_every_field(make: Make) -> None:
 
 
 def loads_its_checkpoint(make: Make) -> None:
-    """Check that a renderer with an option ``checkpoint`` reads that file, and raises an error if it is missing."""
+    """Check that a renderer with the option ``checkpoint`` raises a clear error if the file is missing."""
     if "checkpoint" in signature(type(make())).parameters:
         try:
             make(checkpoint="missing.safetensors")
@@ -104,7 +104,7 @@ def loads_its_checkpoint(make: Make) -> None:
 
 
 def paints_requested_size(make: Make) -> None:
-    """Check the size and range of a blend's picture, and that each stroke has an accuracy."""
+    """Check that a blend returns a picture of the requested size in [0, 1], and an accuracy for each stroke."""
     layers = Analytic()(some_strokes(9, SIZE))
     canvas = make()(layers, torch.arange(9), SIZE, torch.ones(3), torch.rand(3, *SIZE))
     assert canvas.image.shape == (3, *SIZE)
@@ -113,7 +113,7 @@ def paints_requested_size(make: Make) -> None:
 
 
 def gives_every_stroke_a_depth(make: Make) -> None:
-    """Check that an order assigns each depth once, both with and without the accuracy of the strokes."""
+    """Check that an order ranks every stroke exactly once, both with and without the strokes' accuracy."""
     order = make()
     assert order.every >= 1
     for accuracy in (None, torch.rand(9)):
@@ -122,7 +122,7 @@ def gives_every_stroke_a_depth(make: Make) -> None:
 
 
 def is_finite_differentiable_and_zero_at_best(make: Make) -> None:
-    """Check that a loss is finite with finite gradients, even without strokes, and that its minimum is 0."""
+    """Check that a loss is finite even without strokes, that its gradients are finite, and that its minimum is 0."""
     loss = make()
     assert loss.weight > 0
     image, strokes = torch.rand(3, *SIZE, requires_grad=True), with_gradients(some_strokes(6, SIZE, bend=0.05))
@@ -138,10 +138,10 @@ def is_finite_differentiable_and_zero_at_best(make: Make) -> None:
 
 
 def is_best_for_equal_pictures(make: Make) -> None:
-    """Check that a metric is a number or None for pictures of any size, and is best for equal pictures.
+    """Check that a metric returns a number or None for pictures of any size, and is best for equal pictures.
 
-    A metric that needs the ``job`` measures a painting's file, which two bare pictures do not have; its own tests cover
-    it.
+    Metrics that need the ``job`` are skipped: they measure a painting's file, which this check does not have, and are
+    covered by their own tests.
     """
     metric, size = make(), (176, 184)  # some metrics compare several scales
     if "job" in metric.needs:
@@ -156,7 +156,7 @@ def is_best_for_equal_pictures(make: Make) -> None:
 
 
 def stays_within_budget(make: Make) -> None:
-    """Check that a density policy ends within its budget, accepts an empty set, and restores its state."""
+    """Check that a density policy ends within its stroke budget, accepts an empty set, and can restore its state."""
     for n in (0, 1, 40):
         density, strokes = make(), some_strokes(n, SIZE)
         assert 1 <= density.first(60, 60) <= 60
@@ -176,7 +176,7 @@ def stays_within_budget(make: Make) -> None:
 
 
 def stays_on_the_canvas(make: Make) -> None:
-    """Check that a sampler's region lies within the picture, and that its strokes exist and occur once."""
+    """Check that a sampler's region is within the picture, and that its strokes exist and are distinct."""
     sampler = make()
     for step in range(20):
         view = sampler(some_strokes(9, SIZE), SIZE, step, torch.Generator().manual_seed(step))
@@ -189,7 +189,7 @@ def stays_on_the_canvas(make: Make) -> None:
 
 
 def lowers_a_loss(make: Make) -> None:
-    """Check that ten steps of an optimiser, at its rates, lower a loss."""
+    """Check that ten steps of an optimiser, at its own learning rates, reduce a loss."""
     optimizer = make()
     catalogue = Catalogue(some_strokes(6, SIZE), optimizer.units)
     goal = torch.full((6, 3), 0.5)
@@ -213,7 +213,7 @@ def lowers_a_loss(make: Make) -> None:
 
 
 def writes_into_the_folder_of_the_run(make: Make) -> None:
-    """Check that a logger writes the logged values to a file."""
+    """Check that a logger writes at least one file into the run's folder."""
     with tempfile.TemporaryDirectory() as name:
         logger = make()
         curves = logger.open(Run(Path(name)))
@@ -225,9 +225,9 @@ def writes_into_the_folder_of_the_run(make: Make) -> None:
 
 
 def paints_within_stroke_budget(make: Make) -> None:
-    """Check that a painter yields valid strokes within the budget, counts its steps, and leaves no bare canvas.
+    """Check that a painter yields valid strokes within the budget, with increasing step numbers, that leave paint.
 
-    The result depends only on the seed. Tiny pictures and pictures of a single colour are also painted.
+    The result must depend only on the seed. The check includes a tiny picture and a picture of a single colour.
     """
     if not isinstance(make(), Painter):
         return
@@ -249,7 +249,7 @@ def paints_within_stroke_budget(make: Make) -> None:
 
 
 def request_of(target: torch.Tensor, n: int, background: torch.Tensor) -> PaintRequest:
-    """Make a request to paint a picture with plain strokes."""
+    """Return a request to paint a picture with strokes of the analytic renderer."""
 
     def draw(strokes: Strokes) -> torch.Tensor:
         order = torch.arange(len(strokes) - 1, -1, -1)

@@ -1,4 +1,4 @@
-"""Check the contracts of palettes and papers."""
+"""Check plugins of the families palette and paper."""
 
 import torch
 
@@ -7,7 +7,10 @@ from brushexp_testing.families import SIZE, Check, Make
 
 
 def keeps_size_and_range(make: Make) -> None:
-    """Check that a palette maps a picture to one of equal size, in range and repeatably, without modifying it."""
+    """Check that a palette returns a picture of the same size with values in [0, 1].
+
+    The result must be repeatable, and the original picture must not be modified.
+    """
     picture = torch.rand(3, *SIZE)
     before, palette = picture.clone(), make()
     for one in (picture, torch.zeros(3, *SIZE), torch.ones(3, 1, 2)):
@@ -20,7 +23,10 @@ def keeps_size_and_range(make: Make) -> None:
 
 
 def is_one_paper_in_bands(make: Make) -> None:
-    """Check that a paper and its relief are the same in bands of rows as in one piece, and bare ground stays bare."""
+    """Check that a paper and its relief are the same whether computed in bands of rows or at once.
+
+    Ground without paint must stay unchanged.
+    """
     paper, flat, bare = make(), torch.rand(3, *SIZE), torch.tensor([0.2, 0.9, 0.5])
     whole = Rows(0, SIZE[0], SIZE)
     covered, relief = paper.cover(flat, bare, whole), paper.relief(whole)

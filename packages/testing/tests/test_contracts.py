@@ -1,4 +1,4 @@
-"""The checks of a contract pass for members that keep it, and fail for all others."""
+"""Test that the checks of plugin families report plugins that break the rules."""
 
 from dataclasses import dataclass, replace
 
@@ -16,7 +16,7 @@ from brushexp.registry import FAMILIES
 
 @dataclass(kw_only=True)
 class Tied(Order):
-    """Give all strokes the same depth, so that other depths are missing."""
+    """Give all strokes the same depth, and omit the depth of one stroke."""
 
     every: int = 1
 
@@ -64,7 +64,7 @@ def test_a_message_says_in_one_line_what_is_wrong_and_what_to_do():
 
 
 class Shrinks(Change):
-    """Shrink strokes whenever they are requested, and lose one at the end."""
+    """Shrink strokes each time they are limited, and drop one stroke at the end."""
 
     def limit(self, strokes, before, rows, state):
         return replace(strokes, width=strokes.width / 2)

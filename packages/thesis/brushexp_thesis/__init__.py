@@ -1,1 +1,1 @@
-"""Rank painters on a leaderboard, test the claims of the thesis by studies, and list departures from its procedure."""
+"""Rank painters on a leaderboard, test the thesis's claims in studies, and list departures from its procedure."""

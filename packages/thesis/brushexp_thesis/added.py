@@ -1,4 +1,4 @@
-"""Measure paintings by others with our own code, and store them in folders like those of runs."""
+"""Measure other people's paintings with our own metrics, and store them in folders that resemble those of runs."""
 
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
@@ -19,7 +19,7 @@ def add_paintings(
     folder: Path, painting: Path, target: str | None, name: str, numbers: Mapping[str, Any],
     lpips_backbone: str, lpips_weights: str | None,
 ) -> None:  # fmt: skip
-    """Measure one or several paintings, and store each in a separate folder below ``folder``.
+    """Measure one or more paintings, and store each in its own folder below ``folder``.
 
     ``painting`` is a picture, a catalogue or a folder of these; ``target`` is the picture that was painted, or a folder
     of pictures with the same names. ``name`` is the painter's name; ``numbers`` are added to the metrics.
@@ -42,7 +42,10 @@ def add_paintings(
 
 
 def draw_added(path: Path, shape: tuple[int, ...]) -> tuple[np.ndarray, dict[str, int]]:
-    """Draw a painting (H, W, 3), uint8, at the size of its target, without light, and count its strokes."""
+    """Load a picture or draw a catalogue, as an unlit painting (H, W, 3), uint8, of the given ``shape``.
+
+    Returns the picture and, for a catalogue, its number of strokes. Raises UserError if the picture has another size.
+    """
     if path.suffix.lower() in catalogue_suffixes():
         saved = load_catalogue(path, "add")
         job = export_job(saved, resolution=max(shape)).bare()

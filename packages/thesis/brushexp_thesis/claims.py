@@ -1,4 +1,4 @@
-"""Read the thesis's claims, and test each by the paired difference measured in a study."""
+"""Read the thesis's claims, and decide each by the paired difference that a study has measured."""
 
 import math
 import shlex
@@ -23,10 +23,10 @@ COMPARED = ("setting", "against", "metric", "expects")  # fields that a claim ne
 
 @dataclass(kw_only=True)
 class Claim:
-    """A sentence of the thesis and the comparison that decides whether it holds; see claims.yaml.
+    """A claim of the thesis, and the comparison that decides whether it holds; see claims.yaml.
 
     ``cannot`` gives the reason why no study here could test the claim. ``needs`` describes what such a study would
-    need; the claim is then *not run*, regardless of what its study has measured.
+    need; the verdict is then *not run*, whatever the claim's study has measured.
     """
 
     study: str = ""
@@ -43,10 +43,11 @@ class Claim:
     after_results: bool = False
 
     def answer(self, difference: Difference) -> tuple[str, Bounds]:
-        """Decide the claim by a measured difference; the verdict of an open claim is the difference's own verdict.
+        """Decide the claim by a measured difference; return the verdict and the tested bounds on the mean gain.
 
-        The bounds are those on the mean gain that the verdict states or, if it is undecided, that the claim states. A
-        claim of a gain is first tested for the absence of a gain that matters.
+        The bounds are those that the verdict states or, if it is undecided, those that the claim states. If the claim
+        states a gain, the first test is whether the data exclude a gain that matters. The verdict on an open claim is
+        that of the difference itself.
         """
         matters, least = difference.quantity.matters, math.log(self.at_least)
         larger = (0.0, math.inf) if difference.mean > 0 else (-math.inf, 0.0)
@@ -68,7 +69,7 @@ class Claim:
 
 
 def read_claims(path: Path = SHIPPED_CLAIMS) -> dict[str, list[Claim]]:
-    """Read the claims in a YAML file by study; raise UserError if one is incomplete or has an unknown metric."""
+    """Read a YAML file of claims by study; raise UserError if a claim is incomplete or its metric is unknown."""
     try:
         data = read_plain_yaml(path, "give a file of claims")
         claims = {study: entries_in(Claim, listed, study) for study, listed in data.items()}
@@ -96,7 +97,7 @@ def _check(claim: Claim, where: str) -> None:
 
 
 def as_hydra_writes(setting: str) -> str:
-    """Write the overrides of a setting as Hydra passes them to jobs: ``critic=True critic_lr=0.0005``."""
+    """Format a setting's overrides as Hydra passes them to jobs: ``critic=True critic_lr=0.0005``."""
     try:
         overrides = OverridesParser.create().parse_overrides(shlex.split(setting))
     except (HydraException, ValueError) as error:

@@ -1,4 +1,4 @@
-"""``task=departures``: list every setting in which finished paintings depart from the procedure of the thesis."""
+"""``task=departures``: list every setting in which finished paintings depart from the thesis's procedure."""
 
 import json
 import logging
@@ -20,7 +20,7 @@ ABSENT = "absent"  # value of a setting that a run lacks
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Write ``departures.md``: a table for each painting among the runs in ``cfg.runs``."""
+    """Write ``departures.md``, which has one table for each painting among the runs in ``cfg.runs``."""
     folders = gather([Path(path) for path in cfg.runs], folder)["run", "folder"]
     catalogues = {name: path / "catalogue.h5" for name, path in folders.items() if (path / "catalogue.h5").is_file()}
     if not catalogues:
@@ -37,9 +37,9 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def departures(settings: Mapping[str, str]) -> Iterator[dict[str, str]]:
-    """Yield each ``setting`` in which a run departs from the thesis, with both values and the section of the thesis.
+    """Yield each ``setting`` in which a run departs from the thesis, with both values and the thesis's section.
 
-    ``settings`` maps dotted keys to values as they would be typed, with plugins by name.
+    ``settings`` maps dotted keys to values in the form in which users type them, with plugins given by name.
     """
     for row in yaml_of(read_text(THESIS, ""), list):
         condition, _, value = row.get("with", "").partition("=")

@@ -1,4 +1,4 @@
-"""Read YAML files of entries as dataclasses; raise a UserError that names an invalid entry and key."""
+"""Read YAML entries as dataclasses, and raise a UserError that names the entry and key if one is invalid."""
 
 from dataclasses import fields
 from pathlib import Path
@@ -15,7 +15,7 @@ Kind = TypeVar("Kind")
 
 
 def read_plain_yaml(path: Path, cure: str) -> dict[str, Any]:
-    """Read a mapping from a YAML file that must not refer to anything outside itself."""
+    """Read a mapping from a YAML file; raise UserError if it contains interpolations (``${...}``)."""
     text = read_text(path, cure)
     if "${" in text:
         raise UserError("${...} refers to something else; write the value itself")
@@ -23,14 +23,14 @@ def read_plain_yaml(path: Path, cure: str) -> dict[str, Any]:
 
 
 def entries_in(kind: type[Kind], listed: Any, where: str) -> list[Kind]:
-    """Convert a list of mappings to dataclasses."""
+    """Convert a list of mappings to dataclasses of type ``kind``."""
     if not isinstance(listed, list):
         raise UserError(f"{where} is {in_short(listed)}; give a list of entries")
     return [entry_of(kind, entry, f"entry {number} of {where}") for number, entry in enumerate(listed, 1)]
 
 
 def entry_of(kind: type[Kind], mapping: Any, where: str) -> Kind:
-    """Convert a mapping to a dataclass, and its values to the types of the fields."""
+    """Convert a mapping to a dataclass of type ``kind``, with values converted to the types of its fields."""
     keys = ", ".join(field.name for field in fields(kind))  # type: ignore[arg-type]
     if not isinstance(mapping, dict):
         raise UserError(f"{where} is {in_short(mapping)}; give a mapping of {keys}")

@@ -1,6 +1,6 @@
-"""Complement Student's interval of paired gains with tests by ranks, by medians, and for many claims jointly.
+"""Complement Student's t interval for the mean of paired gains with rank tests, medians and the power of a study.
 
-``gains`` has one number for each picture or seed; see `brushexp_studies.paired.Difference`.
+``gains`` has one value for each picture or seed; see `brushexp_studies.paired.Difference`.
 """
 
 import math
@@ -17,10 +17,10 @@ RARE = 0.05  # an answer depends on the picture if more than this share of all p
 
 
 def p_of_mean(gains: Sequence[float], stated: Bounds) -> float:
-    """Compute the two-sided p-value, by Student's t, of the statement that the mean gain lies within bounds.
+    """Compute the two-sided p-value, by Student's t, for the statement that the mean gain is within bounds.
 
-    It is twice the larger of the one-sided p-values against each bound; with two bounds, this is an equivalence test
-    (Schuirmann, 1987). Above 0.05, the interval exceeds the bounds.
+    It is twice the larger of the one-sided p-values for each bound; with two finite bounds, this is an equivalence test
+    (Schuirmann, 1987). If it is above 0.05, the confidence interval extends beyond the bounds.
     """
     sample = np.array(gains, float)
     if len(sample) < 2:
@@ -32,7 +32,7 @@ def p_of_mean(gains: Sequence[float], stated: Bounds) -> float:
 
 
 def p_of_ranks(gains: Sequence[float], stated: Bounds) -> float:
-    """Compute the p-value like `p_of_mean`, but by signed ranks (Wilcoxon, 1945)."""
+    """Compute the p-value for the same statement as `p_of_mean`, but by signed ranks (Wilcoxon, 1945)."""
     sample = np.array(gains, float)
     above = [sign * (sample - bound) for sign, bound in zip((1, -1), stated, strict=True) if math.isfinite(bound)]
     one_sided = [float(wilcoxon(one, alternative="greater").pvalue) if one.any() else 1.0 for one in above]
@@ -40,10 +40,10 @@ def p_of_ranks(gains: Sequence[float], stated: Bounds) -> float:
 
 
 def p_of_gains_and_losses(gains: Sequence[float], matters: float) -> float:
-    """Compute the p-value of the statement that over a share `RARE` of all pictures gain, and over `RARE` lose.
+    """Compute the p-value for the statement that more than a fraction `RARE` of all pictures gain, and as many lose.
 
-    Only gains and losses greater than ``matters`` count. It is twice the larger of the two binomial p-values (an
-    intersection-union test; Berger, 1982).
+    Only gains and losses greater than ``matters`` count. The result is twice the larger of the two binomial p-values
+    (an intersection-union test; Berger, 1982).
     """
     sample = np.array(gains, float)
     counts = [int((sign * sample > matters).sum()) for sign in (1, -1)]
@@ -51,7 +51,7 @@ def p_of_gains_and_losses(gains: Sequence[float], matters: float) -> float:
 
 
 def median_of(gains: Sequence[float], confidence: float) -> tuple[float, float, float]:
-    """Compute the median and its bootstrap interval (percentiles; Efron, 1979), reproducibly."""
+    """Compute the median and its bootstrap percentile interval (Efron, 1979), with a fixed seed."""
     sample = np.array(gains, float)
     drawn = np.random.default_rng(0).choice(sample, (RESAMPLES, len(sample)))
     low, high = np.quantile(np.median(drawn, axis=1), [(1 - confidence) / 2, (1 + confidence) / 2])
@@ -59,9 +59,10 @@ def median_of(gains: Sequence[float], confidence: float) -> tuple[float, float, 
 
 
 def detectable_effect(one: Difference) -> float:
-    """Compute the smallest mean gain whose interval excludes zero in a share `POWER` of studies with this spread.
+    """Compute the smallest mean gain that a study of this size and spread detects with probability `POWER`.
 
-    It is half of the interval plus the `POWER` quantile of Student's t times the standard error (Bloom, 1995).
+    A gain is detected if its interval excludes zero. The result is half the interval's width plus the `POWER` quantile
+    of Student's t times the standard error (Bloom, 1995).
     """
     n_units = len(one.gains)
     if n_units < 2:

@@ -1,4 +1,4 @@
-"""Measure a painting's quality separately where its target is flat and where it is detailed."""
+"""Measure a painting's quality separately where its target is flat and where its target is detailed."""
 
 import torch
 from torch import Tensor
@@ -11,7 +11,10 @@ WINDOWS = 16  # number of windows along the shorter side of a picture
 
 
 def variation(target: Tensor) -> Tensor:
-    """Compute the standard deviation (H, W) of the colours of a ``target`` (3, H, W) in a square around each pixel."""
+    """Compute the local standard deviation (H, W) of the colours of a ``target`` (3, H, W).
+
+    It is computed in a square around each pixel.
+    """
     from scipy.ndimage import uniform_filter  # noqa: PLC0415  (--help does not need it)
 
     side = max(3, min(target.shape[1:]) // WINDOWS)

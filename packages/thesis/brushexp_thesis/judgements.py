@@ -1,4 +1,4 @@
-"""Test all claims of a page against the available studies, with further evidence for and against each claim."""
+"""Test all claims on a page against the available studies, and gather further evidence for and against each claim."""
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -24,11 +24,11 @@ LEAST_RANKED = 6  # minimum number of units at which ranks can be significant
 
 @dataclass(frozen=True)
 class Judgement:
-    """A claim and its verdict.
+    """A claim, its verdict and the evidence for it.
 
-    ``difference`` decides the claim; it is None without a study. ``p`` is the p-value of the verdict's statement or, if
-    undecided, of the claim, corrected for all claims of the page; ``p_ranks`` is the uncorrected p-value by signed
-    ranks. ``alone`` is the verdict before the correction.
+    ``difference`` decides the claim; it is None if there is no study. ``p`` is the p-value of the verdict's statement
+    or, if the verdict is undecided, of the claim, corrected for all claims on the page. ``p_ranks`` is the uncorrected
+    p-value by signed ranks. ``alone`` is the verdict before the correction.
     """
 
     claim: Claim
@@ -40,7 +40,7 @@ class Judgement:
 
     @property
     def effect(self) -> str:
-        """Write the measured mean with its interval, and the counts if the answer depends on the picture."""
+        """The measured mean with its interval, and the counts if the answer depends on the picture."""
         assert self.difference is not None
         one = self.difference
         if one.verdict != "depends":
@@ -50,7 +50,7 @@ class Judgement:
 
     @property
     def power(self) -> str:
-        """Write the smallest effect that a study of this size and spread would detect; empty for too few units."""
+        """The smallest effect that a study of this size and spread would detect; "" if there are too few units."""
         assert self.difference is not None
         found = detectable_effect(self.difference)
         quantity = self.difference.quantity
@@ -60,7 +60,7 @@ class Judgement:
 
     @property
     def note(self) -> str:
-        """Collect qualifications of the verdict."""
+        """The qualifications of the verdict, separated by semicolons."""
         notes = [
             "post hoc" * self.claim.after_results,
             f"alone: {self.alone}" * (self.alone != self.verdict),
@@ -70,7 +70,7 @@ class Judgement:
 
     @property
     def remark(self) -> str:
-        """Explain to the reader why the study does not decide the claim, or how to read the verdict."""
+        """The reason why the study does not decide the claim, or a remark on how to read the verdict."""
         if self.claim.cannot:
             return f"Cannot be answered here: {self.claim.cannot}."
         if self.claim.needs:
@@ -78,7 +78,7 @@ class Judgement:
         return self.claim.remark and f"{self.claim.remark}."
 
     def _word_of_ranks(self) -> str:
-        """Note whether signed ranks decide a claim that Student's t does not, or vice versa."""
+        """Return a note if signed ranks and Student's t disagree on whether the claim is decided, and otherwise ""."""
         if self.p_ranks is None or self.difference is None or len(self.difference.gains) < LEAST_RANKED:
             return ""
         differ = (self.p_ranks < 1 - CONFIDENCE) != (self.alone != NOT_DECIDED)
@@ -86,14 +86,14 @@ class Judgement:
 
 
 def judge(claims: Iterable[Claim], studies: Mapping[str, Study]) -> list[Judgement]:
-    """Test every claim, and correct all decided claims together (Holm)."""
+    """Judge every claim, and correct the p-values for all claims together (Holm)."""
     single = [_judge_alone(claim, studies) for claim in claims]
     corrected = iter(holm([one.p for one in single if one.p is not None]))
     return [one if one.p is None else _correct(one, next(corrected)) for one in single]
 
 
 def _correct(one: Judgement, p: float) -> Judgement:
-    """Give a claim its corrected p-value, which may leave its verdict undecided."""
+    """Replace a claim's p-value by the corrected one, which may make its verdict undecided."""
     is_doubtful = p >= 1 - CONFIDENCE and one.verdict != NOT_DECIDED
     return replace(one, p=p, verdict=NOT_DECIDED if is_doubtful else one.verdict)
 
@@ -111,7 +111,10 @@ def _judge_alone(claim: Claim, studies: Mapping[str, Study]) -> Judgement:
 
 
 def evidence_row(judgement: Judgement, paintings: Collection[str]) -> dict[str, str]:
-    """Write the measurements of a claim: mean, median and counts, also separately for photographs and paintings."""
+    """Return a table row with a claim's measurements: mean, median, counts and the p-value by ranks.
+
+    The mean is also given separately for photographs and for paintings.
+    """
     claim, one = judgement.claim, judgement.difference
     assert one is not None
     better, worse = len(one.units_that_gain(1)), len(one.units_that_gain(-1))
@@ -136,5 +139,5 @@ def _in_words(one: Difference, middle_low_high: Sequence[float]) -> str:
 
 
 def format_p(p: float) -> str:
-    """Write a p-value with two digits: ``0.031``, ``< 0.0001``."""
+    """Format a p-value with two significant digits: ``0.031``, ``< 0.0001``."""
     return "< 0.0001" if p < 1e-4 else f"{p:#.2g}"

@@ -1,4 +1,4 @@
-"""``task=leaderboard``: compare finished runs, paintings by others, and published figures."""
+"""``task=leaderboard``: compare finished runs, other people's paintings, and published figures."""
 
 import logging
 import os
@@ -31,7 +31,7 @@ TEMPLATES = Path(__file__).with_name("templates")
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Write page and tables of the runs in ``cfg.runs`` and of the added paintings."""
+    """Write a page and tables that compare the runs in ``cfg.runs`` and the added paintings."""
     published = read_published(Path(cfg.published) if cfg.published else SHIPPED_FIGURES)
     folders = [Path(path) for path in cfg.runs]
     if cfg.add is not None:
@@ -67,7 +67,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 def write_leaderboard_page(
     folder: Path, sections: Sequence[Section], elsewhere: Sequence[PublishedFigures], note: str = ""
 ) -> Path:
-    """Write ``report.html`` and its plot; each picture is shown in the first section that contains it."""
+    """Write ``report.html`` with its plot; each picture is shown in the first section that contains it."""
     home = {target: section for section in reversed(sections) for target in section.pictures}
     side = side_for(sum((1 + len(section.rows)) for section in home.values()))
     html = page(
@@ -120,7 +120,10 @@ def _painting(folder: Path, row: Row, k: int, side: int) -> dict[str, Any]:
 
 
 def write_standings_plot(folder: Path, sections: Sequence[Section]) -> Path | None:
-    """Write ``anytime.png`` for up to four sections; None if no section has two rows with curves."""
+    """Plot PSNR against time in ``anytime.png``, for up to four sections.
+
+    Returns None if no section has two rows with curves.
+    """
     compared = [section for section in sections if section.times][:4]
     if not compared:
         return None

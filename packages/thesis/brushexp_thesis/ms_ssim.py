@@ -1,4 +1,4 @@
-"""Structural similarity at several scales, as reported in papers on Gaussians for pictures."""
+"""Multi-scale structural similarity (MS-SSIM), a metric often reported in papers on Gaussian image representations."""
 
 from brushexp.contracts import register
 from brushexp.contracts.families import Comparison, Metric
@@ -8,7 +8,7 @@ SMALLEST_SIDE = 176  # minimum side in pixels, at which a sixteenth still contai
 
 @register("metric", "ms_ssim")
 class MultiscaleSimilarity(Metric):
-    """MS-SSIM (Wang, Simoncelli and Bovik, 2003), SSIM at five scales; 1 for identical pictures.
+    """MS-SSIM (Wang, Simoncelli and Bovik, 2003): SSIM at five scales, which is 1 for identical pictures.
 
     torchmetrics computes it in float64. It is undefined for pictures with a side below 176 pixels.
     """

@@ -1,4 +1,4 @@
-"""Read figures published by others, which a leaderboard shows next to measured figures."""
+"""Read figures published by others, which a leaderboard shows next to figures measured here."""
 
 import math
 from dataclasses import dataclass, field
@@ -13,7 +13,7 @@ FIGURES = ("psnr", "ssim", "ms_ssim", "l1", "lpips_alexnet", "lpips_squeeze", "l
 
 @dataclass(kw_only=True)
 class PictureSet:
-    """The set of pictures over which published figures are averaged."""
+    """A set of pictures over which published figures are averaged."""
 
     pictures: str  # description in words
     size: list[int] = field(default_factory=list)  # width and height in pixels; empty if sizes differ or are unknown
@@ -22,7 +22,7 @@ class PictureSet:
 
 @dataclass(kw_only=True)
 class PublishedFigures:
-    """Figures of one painter or codec, with their source."""
+    """Published figures of one painter or codec, with their source."""
 
     set: str  # name of the set of pictures
     painter: str
@@ -42,12 +42,12 @@ class PublishedFigures:
 
     @property
     def figures(self) -> dict[str, float]:
-        """The published figures, with the names in `FIGURES`."""
+        """The figures that were published, by their names in `FIGURES`."""
         return {name: value for name in FIGURES if (value := getattr(self, name)) is not None}
 
 
 def read_published(path: Path = SHIPPED_FIGURES) -> list[PublishedFigures]:
-    """Read a YAML file with ``sets`` of pictures by name, and ``figures`` that each name a ``set``."""
+    """Read a YAML file with named ``sets`` of pictures, and ``figures``, each of which refers to a ``set``."""
     try:
         data = read_plain_yaml(path, "give a file of published figures")
         if data.keys() != {"sets", "figures"} or not isinstance(data["sets"], dict):

@@ -1,4 +1,4 @@
-"""Keys of ``task=departures``, ``task=leaderboard`` and ``task=verdicts``."""
+"""Define the config keys of ``task=departures``, ``task=leaderboard`` and ``task=verdicts``."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ RUNS = "folder of a run or sweep, or a folder of several; separate folders with 
 
 @dataclass
 class DeparturesTask(Task):
-    """List all settings in which finished paintings differ from the procedure of the thesis."""
+    """List all settings in which finished paintings depart from the thesis's procedure."""
 
     is_research = True
     module = "brushexp_thesis.departures"
@@ -22,7 +22,7 @@ class DeparturesTask(Task):
 
 @dataclass
 class VerdictsTask(Task):
-    """Judge the claims of the thesis by finished studies, on one page with verdicts, tables and plots."""
+    """Judge the thesis's claims by finished studies, on one page with verdicts, tables and plots."""
 
     is_research = True
     module = "brushexp_thesis.verdicts"
@@ -39,7 +39,7 @@ class VerdictsTask(Task):
 
 @dataclass
 class LeaderboardTask(Task):
-    """Compare painters by means with intervals: finished runs, paintings by others, published figures."""
+    """Compare painters by means with intervals: finished runs, other people's paintings, and published figures."""
 
     is_research = True
     module = "brushexp_thesis.leaderboard"

@@ -1,8 +1,8 @@
-"""Compare painters on the same pictures: means with intervals, at equal strokes and at equal seconds.
+"""Compare painters on the same pictures: means with intervals, for equal numbers of strokes and for equal times.
 
-A row is a painter with its settings and number of strokes. A section is a set of pictures with the rows for painters
-that painted all of them, so that all means of a section are over the same pictures. Published figures are listed but do
-not enter any mean.
+A row is a painter with its settings and number of strokes. A section is a set of pictures together with the painters
+that painted all of them, so that all means in a section are over the same pictures. Published figures are listed but
+are not part of any mean.
 """
 
 import math
@@ -44,7 +44,7 @@ IGNORED_KEYS = {
 
 
 def credited(painter: str) -> str:
-    """Add the author whose painter is re-implemented; the name of a preset begins with its painter's name.
+    """Add the author of a re-implemented painter; a preset's name begins with its painter's name.
 
     >>> credited("hertzmann_wash"), credited("gradient"), credited("gone")
     ('hertzmann_wash (after Hertzmann)', 'gradient', 'gone')
@@ -57,7 +57,7 @@ def credited(painter: str) -> str:
 
 @dataclass(frozen=True)
 class Entry:
-    """A finished painting of a leaderboard."""
+    """A finished painting that is listed on a leaderboard."""
 
     key: tuple[str, tuple[str, ...], int | None]  # painter, settings that are not common to all, requested strokes
     target: str  # fingerprint of the painted picture
@@ -71,7 +71,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Row:
-    """A painter on the pictures of a section; ``numbers`` holds the mean over seeds for each picture."""
+    """A painter's results on the pictures of a section; ``numbers`` holds each picture's mean over seeds."""
 
     painter: str
     settings: str
@@ -89,14 +89,17 @@ class Row:
         return " ".join(filter(None, (self.painter, self.settings)))
 
     def psnr_at(self, seconds: float) -> list[float]:
-        """Return each picture's PSNR in dB after ``seconds``, or at its earlier end; empty until all have started."""
+        """Return each picture's PSNR in dB after ``seconds``, or its final PSNR if the painting ended earlier.
+
+        The list is empty until the curves of all pictures have begun.
+        """
         psnr = [quality_at(curve, seconds, after_end=True) for curve in self.curves]
         return [] if None in psnr else psnr  # type: ignore[return-value]
 
 
 @dataclass(frozen=True)
 class Section:
-    """The rows of one set of pictures, sorted by strokes and then PSNR, and published figures for these pictures."""
+    """A set of pictures, its rows sorted by strokes and then PSNR, and figures published for these pictures."""
 
     pictures: Mapping[str, str]  # target -> name with its size
     rows: Sequence[Row]
@@ -117,7 +120,7 @@ class Section:
 
     @cached_property
     def times(self) -> list[float]:
-        """Times in seconds at which rows are compared; empty if fewer than two rows have curves."""
+        """The times in seconds at which rows are compared; empty if fewer than two rows have curves."""
         curves = [curve for row in self.rows for curve in row.curves]
         if sum(bool(row.curves) for row in self.rows) < 2:
             return []
@@ -125,9 +128,9 @@ class Section:
         return [time for time in TIMES if start <= time <= end][-7:]
 
     def against_best(self, row: Row) -> tuple[float, float, float] | None:
-        """Compute mean and bounds of the differences in PSNR from the best row with the same number of strokes.
+        """Compute the mean PSNR difference from the best row with the same number of strokes, with its bounds.
 
-        Returns None for the best row itself, and for a row with an unknown number of strokes.
+        Returns None for the best row itself, and if the number of strokes is unknown.
         """
         rivals = [one for one in self.rows if one.strokes == row.strokes and "psnr" in one.numbers]
         best = max(rivals, key=lambda one: one.numbers["psnr"].mean(), default=row)
@@ -135,7 +138,7 @@ class Section:
         return interval(row.numbers["psnr"] - best.numbers["psnr"]) if is_comparable else None
 
     def relation(self, figures: PublishedFigures) -> str:
-        """Describe how the pictures of published figures relate to the pictures of the section."""
+        """Describe how the pictures behind published figures relate to the section's pictures."""
         shared = len({*figures.of.names} & {*self.stems})
         if shared == len(figures.of.names) == len(self.pictures):
             return "the same pictures"
@@ -143,17 +146,17 @@ class Section:
 
 
 def count_of(strokes: float | None) -> str:
-    """Format a number of strokes."""
+    """Format a number of strokes, or a dash if it is unknown."""
     return MISSING if strokes is None else f"{strokes:,.0f}"
 
 
 def stem_of(name: str) -> str:
-    """Return a picture's file name without suffix: ``kodim03`` of ``kodim03.png, 768 x 512 pixels``."""
+    """Return a picture's file name without its suffix: ``kodim03`` for ``kodim03.png, 768 x 512 pixels``."""
     return PurePath(name.rpartition(", ")[0] or name).stem
 
 
 def entries_of(frame: DataFrame) -> list[Entry]:
-    """List the finished paintings with existing targets among some runs; see `brushexp.results.runs`."""
+    """List the finished paintings whose targets exist, among the runs in a frame; see `brushexp.results.runs`."""
     runs = [
         (run, metrics)
         for name, run in frame["run"].iterrows()
@@ -184,7 +187,7 @@ def _entry(run: Any, metrics: Mapping[str, Any], settings: tuple[str, ...]) -> E
 
 
 def sections_of(entries: Sequence[Entry], published: Sequence[PublishedFigures] = ()) -> list[Section]:
-    """Make a section for every set of pictures that any painter has painted, with large and published sets first."""
+    """Make a section for every set of pictures painted by any painter, with large and published sets first."""
     by_painter: dict[Any, dict[str, list[Entry]]] = {}
     for entry in entries:
         by_painter.setdefault(entry.key, {}).setdefault(entry.target, []).append(entry)
@@ -203,7 +206,10 @@ def sections_of(entries: Sequence[Entry], published: Sequence[PublishedFigures] 
 def _row(
     key: tuple[str, tuple[str, ...], int | None], alike: Sequence[Sequence[Entry]], common: Collection[str]
 ) -> Row:
-    """Average the paintings of each picture that differ only in seeds; all rows share the ``common`` settings."""
+    """Average a painter's paintings of each picture over seeds.
+
+    Settings that are ``common`` to all rows are left out of the row's label.
+    """
     painter, settings, budget = key
     every = [entry for one in alike for entry in one]
     counts = [entry.strokes for entry in every if entry.strokes is not None]

@@ -1,6 +1,7 @@
 """Write a leaderboard as Markdown, CSV and LaTeX.
 
-The Markdown has a table for each section; the CSV files have every metric and picture, and the PSNR after equal times.
+The Markdown file has a table for each section. The CSV files have every metric, the PSNR of every picture, and the PSNR
+after equal times.
 """
 
 import math
@@ -33,7 +34,7 @@ ELSEWHERE = "Figures published for other pictures: they are not comparable with 
 def write_leaderboard_tables(
     folder: Path, sections: Sequence[Section], elsewhere: Sequence[PublishedFigures], command: str, note: str = ""
 ) -> Path:
-    """Write ``leaderboard.md``, ``.csv`` and ``.tex``, ``pictures.csv`` and ``seconds.csv``; return the first.
+    """Write ``leaderboard.md``, ``.csv`` and ``.tex``, ``pictures.csv`` and ``seconds.csv``; return the first path.
 
     ``command`` is the command that writes these files.
     """
@@ -51,7 +52,7 @@ def write_leaderboard_tables(
 
 
 def table_cells(section: Section) -> list[dict[str, str]]:
-    """Make the table of a section: measured rows, then published rows, whose ``pictures`` differ from "these"."""
+    """Return a section's table: measured rows, whose ``pictures`` are "these", then published rows."""
     rows = []
     for row in section.rows:
         means = {metric.name: _mean(row.numbers.get(key, ()), metric.digits) for key, metric in COLUMNS.items()}
@@ -62,7 +63,7 @@ def table_cells(section: Section) -> list[dict[str, str]]:
 
 
 def published_cells(figures: PublishedFigures, pictures: str) -> dict[str, str]:
-    """Make a row of published figures, whose settings name the source."""
+    """Return a row of published figures, whose ``settings`` name the source."""
     size = " at {} x {}".format(*figures.of.size) if len(figures.of.size) == 2 else ""
     machine = f", on {figures.machine}" if figures.machine else ""
     strokes = f"{count_of(figures.primitives)} {figures.what}" if figures.primitives else MISSING
@@ -81,13 +82,13 @@ def _with_interval(bounds: tuple[float, float, float], digits: int) -> str:
 
 
 def at_equal_seconds(section: Section) -> list[dict[str, str]]:
-    """Compute the mean PSNR, with its interval, of each row with curves at the times of a section."""
+    """Compute each row's mean PSNR, with its interval, at the section's times; rows without curves are skipped."""
     rows = [row for row in section.rows if row.curves and section.times]
     return [row.words | {f"{time:g} s": _mean(row.psnr_at(time), 2) for time in section.times} for row in rows]
 
 
 def by_picture(section: Section) -> list[dict[str, str]]:
-    """List the PSNR of each row and picture, averaged over seeds."""
+    """List the PSNR of each row on each picture, averaged over seeds."""
     return [
         row.words | {"picture": name, "psnr": f"{psnr:.2f}"}
         for row in section.rows
@@ -127,7 +128,7 @@ def _markdown(sections: Sequence[Section], command: str, note: str) -> Iterator[
 
 
 def without_empty(cells: Sequence[Mapping[str, str]]) -> list[dict[str, str]]:
-    """Remove columns in which every cell is empty."""
+    """Remove the columns in which every cell is empty."""
     empty = {key for key in (cells[0] if cells else ()) if all(row[key] in ("", MISSING) for row in cells)}
     return [{key: text for key, text in row.items() if key not in empty} for row in cells]
 

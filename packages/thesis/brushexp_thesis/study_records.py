@@ -1,8 +1,8 @@
 """Read finished studies, which are sweeps of a named experiment, from their folders or their records.
 
-A record is a CSV file: a first line with JSON after ``# `` (command, numbers of runs, cost), then a row with the
-metrics for each setting and picture (or seed). A page can be rewritten from records after the large folders of runs are
-deleted. Another program can write a record whose first line contains its command and its question.
+A record is a CSV file whose first line is JSON after ``# `` (command, numbers of runs, cost), followed by one row of
+metrics for each setting and picture (or seed). With records, a page can be rewritten after the large run folders have
+been deleted. Other programs can also write records; their first line contains the program's command and question.
 """
 
 import json
@@ -31,12 +31,13 @@ OMITTED = ("hydra.sweeper.lenient=", "hydra.searchpath=", "hydra/launcher=", "hy
 
 @dataclass(frozen=True)
 class Study:
-    """A finished sweep of a named experiment; ``words`` is its command line without machine-specific folders.
+    """A finished sweep of a named experiment.
 
-    The command line of another program begins with ``python``, and its record contains the ``question``.
+    ``words`` is its command line without machine-specific folders. The command line of another program begins with
+    ``python``, and its record contains the ``question``.
 
-    ``table`` is the `paired_table` of its runs. A complete study has ``n_jobs``; of ``n_runs`` started runs,
-    ``n_finished`` have finished, at a ``cost`` in words.
+    ``table`` is the `paired_table` of its runs. A complete study has ``n_jobs`` runs; of the ``n_runs`` that were
+    started, ``n_finished`` have finished. ``cost`` is their total cost in words.
     """
 
     name: str
@@ -51,25 +52,25 @@ class Study:
 
     @property
     def command(self) -> str:
-        """Write the command that repeats the study."""
+        """The command that repeats the study."""
         return shlex.join(self.words if self.words[:1] == ("python",) else ["brushexp", *self.words])
 
     @property
     def units(self) -> list[str]:
-        """Names of the pictures or seeds for which every setting was run."""
+        """The names of the pictures or seeds for which every setting was run."""
         whole = self.table.groupby(level=1, sort=False).size() == len(self.table.groupby(level=0))
         return [str(unit) for unit in whole.index[whole]]
 
     @property
     def extent(self) -> tuple[int, bool]:
-        """Sort key for studies of one experiment: number of units, and whether no job is missing."""
+        """The sort key for studies of the same experiment: number of units, and whether all jobs have finished."""
         return len(self.units), self.n_finished >= self.n_jobs
 
     def difference(self, claim: Claim) -> Difference | None:
-        """Compute the difference that decides a claim; None if one of its settings was not run.
+        """Compute the difference that decides a claim; return None if one of the claim's settings was not run.
 
-        The interval is corrected for all comparisons with the study's reference or, if the claim compares two other
-        settings, for all pairs of settings.
+        The interval is corrected for all comparisons with the study's reference setting or, if the claim compares two
+        other settings, for all pairs of settings.
         """
         options = list(dict.fromkeys(self.table.index.get_level_values(0)))
         if not {claim.setting, claim.against} <= set(options):
@@ -80,14 +81,18 @@ class Study:
         return next((one for one in differences if one.option == claim.setting), None)
 
     def record(self, path: Path) -> None:
-        """Write the study to a file that `studies_in` can read."""
+        """Write the study to a file that `studies_in` can read back."""
         metrics = self.table[[key for key in quantities() if key in self.table and self.table[key].notna().any()]]
         head = {name: getattr(self, name) for name in HEAD if getattr(self, name)}
         write_text(path, f"# {json.dumps(head)}\n{metrics.to_csv(float_format='%.7g', lineterminator=chr(10))}")
 
 
 def studies_in(folders: Sequence[Path], into: Path) -> dict[str, Study]:
-    """Read the studies in folders, records first; of two studies of one experiment, keep the larger, or the later."""
+    """Read the studies in folders, by name.
+
+    If there are several studies of one experiment, the largest is kept, and the last one read if they are equally
+    large; records are read before sweeps. Raises UserError if there is no study.
+    """
     studies: dict[str, Study] = {}
     for one in (*_read_records(folders), *_read_sweeps(folders, into)):
         if one.units and (one.name not in studies or one.extent >= studies[one.name].extent):
@@ -128,9 +133,9 @@ def _read_sweeps(folders: Sequence[Path], into: Path) -> Iterator[Study]:
 
 
 def rename_options(table: pd.DataFrame, jobs: Sequence[Sequence[str]]) -> pd.DataFrame:
-    """Rename the options of a `paired_table` to the study's settings: each job's arguments after the picture.
+    """Rename the options of a `paired_table` to the study's settings, which are each job's arguments after the picture.
 
-    The table's own options lack the arguments that all jobs share, and are ordered differently.
+    The table's own options leave out the arguments that all jobs share, and are in a different order.
     """
     places = [next((k for k, word in enumerate(job) if word.startswith(PICTURE_WORD)), len(job)) for job in jobs]
     listed = list(dict.fromkeys(tuple(job[place + 1 :]) for job, place in zip(jobs, places, strict=True)))
@@ -152,9 +157,10 @@ def _cost(metrics: pd.DataFrame) -> str:
 
 
 def _short(words: Sequence[str]) -> list[str]:
-    """Shorten paths: below the current folder to relative paths, and all others to file names.
+    """Shorten the paths on a command line.
 
-    A part with a comma keeps its quotes.
+    Paths below the current folder become relative, and all others are reduced to their file names. A part that contains
+    a comma keeps its quotes.
     """
     plain = [re.sub(r'"([^",]*)"', r"\1", word) for word in words if not word.startswith(OMITTED)]
     plain = [re.sub(r'^hydra\.sweeper\.pictures=\[([^"]*)\]$', r"pictures=\1", word) for word in plain]

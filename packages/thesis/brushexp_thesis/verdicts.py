@@ -31,7 +31,7 @@ EXPLANATION = Path(__file__).with_name("templates") / "verdicts.md"
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Write the page about the studies in ``cfg.runs`` to ``cfg.page``, or into this run's folder."""
+    """Write a page about the studies in ``cfg.runs`` to ``cfg.page``, or by default into this run's folder."""
     claims = read_claims(Path(cfg.claims) if cfg.claims else SHIPPED_CLAIMS)
     paintings = yaml_of(read_text(Path(cfg.paintings or SHIPPED_PAINTINGS), "give a list of pictures"), list)
     studies = studies_in([Path(path) for path in cfg.runs], folder)
@@ -46,7 +46,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def question_of(experiment: Path) -> str:
-    """Read the question of an experiment: the first sentence of its file, below the line that Hydra reads."""
+    """Read an experiment's question, which is the first sentence in its file below the ``@package`` line."""
     lines = [line for line in experiment.read_text(encoding="utf-8").splitlines() if not line.startswith("# @package")]
     return lines[0].lstrip("# ").partition(" Run:")[0]
 
@@ -55,7 +55,10 @@ def write_verdicts(
     page: Path, studies: Mapping[str, Study], claims: Mapping[str, list[Claim]], questions: Mapping[str, str],
     command: str, paintings: Collection[str],
 ) -> dict[str, int]:  # fmt: skip
-    """Write the page, with tables, plots and records in a folder of the same name; count the claims by verdict."""
+    """Write the page of verdicts, and return the number of claims with each verdict.
+
+    Tables, plots and records are written into a folder of the same name as the page.
+    """
     judgements = judge((claim for listed in claims.values() for claim in listed), studies)
     measured = [one for one in judgements if one.difference is not None]
     verdicts = Counter(one.verdict for one in judgements)
@@ -85,7 +88,7 @@ def write_verdicts(
 
 
 def verdict_row(one: Judgement) -> dict[str, str]:
-    """Make a claim's row in the table of verdicts."""
+    """Return a claim's row in the page's table of verdicts."""
     assert one.difference is not None
     section = f" ({one.claim.section})" * bool(one.claim.section)
     return {
@@ -98,7 +101,7 @@ def verdict_row(one: Judgement) -> dict[str, str]:
 
 
 def verdict_numbers(one: Judgement, paintings: Collection[str]) -> dict[str, str]:
-    """Make a claim's row in the file of verdicts, with all measurements."""
+    """Return a claim's row in verdicts.csv, with all measurements."""
     words = {"study": one.claim.study, "section": one.claim.section, "verdict": one.verdict, "note": one.note}
     p = "" if one.p is None else format_p(one.p)
     return words | evidence_row(one, paintings) | {"power": one.power, "p": p}
@@ -112,7 +115,7 @@ def _open_row(one: Judgement) -> dict[str, str]:
 
 
 def _explanation(claims: Mapping[str, list[Claim]]) -> list[str]:
-    """Fill in the paragraphs that explain the page and the rules of its verdicts."""
+    """Fill in the template for the paragraphs that explain the page and the rules behind its verdicts."""
     named = [claim.metric for listed in claims.values() for claim in listed if claim.metric]
     metrics = [quantities()[key] for key in dict.fromkeys([*paired.PANELS, *named])]
     matters = "; ".join(f"{metric.name}: {metric.matters:g}" for metric in metrics if metric.matters)
@@ -136,7 +139,7 @@ def _section(
     folder: Path, study: Study, question: str, differences: Sequence[paired.Difference],
     judged: Sequence[Judgement], paintings: Collection[str],
 ) -> list[str]:  # fmt: skip
-    """Write a study's question, command, extent, remarks, plot and record."""
+    """Return a study's section of the page, and write its plot and record."""
     name = study.name
     lines = [f"## {name}", "", _prose(question), "", f"`{study.command}`", ""]
     if not differences:
@@ -162,7 +165,7 @@ def _extent(study: Study, paintings: Collection[str]) -> str:
 
 
 def numbers_of_settings(study: Study, differences: Sequence[paired.Difference]) -> list[dict[str, str]]:
-    """Make a row for each metric and setting: its mean, its change from the reference, and how many units improved.
+    """Return a row for each metric and setting: the mean, the change from the reference, and how many units improved.
 
     Means are over the pictures for which every setting was run. A change is a difference or, for ratios, a ratio.
     """
@@ -184,7 +187,7 @@ def numbers_of_settings(study: Study, differences: Sequence[paired.Difference]) 
 
 
 def _change(one: paired.Difference) -> dict[str, str]:
-    """Write a mean change with its bounds; ratios of seconds near 1 have no bounds (see `NOISE_OF_SECONDS`)."""
+    """Format a mean change with its bounds; ratios of seconds near 1 have no bounds (see `NOISE_OF_SECONDS`)."""
     quantity = one.quantity
     is_higher_better = quantity.better == "higher"
     mean = one.mean if is_higher_better else -one.mean

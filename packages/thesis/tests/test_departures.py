@@ -1,4 +1,4 @@
-"""The list of departures has every setting that differs from the thesis, and no other settings."""
+"""Test that the list of departures has all the settings that differ from the thesis, and only those."""
 
 from brushexp_thesis import departures as departures_task
 from brushexp_thesis.departures import THESIS, departures
@@ -14,7 +14,7 @@ OF_THE_THESIS = {row["key"]: row["value"] for row in ROWS if row["value"] != []}
 
 
 def listed(cfg) -> dict[str, str]:
-    """Map each key to the run's value."""
+    """Map the key of each setting that departs from the thesis to the run's value."""
     settings = list_settings(OmegaConf.to_container(cfg, resolve=True, enum_to_str=True), [])
     return {row["setting"]: row["this run"] for row in departures({key: value for key, value, _ in settings})}
 

@@ -1,4 +1,4 @@
-"""Tests of gains agree with SciPy's tests for simple statements."""
+"""Test that p-values and intervals of gains agree with SciPy's in simple cases."""
 
 import math
 

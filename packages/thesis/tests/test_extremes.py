@@ -1,4 +1,4 @@
-"""No scene, however absurd, is silently painted wrongly: the quick part of ``experiment=extremes``."""
+"""Test that no extreme scene is silently painted wrongly; this is the fast part of ``experiment=extremes``."""
 
 from dataclasses import replace
 from functools import cache
@@ -36,7 +36,7 @@ no_eval_warning = pytest.mark.filterwarnings("ignore:.*in eval mode at the start
 
 
 def renderers(formulas: bool) -> dict[str, Renderer]:
-    """Return the renderers that are formulas, or those that are networks."""
+    """Return all renderers that are formulas, or all that are networks."""
     made = {plugin.name: frozen(plugin.name) for plugin in plugins("renderer")}
     return {name: renderer for name, renderer in made.items() if (renderer.warm_up is None) == formulas}
 

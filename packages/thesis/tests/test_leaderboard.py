@@ -1,4 +1,7 @@
-"""The leaderboard averages over equal pictures only, accepts paintings by others, and keeps published figures apart."""
+"""Test that the leaderboard averages over the same pictures for all painters.
+
+Other people's paintings can be added, and published figures are kept apart.
+"""
 
 import re
 
@@ -37,7 +40,7 @@ def sections_in(folder, published=None):
 
 
 def paint_run(folder, image, psnr, strokes, painter=None, **noted):
-    """Write the files of a fake run; pictures with the same name share a target."""
+    """Write the files of a fake run; runs whose pictures have the same name share a target."""
     chosen = {"image": f"{image}.png", "strokes": str(strokes), "frames": str(ord(image))}
     numbers = {"psnr": psnr, "l1": 0.1, "seconds": 2.0, "cpu_seconds": 3.0, "n_strokes": strokes}
     numbers |= {"anytime": [[1, psnr - 4], [2, psnr]]} | ({"painter": painter} if painter else {})
@@ -46,7 +49,10 @@ def paint_run(folder, image, psnr, strokes, painter=None, **noted):
 
 @pytest.fixture
 def runs(tmp_path):
-    """Write runs of two painters on pictures a and b with 50 strokes, one with two seeds, and on a with 90 strokes."""
+    """Write the runs of two painters, with 50 strokes on pictures a and b, and with 90 strokes on picture a.
+
+    One of the painters has two seeds. Some runs are unfinished or invalid.
+    """
     folder = tmp_path / "runs"
     folder.mkdir()
     write_text(tmp_path / "published.yaml", PUBLISHED)

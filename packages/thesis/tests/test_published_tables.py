@@ -1,4 +1,4 @@
-"""The tables of the published pages agree with the records beside them, picture by picture."""
+"""Test that the tables on the published pages agree with the records stored beside them."""
 
 from pathlib import Path
 
@@ -59,7 +59,7 @@ def test_every_verdict_of_the_page_follows_from_the_records(judged, page):
 
 
 def test_means_and_intervals_of_the_leaderboard_are_those_of_its_pictures():
-    """The record has two digits, so a mean may differ in its last digit."""
+    """The records have two decimal places, so the last digit of a mean may differ."""
     records = pd.read_csv(DOCS / "records" / "leaderboard.csv", keep_default_na=False)
     lines = (DOCS / "leaderboard.md").read_text(encoding="utf-8").splitlines()
     groups = records.groupby(["painter", "settings", "strokes"], sort=False)

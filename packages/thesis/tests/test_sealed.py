@@ -1,4 +1,4 @@
-"""The sealed set is verified by checksums, painted once, and painted again only for a recorded reason."""
+"""Test that the sealed set is verified by checksums and painted once, and again only if a reason is recorded."""
 
 import hashlib
 import importlib.util
@@ -25,7 +25,7 @@ def sealed():
 
 @pytest.fixture
 def listed(tmp_path):
-    """Write a list of two pictures that are stored in a package."""
+    """Write two pictures into a folder, and list them with their checksums in a YAML file."""
     rng, lines = np.random.default_rng(0), []
     (tmp_path / "unpacked" / "deep").mkdir(parents=True)
     for name in ("a.png", "b.png"):

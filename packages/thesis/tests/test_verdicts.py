@@ -1,4 +1,4 @@
-"""Claims are judged by paired differences, name settings of the studies, and are reported on a page."""
+"""Test that claims are judged by paired differences, refer to settings that studies have, and appear on the page."""
 
 import json
 import math
@@ -53,7 +53,7 @@ def claim(expects, **fields):
 
 
 def make_sweep(folder, typed=(), jobs=12, **options):
-    """Write a sweep of experiment=mine with the runs of `make_study`."""
+    """Write a sweep of experiment=mine that has the runs of `make_study`."""
     (folder / ".hydra").mkdir(parents=True)
     write_json(folder / ".hydra" / "jobs.json", {"typed": [*typed, "experiment=mine"], "jobs": [[]] * jobs})
     return make_study(folder, **options)
@@ -106,14 +106,17 @@ def test_a_claim_of_two_settings_beside_the_reference_has_an_interval_of_all_pai
 
 
 def study_of(gains, unit="picture", name="s"):
-    """Make a study whose second setting has the given ``gains`` over the first."""
+    """Return a study in which the second setting has the given ``gains`` over the first."""
     index = pd.MultiIndex.from_product([["y=1", "x=1"], sorted(gains)], names=["option", unit])
     table = pd.DataFrame({"psnr": [30.0] * len(gains) + [30 + gains[one] for one in sorted(gains)]}, index)
     return Study(name, (), table, 0, 0, 0, "")
 
 
 def test_claims_of_a_page_are_corrected_together():
-    """Each of eight claims with a p-value of 0.013 is decided alone, but none is decided beside seven others."""
+    """Test that claims on one page are corrected together.
+
+    Each of eight claims with a p-value of 0.013 is decided on its own, but none is decided beside seven others.
+    """
     studies = {"s": study_of(dict(zip("abcd", (0.3, 0.6, 0.9, 0.5), strict=True)))}
     one = claim("better", study="s", setting="x=1", against="y=1")
     (alone,) = judge([one], studies)
@@ -193,12 +196,12 @@ def test_ranks_that_differ_from_student_are_remarked():
 
 
 def studies_named(name):
-    """Find the file of a shipped study."""
+    """Return the paths of a shipped study's file."""
     return [path for folder in conf_folders() for path in folder.glob(f"experiment/{name}.yaml")]
 
 
 def options_of(study):
-    """List the settings of a study in Hydra's spelling, as its jobs do: ``critic=True``."""
+    """List a study's settings as Hydra passes them to jobs, such as ``critic=True``."""
     (path,) = studies_named(study)
     sweeper = yaml_of(read_text(path, ""))["hydra"]["sweeper"]
     parser = OverridesParser.create()

@@ -15,7 +15,7 @@ def simulate(n: int, *, engine: str = "fluid", seed: int = 0, **options: Any) ->
 
     Args:
         n: number of strokes, sampled from the prior.
-        engine: name of the simulator.
+        engine: name of the simulator plugin.
         seed: seed of all randomness.
         options: options of the engine, such as ``window=64``.
 
@@ -32,10 +32,10 @@ def train_renderer(output: str | PathLike[str], *, renderer: str = "neural", **o
     """Train a renderer on simulated strokes, as ``task=train`` does, and return it with its weights.
 
     Args:
-        output: folder of the run with the weights and their recipe; ``paint(renderer=..., **{
+        output: folder of the run, which will contain the weights and their recipe; ``paint(renderer=..., **{
             "renderer.checkpoint": output / "neural.safetensors"})`` paints with them.
         renderer: name of the renderer to train.
-        overrides: keys of the command line: ``data="strokes"``, ``minutes=30``, ``batch_size=32``, ``simulate=None``.
+        overrides: command-line overrides: ``data="strokes"``, ``minutes=30``, ``batch_size=32``, ``simulate=None``.
 
     Raises:
         UserError: a setting is invalid or the training fails; the message is the same as on the command line.

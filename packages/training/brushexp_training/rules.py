@@ -1,4 +1,4 @@
-"""Check before a training starts that its strokes, network and limits are consistent."""
+"""Check, before training starts, that its strokes, network and limits are consistent."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -31,7 +31,7 @@ STROKES = Rule(_check_set)
 
 
 def check_train(cfg: DictConfig, overrides: Sequence[str]) -> None:
-    """Check that training ends, and that the strokes fit the network."""
+    """Check that the training has a limit, that the strokes fit the network, and that a batch fits into memory."""
     from brushexp_training.stroke_sets.stroke_data import origin_for  # noqa: PLC0415
 
     check_ends(cfg)
@@ -48,7 +48,7 @@ def check_train(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
 
 def check_brushes(cfg: DictConfig, origin: "Origin", sets: int) -> None:
-    """Raise UserError if a renderer of several brushes could not distinguish the brushes of the sets."""
+    """Raise UserError if a renderer with several brushes could not distinguish the brushes in the sets."""
     own, theirs = cfg.renderer.get("brushes") or 1, origin.engine_config.get("brushes") or 1
     if own == 1 or theirs == 1:
         return
@@ -61,13 +61,13 @@ def check_brushes(cfg: DictConfig, origin: "Origin", sets: int) -> None:
 
 
 def check_batch(cfg: DictConfig, window: int) -> None:
-    """Raise UserError if the pictures of a step, ``window`` x ``window`` pixels each, do not fit into memory."""
+    """Raise UserError if the pictures of one step, with ``window`` x ``window`` pixels each, do not fit into memory."""
     what = f"batch_size={cfg.batch_size} strokes of {window} x {window} pixels"
     check_memory(cfg.batch_size * window**2 * BYTES_PER_TRAINED_PIXEL, what, "choose a smaller batch_size=")
 
 
 def check_simulate(cfg: DictConfig, overrides: Sequence[str]) -> None:
-    """Check that the set can be continued with these strokes, and that the strokes of one file fit into memory."""
+    """Check that an existing set can be continued with these settings, and that one file fits into memory."""
     from brushexp_training.stroke_sets.dataset import origin_of  # noqa: PLC0415
     from brushexp_training.stroke_sets.writer import BYTES_PER_PIXEL, SHARD_STROKES, whole_shards  # noqa: PLC0415
 
@@ -80,7 +80,7 @@ def check_simulate(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
 
 def check_ends(cfg: DictConfig) -> None:
-    """Raise UserError if a training would never end."""
+    """Raise UserError if no limit would ever end the training."""
     check_monitors(cfg, TRAINING_CURVES)
     limits = (cfg.epochs, cfg.minutes, cfg.trainer.max_time, cfg.callbacks.get("timer"))
     if all(limit is None for limit in limits) and max(cfg.trainer.max_steps, cfg.trainer.max_epochs or -1) < 0:
@@ -88,14 +88,14 @@ def check_ends(cfg: DictConfig) -> None:
 
 
 def check_evaluate(cfg: DictConfig, overrides: Sequence[str]) -> None:
-    """Check that strokes exist, and that the renderer was trained on strokes of the same origin."""
+    """Check that the strokes exist, and that the renderer was trained on strokes of the same origin."""
     from brushexp_training.stroke_sets.stroke_data import check_origin  # noqa: PLC0415
 
     check_origin(cfg)
 
 
 def check_trainable(renderer: "Renderer", window: int) -> None:
-    """Raise UserError unless a renderer has weights and fits strokes in windows of ``window`` pixels."""
+    """Raise UserError unless a renderer has trainable weights and draws windows of ``window`` pixels."""
     if not any(parameter.requires_grad for parameter in renderer.parameters()):
         raise UserError("this renderer has no weights to train; try renderer=neural")
     if (own := getattr(renderer, "window", window)) != window:

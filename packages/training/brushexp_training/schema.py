@@ -1,4 +1,4 @@
-"""Keys of the tasks that simulate strokes, and train and measure renderers."""
+"""Define the config keys of the tasks that simulate strokes, and that train and evaluate renderers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -22,7 +22,7 @@ LIMIT = "number of training strokes to use, starting with the first; null = all"
 
 @dataclass
 class NetworkTrainerOptions(TrainerOptions):
-    """Keys below ``trainer`` of tasks that train networks, which have epochs and validations."""
+    """Config keys below ``trainer`` for tasks that train networks, which have epochs and validations."""
 
     max_epochs: int | None = key(
         -1, "maximum number of epochs; -1 = no limit (tasks have their own limits)", at_least(-1)
@@ -104,7 +104,7 @@ class TrainTask(Task):
 
 @dataclass
 class NetworkTask(Task):
-    """Keys of tasks that train networks other than renderers."""
+    """Config keys of tasks that train networks other than renderers."""
 
     is_research = True
     groups: ClassVar[dict[str, Any]] = NETWORK_FIT

@@ -1,4 +1,4 @@
-"""Renderers that draw windows store and load their weights in files."""
+"""Test that patch renderers store their weights in files, load them again, and refuse invalid files."""
 
 import json
 import logging
@@ -125,14 +125,17 @@ def test_nothing_is_painted_with_random_weights(config, words, typed):
 
 
 def change_recipe(path: Path, **changes: object) -> None:
-    """Change the recipe; None removes a key."""
+    """Change entries of a recipe; None removes an entry."""
     recipe = json.loads(path.with_suffix(".json").read_text()) | changes
     recipe = {key: value for key, value in recipe.items() if value is not None}
     path.with_suffix(".json").write_text(json.dumps(recipe))
 
 
 def change_bias(path: Path, bias: torch.Tensor | None) -> None:
-    """Change the bias of the last layer, or remove it if None; save copies, because load_file maps the file itself."""
+    """Replace the bias of the last layer, or remove it if ``bias`` is None.
+
+    The weights are copied before they are saved, because load_file maps the file itself.
+    """
     weights = {name: value.clone() for name, value in load_file(path).items()} | {"last.bias": bias}
     save_file({name: value for name, value in weights.items() if value is not None}, path)
 

@@ -1,4 +1,4 @@
-"""The critic scores pictures; its loss is RaSGAN, with gradients as long as its weight demands."""
+"""Test that the critic's loss is RaSGAN and stays finite, and that its gradients have the norm set by the weight."""
 
 import pytest
 import torch

@@ -1,4 +1,4 @@
-"""A set of strokes is read unchanged from disk, loaders yield every stroke once, and damaged files are refused."""
+"""Test that sets are read back unchanged, that loaders yield every stroke once, and that damaged files are refused."""
 
 import json
 import re
@@ -31,7 +31,7 @@ N = 5 * SHARD_STROKES + 70
 
 
 class Spot(Engine):
-    """An engine that draws a gradient with the stroke's number as its phase and in the stroke's colour."""
+    """An engine that draws gradients in the stroke's colour, with the stroke's number as the phase."""
 
     def __init__(self, window: int = 6) -> None:
         self.window = window
@@ -60,7 +60,7 @@ def large(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory) -> bytes:
-    """Write a set of one shard."""
+    """Return the bytes of a set that consists of one shard."""
     return (write(tmp_path_factory.mktemp("set") / "small", n=200) / "000000000.h5").read_bytes()
 
 

@@ -1,4 +1,4 @@
-"""Strokes are corrupted as intended, the discriminator learns, its loss repairs strokes, and its files load."""
+"""Test that corrupted strokes are invalid, that the discriminator learns, and that its files load."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -52,7 +52,7 @@ def loss_of(loss: Discriminated, made: Strokes) -> Tensor:
 
 
 def valid(made: Strokes, slack: float = 0.01) -> Tensor:
-    """Mark the strokes (N,) that the prior could have drawn, with bends within four standard deviations."""
+    """Mark the strokes (N,) that the prior could have sampled, allowing bends up to four standard deviations."""
     points = torch.stack([getattr(made, name) for name in POINTS], 1).abs().amax((1, 2))
     length = torch.linalg.vector_norm(made.end - made.start, dim=1)
     bend = (bend_of(made) / torch.tensor(SPREAD).sqrt()).norm(dim=1)
@@ -94,7 +94,7 @@ def test_every_corruption_occurs_the_seed_decides_and_hard_negatives_are_half_wa
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory) -> tuple[DiscriminatorModule, Path, dict[str, object]]:
-    """Train for a few seconds; return the module, its file and its figures."""
+    """Train a discriminator for a few seconds; return the module, its file and its figures."""
     torch.manual_seed(3)
     module = DiscriminatorModule(Discriminator(), 5e-3)
     fit(module, ShapeData(batch_size=64, seed=3), max_epochs=1)

@@ -1,4 +1,4 @@
-"""Renderers are measured by distances of sample sets, speed and strokes outside the range, also by the task."""
+"""Test the figures by which renderers are measured, and the task that computes them."""
 
 import json
 import math
@@ -48,12 +48,12 @@ TINY = ("renderer=neural", "renderer.width=4", "renderer.dense=16", "renderer.co
 
 
 def distance(count: int = 5) -> FeatureDistance:
-    """Make a distance whose features are the upper left pixels of a picture."""
+    """Return a feature distance whose features are the top left pixels of a picture."""
     return FeatureDistance("mine", lambda pictures: pictures.flatten(1)[:, :count], count)
 
 
 def sample_set(n: int, shift: float = 0.0) -> torch.Tensor:
-    """Make opaque pictures of random numbers."""
+    """Return opaque pictures of random pixels."""
     images = 0.3 + shift + 0.3 * torch.rand(n, 4, 3, 4)
     images[:, 3] = 1
     return images
@@ -129,7 +129,7 @@ def test_bristle_energy_is_the_share_of_fine_detail_that_is_drawn_and_strokes_wi
 
 
 class Bytes(torch.nn.Module):
-    """Stand in for the published network."""
+    """A stand-in for the published network."""
 
     def __init__(self, count: int) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""Each step of a brush simulator agrees with a slow, obvious one, and whole strokes look as they should."""
+"""Test that each step of the brush simulators agrees with a straightforward implementation, and check whole strokes."""
 
 import numpy as np
 import pytest
@@ -15,12 +15,12 @@ V = _bristles.VERTICES
 
 
 def stroke(start, control, end, *, width=0.1):
-    """Make one stroke (1, 10) from points in half-windows."""
+    """Return one stroke (1, 10), given its points in half-windows."""
     return torch.tensor([[*start, *control, *end, (2 * width - 0.23) / 0.17, -0.6, 0.0, 0.6]])
 
 
 def one_frame_of_one_bristle(p, velocity, root, scale, stiffness, gravity, damping, iterations):
-    """Do the same as `move`, vertex by vertex in float64; p and velocity are (V, 3)."""
+    """Compute what `move` does for one bristle, vertex by vertex in float64; p and velocity are (V, 3)."""
     q = p + damping * velocity - np.array([0, 0, gravity])
     weight = [0.0] + [1.0] * (len(p) - 1)
     for _ in range(iterations):
@@ -124,7 +124,7 @@ def test_the_closed_form_of_a_frame_agrees_with_splat_after_splat():
 
 
 def flow(side):
-    """Make a smooth flow (2, side, side) that is 0 at the margin."""
+    """Return a smooth flow (2, side, side) that is 0 at the margin."""
     y, x = np.mgrid[:side, :side] / side * 2 * np.pi
     field = np.stack([np.sin(x) * np.cos(2 * y), np.cos(x + 1) * np.sin(y)]).astype(np.float32)
     field[:, [0, -1]] = field[:, :, [0, -1]] = 0

@@ -1,4 +1,4 @@
-"""Renderers that draw windows keep their contract and respect their options."""
+"""Test that patch renderers draw valid windows with finite gradients, and that their options take effect."""
 
 from dataclasses import replace
 from itertools import product
@@ -36,7 +36,7 @@ def parameters(n: int = 5) -> torch.Tensor:
 
 @pytest.fixture(params=NAMES)
 def renderer(request) -> PatchRenderer:
-    """Build each patch renderer in training mode."""
+    """Build each patch renderer with random weights, in evaluation mode."""
     return build_named("renderer", request.param, {"checkpoint": None}).eval()
 
 

@@ -1,4 +1,4 @@
-"""Textures of the neural renderer depend on the right numbers, and all kernels look them up alike."""
+"""Test that the neural renderer's textures depend on shape and brush, and that compiled and eager code agree."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ from brushexp.strokes.prior import clamp_to_prior, parameters_of, sample_prior, 
 
 
 def lively(**options) -> Neural:
-    """Build a tiny network whose textures vary from texel to texel."""
+    """Build a tiny network whose textures vary between texels."""
     torch.manual_seed(0)
     renderer = Neural(**{"width": 4, "dense": 16, "code": 3, "brushes": 3, "checkpoint": None, **options})
     with torch.no_grad():

@@ -1,4 +1,4 @@
-"""Pruning removes idle channels first, and the remaining network loads like any other renderer and can be trained."""
+"""Test that pruning removes idle channels first, and that the remaining network can be loaded and trained."""
 
 import json
 import sys
@@ -35,7 +35,7 @@ def batch(n: int = 6) -> StrokeBatch:
 
 @torch.no_grad()
 def silence_every_other_channel(renderer: InverseVGG) -> None:
-    """Set every second channel of every layer but the last to 0 for all inputs."""
+    """Make every second channel of every layer but the last output 0 for all inputs."""
     for layer in renderer.dense:
         layer.weight[::2], layer.bias[::2] = 0, 0
     first = renderer.first
@@ -119,7 +119,7 @@ def test_networks_whose_channels_cannot_be_told_apart_are_refused(key, value, me
 
 @pytest.fixture
 def run(tmp_path, run_task):
-    """Run the task in this process on strokes of the simplest engine."""
+    """Return a function that runs the task in this process, on strokes of the simplest engine."""
     strokes, trained = tmp_path / "strokes", tmp_path / "trained.safetensors"
     simulate_set(strokes, build_named("engine", "disc", {}), Origin("disc", {"window": 64}, 64), 0, 350)
     origin = {"engine": "disc", "engine_config": {"window": 64}, "window": 64}

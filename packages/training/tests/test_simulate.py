@@ -1,4 +1,4 @@
-"""A set of strokes is the same whatever interrupts its simulation, and never contains an incomplete file."""
+"""Test that interruptions do not change a simulated set, and that it never contains an incomplete file."""
 
 import os
 import resource
@@ -27,16 +27,16 @@ def small_shards(monkeypatch) -> None:
 
 
 def contents(path: Path) -> dict[str, bytes]:
-    """Read all shards of a set."""
+    """Return the contents of all shards of a set, by file name."""
     return {file.name: file.read_bytes() for file in path.glob("*.h5")}
 
 
 class Killed(BaseException):
-    """An exception that ends a process at any line."""
+    """An exception that stands for a process being killed."""
 
 
 class Breaking(Spot):
-    """An engine that is killed after a number of strokes."""
+    """An engine that is killed at a given stroke."""
 
     def __init__(self, last: int) -> None:
         super().__init__()
@@ -50,7 +50,7 @@ class Breaking(Spot):
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory) -> dict[str, bytes]:
-    """Write a set without interruption."""
+    """Return the contents of a set that was simulated without interruption."""
     return contents(write(tmp_path_factory.mktemp("whole") / "strokes", n=N))
 
 

@@ -1,4 +1,4 @@
-"""Renderers train with Lightning's Trainer as documented: they learn, average their weights, and resume exactly."""
+"""Test that renderers learn with Lightning's Trainer, that weights are averaged, and that training resumes exactly."""
 
 import copy
 import math
@@ -38,7 +38,7 @@ CRITIC = RendererSettings(critic=True, critic_width=4)
 
 
 class Small(PatchRenderer):
-    """A renderer of 16 x 16 pixels with two layers and a batch norm, whose buffers must be averaged."""
+    """A renderer of 16 x 16 pixels with two layers and a batch norm, whose buffers must also be averaged."""
 
     window = SIDE
 
@@ -52,7 +52,7 @@ class Small(PatchRenderer):
 
 
 def strokes(n: int, side: int = SIDE, first: int = 0) -> StrokeBatch:
-    """Make analytic strokes as training data."""
+    """Return a batch of analytic strokes as training data."""
     parameters = parameters_of(sample_prior(n, 0, first))
     with torch.no_grad():
         return StrokeBatch(parameters, window_pictures(Analytic(soft=1.0), parameters, side), torch.arange(n) + first)
@@ -90,7 +90,7 @@ def fit(module, data=None, *callbacks, resume=None, **options):
 
 
 class Rates(L.Callback):
-    """Record the learning rate of each step."""
+    """Record the learning rate at each step."""
 
     def __init__(self):
         self.rates = []
@@ -100,7 +100,7 @@ class Rates(L.Callback):
 
 
 class StopAt(L.Callback):
-    """Interrupt a fit after a number of steps."""
+    """Interrupt a fit after a given number of steps."""
 
     def __init__(self, step):
         self.step = step

@@ -1,4 +1,4 @@
-"""Find what a picture file declares about its colours: an ICC profile, standard code points, or a camera setting."""
+"""Read the colour encoding that a picture file declares: an ICC profile, standard code points, or a camera setting."""
 
 import os
 import struct
@@ -36,7 +36,7 @@ ICC_METHODS = (b"\2", b"\3")  # values in a JPEG 2000 "colr" box that a profile 
 
 
 def colors_of(picture: Image.Image) -> Colors:
-    """Find a picture's colour encoding before decoding, from the most authoritative declaration in its file."""
+    """Determine a picture's colour encoding, before decoding, from the most authoritative declaration in its file."""
     head, profile = head_of(picture), picture.info.get("icc_profile")
     said: Colors = _of_png(head, picture) if picture.format == "PNG" else profile or _of_others(head, picture)
     if said is None:
@@ -47,10 +47,10 @@ def colors_of(picture: Image.Image) -> Colors:
 
 
 def exif_of(picture: Image.Image) -> Image.Exif:
-    """Read a picture's EXIF data, empty if they are damaged; errors of the picture's decoder are raised.
+    """Read a picture's EXIF data; the result is empty if the data are damaged. Decoder errors are propagated.
 
-    To find EXIF data after the pixels of a PNG, Pillow decodes it. If the picture is loaded again after an error, it is
-    black.
+    The EXIF data of a PNG may follow its pixels, so Pillow has to decode the picture first. If this raises an error and
+    the picture is loaded again, the result is black.
     """
     if picture.format == "PNG" and "exif" not in picture.info:
         picture.load()
@@ -61,7 +61,7 @@ def exif_of(picture: Image.Image) -> Image.Exif:
 
 @contextmanager
 def place_kept(file: IO[bytes]) -> Iterator[None]:
-    """Restore the position in a file after reading elsewhere in it."""
+    """Restore a file's read position at the end of the ``with`` block."""
     place = file.tell()
     try:
         yield
@@ -70,7 +70,7 @@ def place_kept(file: IO[bytes]) -> Iterator[None]:
 
 
 def head_of(picture: Image.Image) -> bytes:
-    """Read the first bytes of a picture's file; empty if the file is closed."""
+    """Read the first bytes of a picture's file; return no bytes if the file is closed."""
     with suppress(AttributeError, OSError, ValueError):
         file: Any = picture.fp  # type: ignore[attr-defined]
         with place_kept(file):
@@ -81,7 +81,7 @@ def head_of(picture: Image.Image) -> bytes:
 
 
 def declared_in_boxes(picture: Image.Image) -> list[Property]:
-    """Read the properties that HEIF or AVIF boxes declare for the visible picture; empty if the file is closed."""
+    """Read the properties that HEIF or AVIF boxes declare for the visible picture; return [] if the file is closed."""
     with suppress(AttributeError, OSError, ValueError):
         file: Any = picture.fp  # type: ignore[attr-defined]
         with place_kept(file):
@@ -90,7 +90,7 @@ def declared_in_boxes(picture: Image.Image) -> list[Property]:
 
 
 def _of_png(head: bytes, picture: Image.Image) -> Colors:
-    """Read the colours of a PNG in the order of precedence of its specification: cICP, iCCP, sRGB, gAMA with cHRM."""
+    """Read a PNG's colour encoding, in the specified order of precedence: cICP, iCCP, sRGB, gAMA with cHRM."""
     numbers = next((data for name, data in chunks_of(head) if name == b"cICP" and len(data) == 4), None)
     if numbers is not None:
         return encoding_of(numbers[0], numbers[1])
@@ -105,7 +105,7 @@ def _of_png(head: bytes, picture: Image.Image) -> Colors:
 
 
 def chunks_of(png: bytes) -> Iterator[tuple[bytes, bytes]]:
-    """Yield the chunks of a PNG before its pixels."""
+    """Yield the name and data of each PNG chunk before the pixel data."""
     at = 8
     while at + 8 <= len(png) and png[at + 4 : at + 8] != b"IDAT":
         length = int.from_bytes(png[at : at + 4])
@@ -114,7 +114,7 @@ def chunks_of(png: bytes) -> Iterator[tuple[bytes, bytes]]:
 
 
 def _of_others(head: bytes, picture: Image.Image) -> Colors:
-    """Read the colour information that Pillow ignores in other formats."""
+    """Read the colour information that Pillow ignores in formats other than PNG."""
     if picture.format in IN_BOXES:
         said = next((data for name, data in declared_in_boxes(picture) if name == b"colr" and data[:4] == b"nclx"), b"")
         primaries, transfer = struct.unpack(">HH", said[4:8].ljust(4, b"\0"))
@@ -149,6 +149,6 @@ def _of_exif(exif: Image.Exif) -> Encoding | None:
 
 
 def _pairs(numbers: tuple[float, ...]) -> tuple[tuple[float, float], ...]:
-    """Group numbers into x and y of red, green, blue and white."""
+    """Group eight numbers into the chromaticities (x, y) of red, green, blue and white."""
     red, green, blue, white = ((float(x), float(y)) for x, y in zip(numbers[::2], numbers[1::2], strict=True))
     return red, green, blue, white

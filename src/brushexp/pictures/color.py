@@ -17,9 +17,10 @@ def recolor(picture: Tensor, like: Tensor) -> Tensor:
     """Map the colours of a picture (3, H, W) linearly to the mean and covariance of another picture's colours.
 
     Source: Gatys et al. (2016), "Preserving color in neural artistic style transfer", arXiv:1606.05897, "image
-    analogies" variant: x -> A (x - mean) + mean_like with A = S_like^(1/2) S^(-1/2), S the covariances, so that A S A =
-    S_like. Differs from the source: in the matrix roots, variances are at least one grey level, and no direction is
-    stretched more than 8 times, so that the result for a uniform picture stays finite and its noise small.
+    analogies" variant: x -> A (x - mean) + mean_like with A = S_like^(1/2) S^(-1/2), where S and S_like are
+    covariances, so that A S A = S_like. Unlike in the source, variances are at least one grey level in the matrix
+    roots, and no direction is stretched more than 8 times, so that a uniform picture gives a finite result with little
+    noise.
     """
     mean, covariance = _moments(picture)
     like_mean, like_covariance = _moments(like)
@@ -34,7 +35,7 @@ def recolor(picture: Tensor, like: Tensor) -> Tensor:
 
 
 def _moments(picture: Tensor) -> tuple[Tensor, Tensor]:
-    """Compute mean (3, 1) and covariance (3, 3) of the colours, in double precision."""
+    """Compute the mean (3, 1) and the covariance (3, 3) of a picture's colours, in double precision."""
     colors = picture.flatten(1).to(torch.float64)
     mean = colors.mean(1, keepdim=True)
     offset = colors - mean
@@ -44,8 +45,8 @@ def _moments(picture: Tensor) -> tuple[Tensor, Tensor]:
 def palette(lab: Array, weight: Array, count: int) -> Array:
     """Find the best inks (K <= count, 3) for reproducing a picture, with k-means in CIELAB (Lloyd, 1982).
 
-    ``weight`` (N,) >= 0 is the share of the picture that has each of the colours ``lab`` (N, 3). Inks are added one by
-    one where the error is largest, so the result is deterministic and no ink increases the error.
+    ``weight`` (N,) >= 0 is the fraction of the picture covered by each of the colours ``lab`` (N, 3). Inks are added
+    one by one at the colour with the largest error, so the result is deterministic and no ink increases the error.
     """
     lab, weight = lab[weight > 0], weight[weight > 0]
     if len(lab) == 0:
@@ -65,7 +66,7 @@ def nearest_ink(lab: Array, inks: Array) -> Array:
 
 
 def _settled(lab: Array, weight: Array, inks: Array) -> Array:
-    """Repeatedly move inks to the mean of the colours assigned to them."""
+    """Repeatedly move each ink to the mean of the colours assigned to it."""
     chosen = nearest_ink(lab, inks)
     for _ in range(ROUNDS):
         share = np.bincount(chosen, weight, len(inks))[:, None]
@@ -78,7 +79,7 @@ def _settled(lab: Array, weight: Array, inks: Array) -> Array:
 
 
 def hex_of(color: Array) -> str:
-    """Write a colour (3,) in [0, 1] as ``#rrggbb``; halves round up, as in `to_bytes`."""
+    """Format a colour (3,) in [0, 1] as ``#rrggbb``; halves are rounded up, as `to_bytes` does."""
     return "#" + (np.nan_to_num(color).clip(0, 1) * 255 + 0.5).astype("u1").tobytes().hex()
 
 

@@ -1,4 +1,4 @@
-"""Convert the samples of a file to sRGB using the primaries and transfer curve that it declares (ITU-T H.273)."""
+"""Convert a file's samples to sRGB, using the primaries and the transfer curve that the file declares (ITU-T H.273)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -41,7 +41,7 @@ class Encoding:
     curve: Curve
 
     def to_srgb(self, picture: Array) -> Array:
-        """Convert a picture (H, W, 3), uint8 or in [0, 1], to sRGB of the same dtype, clipping brighter values.
+        """Convert a picture (H, W, 3), uint8 or in [0, 1], to sRGB of the same dtype, clipping values above white.
 
         The white point is adapted to that of sRGB (Bradford), so that grey stays grey.
         """
@@ -56,17 +56,17 @@ class Encoding:
 
 
 def encode_srgb(light: Array) -> Array:
-    """Encode light in [0, 1] as sRGB (IEC 61966-2-1)."""
+    """Encode linear light in [0, 1] as sRGB (IEC 61966-2-1)."""
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 0.0031308) ** (1 / 2.4) - 0.055)
 
 
 def decode_srgb(value: Array) -> Array:
-    """Invert `encode_srgb`."""
+    """Decode sRGB values to linear light, inverting `encode_srgb`."""
     return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
 
 
 def gamma(exponent: float) -> Curve:
-    """Make the transfer curve of a power law."""
+    """Return the transfer curve of a power law."""
     return lambda value: value**exponent
 
 
@@ -98,28 +98,28 @@ ADOBE_RGB = Encoding(((0.64, 0.33), (0.21, 0.71), (0.15, 0.06), D65), gamma(563 
 
 
 def encoding_of(primaries: int, transfer: int) -> Encoding:
-    """Choose the encoding for these code points of H.273; the default is sRGB, or BT.2020 with HLG and PQ."""
+    """Return the encoding for two H.273 code points; the default is sRGB, or BT.2020 with HLG and PQ."""
     unsaid = BT2020 if transfer in HIGH_RANGE else BT709
     return Encoding(PRIMARIES.get(primaries, unsaid), CURVES.get(transfer, decode_srgb))
 
 
 def unless_srgb(encoding: Encoding) -> Encoding | None:
-    """Return an encoding, or None for sRGB, so that sRGB pictures pass through unchanged to the bit.
+    """Return an encoding, or None if it is sRGB, so that sRGB pictures stay bit-identical.
 
-    Chromaticities of standard video before BT.709 count as sRGB, because players show them as sRGB.
+    The chromaticities of video standards before BT.709 are treated as sRGB, because players show them as sRGB.
     """
     near = any(np.allclose(encoding.primaries, known, atol=SAME_WITHIN) for known in (BT709, PRIMARIES[5], SMPTE_C))
     return None if near and encoding.curve is decode_srgb else encoding
 
 
 def _to_xyz(primaries: tuple[tuple[float, float], ...]) -> Array:
-    """Compute the matrix (3, 3) from linear RGB to CIE XYZ with white at Y = 1."""
+    """Compute the matrix (3, 3) that converts linear RGB to CIE XYZ, with white at Y = 1."""
     columns = np.array([[x, y, 1 - x - y] for x, y in primaries]).T
     white = columns[:, 3] / columns[1, 3]
     return columns[:, :3] * np.linalg.solve(columns[:, :3], white)
 
 
 def _adapted(white: tuple[float, float]) -> Array:
-    """Compute the matrix (3, 3) in XYZ that adapts a white point to that of sRGB (Lam, 1985, "Bradford")."""
+    """Compute the XYZ matrix (3, 3) that adapts a white point to that of sRGB (Lam, 1985, "Bradford")."""
     ours, theirs = (BRADFORD @ np.array([x / y, 1, (1 - x - y) / y]) for x, y in (D65, white))
     return np.linalg.inv(BRADFORD) @ np.diag(ours / theirs) @ BRADFORD

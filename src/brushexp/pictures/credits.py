@@ -1,4 +1,4 @@
-"""Copy the title, author, rights and date of a picture file to its painting, but never the location."""
+"""Copy a picture's title, author, rights and date, but never its location, from its file to its painting."""
 
 import io
 import os
@@ -33,7 +33,7 @@ SRGB = (b"sRGB", b"\0")  # PNG chunk
 
 
 def credits_of(image: str) -> dict[str, str]:
-    """Read the credits of a picture file, by PNG keyword; empty if the file has no readable credits.
+    """Read a picture file's credits, by PNG keyword; the result is empty if the file has no readable credits.
 
     Text chunks of a PNG take precedence over XMP, EXIF and IPTC. A catalogue carries the credits of its
     ``painting.png``.
@@ -51,7 +51,7 @@ def credits_of(image: str) -> dict[str, str]:
 
 
 def chunks_about(entries: Mapping[str, str]) -> Iterator[tuple[bytes, bytes]]:
-    """Yield the names and data of PNG chunks that declare sRGB and the entries of `credits_of`, as text and as EXIF."""
+    """Yield the names and data of PNG chunks: an sRGB declaration, and the credits ``entries`` as text and as EXIF."""
     yield SRGB
     for name, text in entries.items():
         yield b"iTXt", name.encode() + b"\0\0\0\0\0" + text.encode("utf-8", "replace")
@@ -64,7 +64,7 @@ def chunks_about(entries: Mapping[str, str]) -> Iterator[tuple[bytes, bytes]]:
 
 
 def write_credited(path: Path, pixels: np.ndarray, entries: Mapping[str, str]) -> None:
-    """Write an sRGB PNG from bytes (H, W, 3 or 4), with the entries of `credits_of`."""
+    """Write uint8 pixels (H, W, 3 or 4) as an sRGB PNG with the credits ``entries`` from `credits_of`."""
     about, encoded = PngImagePlugin.PngInfo(), io.BytesIO()
     options: dict[str, Any] = {"pnginfo": about, **PNG}
     for name, data in chunks_about(entries):
@@ -110,7 +110,7 @@ def _of_xmp(picture: Image.Image) -> dict[str, Any]:
 
 
 def _plain(text: Any) -> str:
-    """Convert text, a list or bytes to one line of printable text; other values become empty."""
+    """Convert text, a list or bytes to one line of printable text, and any other value to an empty string."""
     if isinstance(text, list | tuple):
         return ", ".join(filter(None, map(_plain, text)))[:LONGEST_ENTRY]
     if isinstance(text, bytes):

@@ -1,4 +1,4 @@
-"""Decode truncated picture files as far as possible, or reject them if much is missing."""
+"""Decode truncated picture files as far as possible, and reject files with too much missing."""
 
 import io
 from collections.abc import Iterator
@@ -31,7 +31,7 @@ JPEG_FILL = 128  # grey level of the missing part of a JPEG; 0 in other formats
 
 
 def has_end(path: Path) -> bool | None:
-    """Check whether the file of a picture is complete; None if neither its format nor the file makes that clear."""
+    """Check whether a picture's file is complete; None if neither the format nor the file allows an answer."""
     size = path.stat().st_size
     with path.open("rb") as file:
         head = file.read(16)
@@ -50,7 +50,7 @@ def has_end(path: Path) -> bool | None:
 
 
 def _tiff_fits(path: Path, size: int) -> bool | None:
-    """Check whether the strips or tiles of a TIFF lie within the file; None if their lengths are not stated."""
+    """Check whether all strips or tiles of a TIFF are within the file; None if their lengths are not stated."""
     first = first_directory(path)
     end = None if first is None else first.end_of_data()
     return False if first is None else None if end is None else end <= size
@@ -64,7 +64,7 @@ def _boxes_fit(file: IO[bytes], size: int) -> bool | None:
 
 
 def open_truncated(path: Path, kind: str) -> ImageFile.ImageFile | None:
-    """Reopen a truncated picture so that its beginning can be decoded; None if it is complete or cannot be decoded."""
+    """Reopen a truncated picture to decode its beginning; return None if it is complete or cannot be decoded."""
     if kind not in ROW_BY_ROW or has_end(path):
         return None
     return Image.open(io.BytesIO(path.read_bytes() + (END_OF_JPEG if kind in JPEGS else b"")))
@@ -72,7 +72,7 @@ def open_truncated(path: Path, kind: str) -> ImageFile.ImageFile | None:
 
 @contextmanager
 def allow_truncated() -> Iterator[None]:
-    """Make Pillow decode truncated files as far as possible."""
+    """Let Pillow decode truncated files as far as possible within the ``with`` block."""
     ImageFile.LOAD_TRUNCATED_IMAGES = True
     try:
         yield
@@ -81,7 +81,7 @@ def allow_truncated() -> Iterator[None]:
 
 
 def check_missing(picture: Image.Image) -> str:
-    """Report how much of a truncated picture is missing; raise a UserError if much is, an OSError if everything is."""
+    """Report the missing fraction of a truncated picture; raise a UserError if it is large, an OSError if it is 1."""
     pixels = np.atleast_3d(np.asarray(picture))
     fill = JPEG_FILL if picture.format in JPEGS else 0
     empty = (pixels == fill).all(2)
@@ -95,6 +95,6 @@ def check_missing(picture: Image.Image) -> str:
 
 
 def _run(empty: np.ndarray) -> int:
-    """Count the empty pixels at the row ends of a map (H, W), going up from the last row to the first with none."""
+    """Count empty pixels at the row ends of a map (H, W), from the bottom row up to the first row without any."""
     runs = np.where(empty.all(1), empty.shape[1], (~empty[:, ::-1]).argmax(1))[::-1]
     return int(runs[: np.argmax(np.append(runs, 0) == 0)].sum())

@@ -1,4 +1,4 @@
-"""Report damage to picture files that checksums or the decoded pictures reveal."""
+"""Report damage to picture files that is revealed by checksums or by the decoded pixels."""
 
 import zlib
 from collections.abc import Iterable
@@ -23,7 +23,7 @@ ONE_COLOR = "has one colour throughout; if it should have more, the file is dama
 def check_sums(path: Path) -> None:
     """Raise a UserError for a PNG or deflate-compressed TIFF that does not match its checksums.
 
-    Decoders do not verify all of them. Missing data at the end of a file is not checked here.
+    Decoders do not verify all checksums. Missing data at the end of a file are not detected here.
     """
     with path.open("rb") as file:
         start = file.read(len(PNG))
@@ -36,7 +36,7 @@ def check_sums(path: Path) -> None:
 
 
 def _check_deflated(path: Path, pieces: Iterable[tuple[int, int]]) -> None:
-    """Reject blocks, each given by offset and length, with a wrong zlib checksum (RFC 1950)."""
+    """Raise a UserError if a block, given by its offset and length, has a wrong zlib checksum (RFC 1950)."""
     with path.open("rb") as file:
         for place, length in pieces:
             file.seek(place)
@@ -50,7 +50,7 @@ def _check_deflated(path: Path, pieces: Iterable[tuple[int, int]]) -> None:
 
 
 def _check_png(path: Path) -> None:
-    """Reject a PNG with a critical chunk that does not match its checksum or is of unknown type."""
+    """Raise a UserError if a critical PNG chunk does not match its checksum or uses an unknown method."""
     with path.open("rb") as file:
         file.seek(len(PNG))
         while len(head := file.read(8)) == 8:
@@ -68,6 +68,6 @@ def _check_png(path: Path) -> None:
 
 
 def remark_on(pixels: np.ndarray) -> str:
-    """Warn if all pixels of a picture (H, W, C) have the same colour."""
+    """Return a warning if all pixels of a picture (H, W, C) have the same colour; otherwise ""."""
     is_flat = pixels[:, :, 0].size > 1 and bool((pixels == pixels[0, 0]).all())
     return ONE_COLOR if is_flat else ""

@@ -1,4 +1,4 @@
-"""Decode picture files of many formats to display-referred sRGB."""
+"""Decode picture files in many formats to display-referred sRGB."""
 
 import logging
 import os
@@ -63,14 +63,15 @@ JPEG_HALVINGS = 3  # maximum
 
 
 def read_picture(path: Path, *, key: str = "image", backdrop: float = 1.0, side: int | None = None) -> np.ndarray:
-    """Decode the first frame of a picture to sRGB, upright, over a ``backdrop`` of white (1) or black (0).
+    """Decode a picture's first frame to upright sRGB, composited over a ``backdrop`` of white (1) or black (0).
 
-    The result is (H, W, 3) uint8, or float32 in [0, 1] if more than 8 bits are kept; 16-bit PNG other than plain grey,
-    CMYK, and TIFF that only Pillow can unpack keep 8. All colour information is applied: an ICC profile (in 8 bits,
-    unless it is broken), numbers of ITU-T H.273, gamma and primaries, or a camera's Adobe RGB. Pixels become square.
-    Pictures above 100 megapixels are read at a smaller size, with at least ``side`` pixels on the longer side.
-    Truncated files, animations and further pages are logged once. Pictures that cannot be read, are too large, or have
-    floats outside [0, 1] raise a UserError that names the ``key`` of the path.
+    The result is (H, W, 3) uint8, or float32 in [0, 1] if more than 8 bits are kept. Only 8 bits are kept for 16-bit
+    PNG files other than plain grey ones, for CMYK, and for TIFF files that only Pillow can unpack. All colour
+    information is applied: an ICC profile (in 8 bits, unless it is broken), ITU-T H.273 code points, gamma and
+    primaries, or a camera's Adobe RGB setting. The picture is resampled to square pixels. Pictures above 100 megapixels
+    are read at a smaller size, with at least ``side`` pixels on the longer side. Truncated files, animations and
+    further pages are logged once. Pictures that cannot be read, are too large, or have floats outside [0, 1] raise a
+    UserError that names the ``key`` of the path.
     """
     with _explained(path, key):
         pixels, remark = _read(path, backdrop, side)
@@ -85,7 +86,7 @@ def _tell(line: str) -> None:
 
 
 def picture_size(path: Path, *, key: str = "image") -> tuple[int, int]:
-    """Read the height and width of a readable picture from its first and last bytes."""
+    """Determine a readable picture's height and width from its first and last bytes."""
     with _explained(path, key), _opened(path, 1) as (_, picture):
         if picture is None:
             return _read(path, 1.0, None)[0].shape[:2]
@@ -107,7 +108,7 @@ def picture_size(path: Path, *, key: str = "image") -> tuple[int, int]:
 
 
 class Declared(NamedTuple):
-    """Properties that a picture file declares for its pixels."""
+    """Properties that a picture file declares about its pixels."""
 
     colors: Colors
     aspect: float  # width over height of a pixel in the upright picture
@@ -115,13 +116,13 @@ class Declared(NamedTuple):
 
 
 def declared_by(picture: Image.Image) -> Declared:
-    """Read a picture's declared properties before decoding, because some decoders close the file."""
+    """Read the properties that a picture declares; call this before decoding, because some decoders close the file."""
     return Declared(colors_of(picture), pixel_aspect(picture), clean_aperture(picture))
 
 
 @contextmanager
 def _explained(path: Path, key: str) -> Iterator[None]:
-    """Turn any error about a picture into a UserError that names the key and the file."""
+    """Convert any error raised for a picture to a UserError that names the key and the file."""
     with _silence():
         try:
             yield
@@ -140,7 +141,7 @@ def _explained(path: Path, key: str) -> Iterator[None]:
 
 
 def _undecoded(path: Path) -> str:
-    """Explain why a file of a known format cannot be decoded."""
+    """Explain why a file in a known format cannot be decoded."""
     with path.open("rb") as file:
         kind = what_it_is(file.read(HEAD))
     if is_special(kind):
@@ -152,7 +153,7 @@ def _undecoded(path: Path) -> str:
 
 
 def _unknown(path: Path) -> str:
-    """Explain what a file unknown to all decoders is, and how to proceed."""
+    """Explain what type of file no decoder recognised, and how to proceed."""
     if is_raw(str(path)):
         return RAW
     with path.open("rb") as file:
@@ -162,7 +163,7 @@ def _unknown(path: Path) -> str:
 
 @contextmanager
 def open_picture(path: Path) -> Iterator[Image.Image]:
-    """Open a run's picture without decoding it; any error becomes a UserError."""
+    """Open a run's picture without decoding it; any error is raised as a UserError."""
     check_file(path, "paint it again")
     with explaining(path, "paint it again"), open_of_any_size(path, WRITTEN) as picture:
         check_pixels(*picture.size, "", None)
@@ -171,7 +172,7 @@ def open_picture(path: Path) -> Iterator[Image.Image]:
 
 @contextmanager
 def _silence() -> Iterator[None]:
-    """Keep decoders' messages off the terminal; those that matter become errors.
+    """Suppress decoder messages on the terminal; decoders raise errors for serious problems.
 
     `check_pixels` replaces Pillow's own limit on pixels.
     """
@@ -191,7 +192,7 @@ def _silence() -> Iterator[None]:
 
 @contextmanager
 def _opened(path: Path, side: int | None) -> Iterator[tuple[Path | IO[bytes], ImageFile | None]]:
-    """Open a picture and read its first bytes; None for a TIFF that Pillow does not recognise."""
+    """Open a picture and check it before decoding; the picture is None for a TIFF that Pillow does not recognise."""
     with path.open("rb") as file:
         head = file.read(HEAD)
     if not head:
@@ -218,7 +219,7 @@ def _opened(path: Path, side: int | None) -> Iterator[tuple[Path | IO[bytes], Im
 
 
 def _load_codec(head: bytes) -> None:
-    """Register the decoder for a picture with these first bytes; raise a UserError that names a missing extra."""
+    """Register the decoder for a picture, given its first bytes; raise a UserError that names a missing extra."""
     extra = codec_for(head)
     if extra and not has_codec(extra):
         name = {extra: kind for kind, extra in WITH_CODECS.items()}[extra]
@@ -255,7 +256,7 @@ def _read(path: Path, backdrop: float, side: int | None) -> tuple[np.ndarray, st
 
 
 def _of_several(path: Path, picture: ImageFile) -> str:
-    """Note that a file has more frames or pages; "" if it has a single picture."""
+    """Return a remark that a file has several frames or pages; "" if it contains a single picture."""
     if isinstance(picture, TiffImageFile):
         count = pages_in(path)
         return PAGES.format(count) if count > 1 else ""
@@ -270,7 +271,7 @@ def _squared(pixels: np.ndarray, aspect: float) -> np.ndarray:
 def _decoded(
     file: Path | IO[bytes], picture: ImageFile, declared: Declared, backdrop: float, side: int | None
 ) -> np.ndarray:
-    """Decode an opened picture with the library that decodes its format correctly."""
+    """Decode an opened picture using a library that decodes it correctly."""
     colors = declared.colors
     if needs_tifffile(picture):
         return read_tiff(file, backdrop, colors, side)
@@ -295,9 +296,9 @@ def draft(picture: ImageFile, side: int | None) -> None:
 
 
 def decode_image(picture: Image.Image, backdrop: float = 1.0, declared: Declared | None = None) -> np.ndarray:
-    """Decode a Pillow image like `read_picture`; Pillow's decoder may raise any error.
+    """Decode a Pillow image as `read_picture` does; Pillow's decoder may raise any error.
 
-    ``declared`` is the result of `declared_by` from before the first picture of the file was decoded.
+    ``declared`` is the result of `declared_by`, obtained before the file's first picture was decoded.
     """
     check_not_raw(picture)
     declared = declared or declared_by(picture)

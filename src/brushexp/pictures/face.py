@@ -8,7 +8,7 @@ import numpy as np
 
 
 class Landmark(IntEnum):
-    """Rows of the landmarks of a face; right and left are from the person's point of view."""
+    """Row indices of a face's landmarks; right and left are from the person's point of view."""
 
     RIGHT_EYE = 0
     LEFT_EYE = 1
@@ -19,10 +19,11 @@ class Landmark(IntEnum):
 
 @dataclass(frozen=True)
 class Face:
-    """A face whose middle is at (``x``, ``y``), in pixels from the upper left corner of the picture.
+    """A face centred at (``x``, ``y``), in pixels from the upper left corner of the picture.
 
-    ``side`` is the square root of the area of its box in pixels, ``score`` the confidence of the detector, 0 to 1, and
-    ``landmarks`` (5, 2) has x and y of each `Landmark`; it is empty, (0, 2), if only the position is known.
+    ``side`` is the square root of the bounding box's area, in pixels, ``score`` is the detector's confidence, 0 to 1,
+    and ``landmarks`` (5, 2) holds x and y of each `Landmark`. The array is empty, (0, 2), if only the position is
+    known.
     """
 
     x: float
@@ -33,7 +34,7 @@ class Face:
 
     @property
     def eyes(self) -> np.ndarray:
-        """Centres (2, 2: x, y) of the eyes, right eye first."""
+        """Centres (2, 2: x, y) of the two eyes, right eye first."""
         return self.landmarks[[Landmark.RIGHT_EYE, Landmark.LEFT_EYE]]
 
     @property
@@ -44,6 +45,6 @@ class Face:
 
     @property
     def tilt(self) -> float:
-        """Angle of the head, in radians clockwise from upright, measured from the eyes to the mouth."""
+        """Tilt of the head, in radians clockwise from upright, derived from the positions of the eyes and the mouth."""
         right, down = self.mouth - self.eyes.mean(0)
         return math.atan2(-right, down)

@@ -27,20 +27,20 @@ ATTENTION_OUTSIDE_FACES = 0.5  # factor on the attention outside the faces of a 
 
 
 def focus_map(focus: str, target: Tensor, faces: Sequence[Face] = ()) -> Tensor:
-    """Map the importance (H, W), 0 to 1, of the pixels of a picture (3, H, W), with ``auto`` or from a mask file."""
+    """Return the importance (H, W), 0 to 1, of a picture's pixels, estimated for ``auto`` or read from a mask file."""
     if focus == AUTO:
         return attention(target, faces)
     return load_mask(focus, (target.shape[1], target.shape[2]), "focus", f"{AUTO}, ")
 
 
 def focus_weights(attended: Tensor, strength: float) -> Tensor:
-    """Compute 1 + (strength - 1) m for a map m (H, W) in [0, 1], divided by its mean; float32 of mean 1."""
+    """Compute weights 1 + (strength - 1) m from a map m (H, W) in [0, 1], and normalise them to mean 1; float32."""
     weights = 1 + (strength - 1) * attended.double()
     return (weights / weights.mean()).to(torch.float32)
 
 
 def resample_weights(weights: Tensor, size: tuple[int, int]) -> Tensor:
-    """Resample weights (H, W) to another resolution by averaging areas, keeping their mean."""
+    """Resample weights (H, W) to another resolution by area averaging, preserving their mean."""
     if weights.shape == size:
         return weights
     means = functional.adaptive_avg_pool2d(weights[None].double(), size)[0]
@@ -48,14 +48,14 @@ def resample_weights(weights: Tensor, size: tuple[int, int]) -> Tensor:
 
 
 def attention(picture: Tensor, faces: Sequence[Face]) -> Tensor:
-    """Estimate where people look first, (H, W) float32 from 0 to 1; all 0 for a uniform picture.
+    """Estimate a map (H, W) of where people look first, float32 from 0 to 1; it is 0 for a uniform picture.
 
     Saliency is the image signature (Hou, Harel and Koch, 2012, "Image signature: highlighting sparse salient regions"):
     the cosine transform of each Lab channel is reduced to its signs, and its squared inverse is bright where something
     stands out. Detail is the gradient of the Lab channels. Both are smoothed, and the root of their product is weighted
-    by a Gaussian around the centre (Judd et al., 2009). Areas in focus, with sharp edges, get a share of the attention
-    regardless of position. ``faces`` are added as in Cerf et al. (2007). The combination differs from the sources and
-    was chosen by eye on ten photographs.
+    by a Gaussian around the centre (Judd et al., 2009). Areas in focus, which have sharp edges, get part of the
+    attention regardless of their position. ``faces`` are added following Cerf et al. (2007). The combination is our own
+    and was chosen by eye on ten photographs.
     """
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (rarely needed)
 
@@ -80,7 +80,7 @@ def attention(picture: Tensor, faces: Sequence[Face]) -> Tensor:
 
 
 def sharpness(picture: Tensor) -> Tensor:
-    """Measure the local sharpness of the edges in a picture (3, H, W): (H, W) float64, 0 (blurred or uniform) to 1."""
+    """Measure the local edge sharpness (H, W) in a picture (3, H, W), float64 from 0 (blurred or uniform) to 1."""
     from scipy.ndimage import gaussian_filter, gaussian_gradient_magnitude  # noqa: PLC0415  (rarely needed)
 
     small = downsample(picture, SHARP_SIDE).double()

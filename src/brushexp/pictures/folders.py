@@ -1,4 +1,4 @@
-"""Find the pictures in a folder or matching a pattern such as ``photos/*.jpg``, and list the skipped files."""
+"""Find the pictures that are in a folder or match a pattern such as ``photos/*.jpg``, and list the skipped files."""
 
 import glob
 import os
@@ -28,13 +28,13 @@ def picture_suffixes() -> frozenset[str]:
 
 
 def is_several(image: str) -> bool:
-    """Check whether a value names a folder, or is a pattern rather than a file."""
+    """Check whether a value is a folder or a pattern, rather than a single file."""
     path = os.path.expanduser(image)
     return os.path.isdir(path) or (not os.path.exists(path) and glob.has_magic(image) and "(" not in image)
 
 
 def pictures_in(image: str) -> list[str]:
-    """List the picture files in a folder or matching a pattern; raise a UserError if there are none."""
+    """List the picture files that are in a folder or match a pattern; raise a UserError if there are none."""
     paths = [name for name in _named(image) if _suffix(name) in picture_suffixes() and os.path.isfile(name)]
     if not paths:
         others = "; ".join(skipped_files(image)) or "give a folder or pattern of .png, .jpg, .tif, .webp, ..."
@@ -48,7 +48,7 @@ def pictures_of(names: Iterable[str]) -> list[str]:
 
 
 def skipped_files(image: str) -> list[str]:
-    """List, one line per type, the files that `pictures_in` skips, except hidden ones."""
+    """Describe the files that `pictures_in` skips, in one line per type; hidden files are not mentioned."""
     names = [name for name in _named(image) if _suffix(name) not in picture_suffixes() or not os.path.isfile(name)]
     kinds: dict[str, list[str]] = {}
     for name in names:

@@ -1,4 +1,4 @@
-"""Give in-memory pictures names that can be used in place of paths."""
+"""Assign names to in-memory pictures, so that the names can be used in place of paths."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class HeldPicture:
         return _named, (self.over,)  # the name also works in another process
 
     def write(self, folder: Path, stem: str) -> Path:
-        """Write the pixels to a PNG, or to a TIFF for floats, keeping transparency."""
+        """Write the pixels to a PNG file, or to a TIFF file if they are floats, and keep the transparency."""
         white, black = self.over[1.0], self.over[0.0]
         pixels = white if white is black else _with_alpha(white, black)
         if pixels.dtype == np.uint8:
@@ -55,14 +55,14 @@ _pictures: WeakValueDictionary[str, HeldPicture] = WeakValueDictionary()
 
 
 def hold(picture: Any, key: str = "image") -> HeldPicture:
-    """Name a picture, with equal names for equal pixels; other values raise a UserError that names their ``key``."""
+    """Store a picture under a name derived from its pixels; other values raise a UserError that names their ``key``."""
     white = _pixels(picture, key, 1.0)
     black = _pixels(picture, key, 0.0) if may_be_transparent(picture) else white
     return _named({1.0: white, 0.0: white if np.array_equal(white, black) else black})
 
 
 def may_be_transparent(picture: Any) -> bool:
-    """Check whether a picture may have transparent pixels; unknown for files until they are read."""
+    """Check whether a picture may have transparent pixels; True for files, which have to be read to know."""
     if isinstance(picture, Image.Image):
         return picture.has_transparency_data
     return not isinstance(picture, np.ndarray | torch.Tensor) or 4 in picture.shape
@@ -92,7 +92,7 @@ def _with_alpha(white: np.ndarray, black: np.ndarray) -> np.ndarray:
 
 
 def is_picture(value: Any) -> bool:
-    """Check whether a value has a type that can represent a picture."""
+    """Check whether a value is of a type that can represent a picture."""
     kinds = Image.Image | torch.Tensor | bytes | bytearray | memoryview
     is_array = hasattr(value, "__array__") and not isinstance(value, np.generic)  # also those of JAX, h5py, xarray, ...
     return isinstance(value, kinds) or hasattr(value, "read") or is_array
@@ -122,7 +122,7 @@ def _pixels(picture: Any, key: str, backdrop: float) -> np.ndarray:
 
 
 def _pixels_of_file(file: Any, key: str, backdrop: float) -> np.ndarray:
-    """Decode the bytes of a picture, or an open file from its beginning, like a file on disk."""
+    """Decode a picture from bytes, or from the beginning of an open file, as if it were a file on disk."""
     if isinstance(file, io.TextIOBase):
         raise UserError(f'{key} is a file opened as text; open it with "rb"')
     try:
@@ -179,7 +179,7 @@ def _checked(picture: np.ndarray, key: str) -> np.ndarray:
 
 
 def _scaled(least: float, most: float, key: str) -> str:
-    """Suggest, from the values of an array, the expression that scales it to an accepted range."""
+    """Suggest an expression that scales an array to an accepted range, based on its values."""
     if not np.isfinite([least, most]).all():
         return f"np.nan_to_num({key}), whose numbers are finite, uint8, or floats from 0 to 1"
     if least < 0:

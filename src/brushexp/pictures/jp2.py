@@ -1,4 +1,4 @@
-"""Decode JPEG 2000 above 8 bits or 100 megapixels with FFmpeg, because Pillow wraps whites and reads every pixel."""
+"""Decode JPEG 2000 files above 8 bits or 100 megapixels with FFmpeg: Pillow wraps whites and reads every pixel."""
 
 import importlib
 from pathlib import Path
@@ -19,14 +19,14 @@ CODING, LEVELS_AT, LEVELS = b"\xff\x52", 9, 5  # a marker, the offset of the num
 
 
 def levels_of(picture: ImageFile) -> int:
-    """Read how many times a JPEG 2000 can be halved in size while decoding."""
+    """Read how many times a JPEG 2000 picture can be halved in size during decoding."""
     _, _, stream = head_of(picture).partition(CODESTREAM)
     at = stream.find(CODING) + LEVELS_AT
     return stream[at] if LEVELS_AT <= at < len(stream) else LEVELS
 
 
 def bits_of(picture: ImageFile) -> int | None:
-    """Read the bits per colour of a JPEG 2000 that Pillow decodes wrongly; None for all other pictures."""
+    """Read the bits per colour of a JPEG 2000 that FFmpeg has to decode, not Pillow; None for any other picture."""
     if not isinstance(picture, Jpeg2KImageFile):
         return None
     head = head_of(picture)
@@ -37,7 +37,7 @@ def bits_of(picture: ImageFile) -> int | None:
 
 
 def read_jp2(path: Path, picture: ImageFile, bits: int, side: int | None) -> tuple[np.ndarray, np.ndarray | None]:
-    """Decode colours (H, W, 3) and alpha (H, W, 1), float32 in [0, 1]; above 100 megapixels, at ``side`` or more."""
+    """Decode colours (H, W, 3) and alpha (H, W, 1) to float32 in [0, 1]; pictures above 100 megapixels are halved."""
     av = _ffmpeg(picture, bits)
     coder: Any = av.CodecContext.create("jpeg2000", "r")
     coder.options = {"lowres": str(halvings(picture.width, picture.height, side or 1, levels_of(picture)))}

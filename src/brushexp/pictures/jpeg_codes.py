@@ -1,8 +1,8 @@
 """Decode the Huffman codes of a baseline JPEG (ITU-T T.81) to detect damage, because the format has no checksum.
 
-After a flipped bit, the codes often make too many or too few blocks. Each block also stores the difference between its
-mean and that of the previous block, so a wrong difference shifts all later blocks, often out of the range of 8-bit
-pixels.
+After a flipped bit, the codes often decode to too many or too few blocks. Each block also stores the difference between
+its own mean and the mean of the previous block, so a wrong difference shifts all later blocks, often beyond the range
+of 8-bit pixels.
 """
 
 import re
@@ -29,11 +29,11 @@ NUMBERS = 64  # numbers per block
 
 @function
 def fits(data, units, kinds, codes, steps):  # type: ignore[no-untyped-def]
-    """Check whether bytes, with `PADDING`, hold the codes of exactly ``units`` units, within the range of 8-bit pixels.
+    """Check whether padded data hold the codes of exactly ``units`` units with values in the range of 8-bit pixels.
 
-    ``kinds`` (B,) are the components of the blocks of a unit. ``codes`` (C, 2, 65536) maps the next 16 bits, for the
-    first and for the other numbers of a block, to 256 times the length of the code plus its symbol. ``steps`` (C, 64)
-    are the quantisation steps of the numbers.
+    The data end with `PADDING` extra bytes. ``kinds`` (B,) holds the component of each block in a unit. For the first
+    number and for the other numbers in a block, ``codes`` (C, 2, 65536) maps the next 16 bits to 256 times the code
+    length plus the symbol. ``steps`` (C, 64) are the quantisation steps of the numbers.
     """
     means = np.zeros(len(steps), dtype=np.int64)
     at, end = 0, 8 * (len(data) - PADDING)  # bits
@@ -73,7 +73,7 @@ def fits(data, units, kinds, codes, steps):  # type: ignore[no-untyped-def]
 
 @inline
 def bits_at(data, at):  # type: ignore[no-untyped-def]
-    """Return the 16 bits that start at a bit."""
+    """Return the 16 bits that start at bit ``at``."""
     byte = at >> 3
     three = np.int64(data[byte]) << 16 | np.int64(data[byte + 1]) << 8 | np.int64(data[byte + 2])
     return three >> (8 - (at & 7)) & 0xFFFF
@@ -81,7 +81,7 @@ def bits_at(data, at):  # type: ignore[no-untyped-def]
 
 @dataclass
 class Header:
-    """The header data before the codes of a JPEG."""
+    """The header data that precede the codes in a JPEG."""
 
     steps: dict[int, np.ndarray] = field(default_factory=dict)  # (64,) quantisation steps by table number
     codes: dict[int, np.ndarray] = field(default_factory=dict)  # (65536,) codes by class plus table number
@@ -93,7 +93,7 @@ class Header:
 
 
 def jpeg_fits(data: bytes) -> bool:
-    """Check whether the codes of a JPEG fit its size; True for any JPEG other than baseline in one scan."""
+    """Check whether a JPEG's codes match its size; True for any JPEG that is not baseline with a single scan."""
     try:
         if (header := _header(data)) is None:
             return True
@@ -118,7 +118,7 @@ def jpeg_fits(data: bytes) -> bool:
 
 
 def _header(data: bytes) -> Header | None:
-    """Read everything before the codes; None for any JPEG other than baseline in one scan."""
+    """Read everything before the codes; None for any JPEG that is not baseline with a single scan."""
     header, at = Header(), len(START)
     while True:
         while data[at + 1] == 0xFF:  # fill
@@ -156,7 +156,7 @@ def _steps(part: bytes) -> Iterator[tuple[int, np.ndarray]]:
 
 
 def _codes(part: bytes) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield code tables by class (`BLOCK` or 0) plus number; 0 marks bits that are not a code."""
+    """Yield each code table with its key, class (`BLOCK` or 0) plus number; bits that are not a code map to 0."""
     while part:
         counts, codes, at, first = part[1:17], np.zeros(2**LONGEST_CODE, np.int16), 17, 0
         for length, count in enumerate(counts, 1):

@@ -79,14 +79,14 @@ DNG_VERSION = 50706  # TIFF tag
 
 
 def what_it_is(head: bytes) -> str:
-    """Explain from its first bytes what a file unknown to all decoders is, and how to proceed."""
+    """Explain, from its first bytes, what type of file no decoder recognised, and how to proceed."""
     tellers = (_by_start, _kind_of_psd, _kind_of_jpeg, _kind_of_container, _kind_of_text)
     words = (tell(head) for tell in tellers)
     return next(filter(None, words), UNKNOWN)
 
 
 def is_special(words: str) -> bool:
-    """Check whether `what_it_is` found an unsupported type of file rather than damage."""
+    """Check whether `what_it_is` identified an unsupported file type rather than damage."""
     return words not in (DAMAGED, FILM, UNKNOWN)
 
 
@@ -95,7 +95,7 @@ def _by_start(head: bytes) -> str:
 
 
 def _kind_of_container(head: bytes) -> str:
-    """Distinguish films from damaged pictures."""
+    """Determine whether a container file is a film, a raw photograph or a damaged picture."""
     if head[4:8] == b"ftyp":
         known = {b"crx ": RAW} | dict.fromkeys((*HEIF_BRANDS, *AVIF_BRANDS), DAMAGED)
         return known.get(head[8:12], FILM)
@@ -114,7 +114,7 @@ def _kind_of_text(head: bytes) -> str:
 
 
 def _kind_of_psd(head: bytes) -> str:
-    """Explain from its header (signature, version, channels, sides, depth, mode) why a Photoshop file is not read."""
+    """Explain, from its header, why a Photoshop file cannot be read."""
     if not head.startswith(PSD):
         return ""
     if len(head) < PSD_HEADER.size:
@@ -128,7 +128,7 @@ def _kind_of_psd(head: bytes) -> str:
 
 
 def _kind_of_jpeg(head: bytes) -> str:
-    """Explain from its frame header (ITU-T T.81, B.2.2) why a JPEG is not read."""
+    """Explain, from its frame header (ITU-T T.81, B.2.2), why a JPEG cannot be read."""
     if not head.startswith(JPEG):
         return ""
     at = len(JPEG) - 1
@@ -145,7 +145,7 @@ def _kind_of_jpeg(head: bytes) -> str:
 
 
 def codec_for(head: bytes) -> str | None:
-    """Name the extra needed to read a file with these first bytes; None if no extra is needed or known."""
+    """Return the extra needed to read a file with these first bytes; None if no extra is needed or known."""
     if head.startswith(JXL_STARTS):
         return "jxl"
     return "heic" if head[4:8] == b"ftyp" and head[8:12] in HEIF_BRANDS else None
@@ -153,7 +153,7 @@ def codec_for(head: bytes) -> str | None:
 
 @cache
 def has_codec(extra: str) -> bool:
-    """Register the format of an extra with Pillow; return False if the extra is not installed."""
+    """Register an extra's file format with Pillow; return False if the extra is not installed."""
     module, start = CODECS[extra]
     with suppress(ImportError):
         codec = importlib.import_module(module)
@@ -164,7 +164,7 @@ def has_codec(extra: str) -> bool:
 
 
 def check_not_raw(picture: Any, head: bytes = b"") -> None:
-    """Raise a UserError for a Pillow image that is the thumbnail of a raw photograph."""
+    """Raise a UserError if a Pillow image is only the thumbnail in a raw photograph."""
     if picture.format != "TIFF":
         return
     tags = picture.tag_v2

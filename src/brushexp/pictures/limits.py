@@ -1,4 +1,4 @@
-"""Reject pictures too large for memory, or read them at a smaller size if their format allows it."""
+"""Reject pictures that are too large for memory, or read them at a smaller size if their format allows it."""
 
 import math
 from pathlib import Path
@@ -29,7 +29,7 @@ def open_of_any_size(path: str | Path, formats: tuple[str, ...] | None = None) -
 
 
 def check_pixels(width: int, height: int, kind: str, side: int | None) -> None:
-    """Raise a UserError if a picture is too large for its format to be read at ``side`` pixels, or in full for None."""
+    """Raise a UserError if a picture in this format is too large to be read at ``side`` pixels, or in full for None."""
     if width * height <= MAX_PIXELS:
         return
     largest = MOST_PIXELS if kind in IN_PARTS else MOST_WHOLE if kind in AT_ONCE else MAX_PIXELS
@@ -47,7 +47,7 @@ def too_large(width: int, height: int) -> str:
 
 
 def check_whole(width: int, height: int, is_deep: bool = False) -> None:
-    """Raise a UserError for a picture too large to be decoded in one piece; ``is_deep`` means more than 8 bits."""
+    """Raise a UserError if a picture is too large to be decoded in one piece; ``is_deep`` means more than 8 bits."""
     most = MAX_PIXELS if is_deep else MOST_WHOLE
     if width * height > most:
         size = f"has {width} x {height} pixels, which its compression unpacks all at once"
@@ -55,7 +55,7 @@ def check_whole(width: int, height: int, is_deep: bool = False) -> None:
 
 
 def halvings(width: int, height: int, side: int, most: int) -> int:
-    """Count how often, up to ``most`` times, to halve a picture above 100 megapixels to fit ``side`` and the memory."""
+    """Compute how many times, at most ``most``, a picture above 100 megapixels is halved to fit ``side`` and memory."""
     if width * height <= MAX_PIXELS:
         return 0
     wanted = int(math.log2(max(1, max(width, height) / side)))
@@ -64,7 +64,7 @@ def halvings(width: int, height: int, side: int, most: int) -> int:
 
 
 def size_of_jxl(head: bytes) -> tuple[int, int]:
-    """Read width and height of a JPEG XL (ISO/IEC 18181-1, "SizeHeader") before decoding; zeros for other files."""
+    """Read the width and height of a JPEG XL (ISO/IEC 18181-1, "SizeHeader") before decoding; zeros for other files."""
     start = head.find(b"\xff\x0a") + 2
     bits, at = int.from_bytes(head[start : start + 16], "little"), 0
 

@@ -32,19 +32,19 @@ SAMPLE_SUFFIXES = (".png", ".jpg")  # the GIF and TIFF files next to the samples
 
 
 def load_picture(image: str, resolution: int | None, key: str = "image") -> Tensor:
-    """Read a picture, upright and over white, and resample it to (3, H, W) float32, contiguous, sRGB in [0, 1].
+    """Read a picture, upright and over white, and resample it: (3, H, W) float32, contiguous, sRGB in [0, 1].
 
     ``image`` is a file, one of ``samples()``, or the name of a picture in memory; ``resolution`` is the longer side in
-    pixels, None for the file's own; ``key`` is the key of the path, for messages. A picture that does not exist, cannot
-    be read, or has more than 100 megapixels before or after resampling raises a UserError.
+    pixels, or None to keep the size of the file; ``key`` is the key of the path, for messages. A picture that does not
+    exist, cannot be read, or has more than 100 megapixels before or after resampling raises a UserError.
     """
     return planes_of(_pixels_of(image, key, side=resolution), resolution)
 
 
 def load_cutout(image: str, resolution: int | None, key: str = "image") -> tuple[Tensor, Tensor]:
-    """Read a picture like `load_picture`, but return colours (3, H, W) and alpha (H, W) in [0, 1] separately.
+    """Read a picture as `load_picture` does, but return colours (3, H, W) and alpha (H, W) in [0, 1] separately.
 
-    Alpha is straight; fully transparent pixels have the mean of the visible colours.
+    Alpha is straight. Fully transparent pixels get the mean of the visible colours.
     """
     white, black = (
         planes_of(_pixels_of(image, key, backdrop=backdrop, side=resolution), resolution) for backdrop in (1.0, 0.0)
@@ -67,14 +67,14 @@ def planes_of(picture: np.ndarray, resolution: int | None) -> Tensor:
 
 
 def downsample(picture: Tensor, side: int) -> Tensor:
-    """Average a picture (3, H, W) over areas so that its longer side has at most ``side`` pixels: (3, h, w)."""
+    """Downsample a picture (3, H, W) by area averaging, to at most ``side`` pixels on the longer side: (3, h, w)."""
     height, width = picture.shape[1:]
     zoom = min(side / max(height, width), 1)
     return functional.adaptive_avg_pool2d(picture, (max(round(zoom * height), 1), max(round(zoom * width), 1)))
 
 
 def size_of_picture(image: str, key: str, resolution: int | None = None, also: str = "") -> tuple[int, int]:
-    """Compute the size of what `load_picture` would return, and raise its errors, without decoding the picture."""
+    """Compute the size of the picture that `load_picture` would return, and raise its errors, without decoding it."""
     height, width = sides_of_picture(image, key, also)
     if resolution is None and width * height > MAX_PIXELS and pixels_of(image) is None:
         raise UserError(f"{key}={image} {too_large(width, height)}")
@@ -82,7 +82,7 @@ def size_of_picture(image: str, key: str, resolution: int | None = None, also: s
 
 
 def sides_of_picture(image: str, key: str, also: str = "") -> tuple[int, int]:
-    """Find height and width of a picture of any size without decoding it."""
+    """Determine the height and width of a picture of any size without decoding it."""
     if (held := pixels_of(image)) is not None:
         height, width = held.shape[:2]
         return height, width
@@ -106,8 +106,9 @@ PICTURE = Rule(partial(size_of_picture, resolution=1))  # the resolution does no
 def load_mask(image: str, size: tuple[int, int], key: str, also: str = "") -> Tensor:
     """Read a picture as grey values (H, W), float32 in [0, 1], resampled to the ``size`` of another picture.
 
-    Grey is brightness (Rec. 601); transparent pixels are black. ``image`` and ``key`` are as in `load_picture`, and
-    ``also`` lists other values of the key for messages, such as "auto, ". A different aspect ratio raises a UserError.
+    Grey values are the luma (Rec. 601); transparent pixels are black. ``image`` and ``key`` have the same meaning as
+    for `load_picture`, and ``also`` lists other values of the key, such as "auto, ", for messages. A different aspect
+    ratio raises a UserError.
     """
     picture = _pixels_of(image, key, also, backdrop=0.0, side=max(size))
     check_ratio(image, picture.shape, size, key)
@@ -117,7 +118,7 @@ def load_mask(image: str, size: tuple[int, int], key: str, also: str = "") -> Te
 
 
 def check_ratio(image: str, sides: Sequence[int], size: tuple[int, int], key: str) -> None:
-    """Raise a UserError for a picture of ``sides`` (H, W) whose aspect ratio differs from that of ``size``."""
+    """Raise a UserError if a picture of ``sides`` (H, W) has a different aspect ratio from ``size``."""
     height, width = sides[:2]
     zoom = max(size) / max(height, width)
     if any(abs(zoom * side - expected) > max(1, zoom) for side, expected in zip((height, width), size, strict=True)):
@@ -151,7 +152,7 @@ def named_color(spec: str, key: str) -> bytes | None:
 
 
 def samples() -> dict[str, Path]:
-    """Map the names of pictures shipped with scikit-image and matplotlib to their files; none needs a network."""
+    """Map the names of pictures shipped with scikit-image and matplotlib to their files; none is downloaded."""
     import skimage.data  # noqa: PLC0415  (``--help`` does not need it)
 
     folder = Path(skimage.data.__file__).parent
@@ -162,7 +163,7 @@ def samples() -> dict[str, Path]:
 
 
 def _path_of(image: str, key: str, also: str = "") -> Path:
-    """Find the file that ``image`` names, expanding ~, which shells leave alone in ``image=~/photo.jpg``."""
+    """Find the file named by ``image``, expanding ~, which shells do not expand in ``image=~/photo.jpg``."""
     path = find_spelling(os.path.expanduser(image))  # unlike pathlib's functions, those of os never raise
     if os.path.isfile(path):
         return Path(path)
@@ -179,7 +180,7 @@ def _path_of(image: str, key: str, also: str = "") -> Path:
 
 
 def nearest_files(image: str, others: Iterable[str] = ()) -> list[str]:
-    """List up to three pictures, from a path's folder and ``others``, whose names resemble the path's."""
+    """List up to three pictures, from the path's folder and from ``others``, with names similar to that of the path."""
     folder, name = os.path.split(image)
     with suppress(OSError):
         beside = [
@@ -193,7 +194,7 @@ def nearest_files(image: str, others: Iterable[str] = ()) -> list[str]:
 
 
 def shrunk_to(most: int, size: tuple[int, int]) -> tuple[int, int]:
-    """Scale height and width in proportion, to at most ``most`` pixels in total.
+    """Scale a height and width in proportion, to at most ``most`` pixels in total.
 
     >>> shrunk_to(100, (10, 40)), shrunk_to(100, (5, 20))
     ((5, 20), (5, 20))
@@ -204,7 +205,7 @@ def shrunk_to(most: int, size: tuple[int, int]) -> tuple[int, int]:
 
 
 def size_at(resolution: int | None, height: int, width: int) -> tuple[int, int]:
-    """Scale height and width in proportion so that the longer side is ``resolution``; None keeps them."""
+    """Scale a height and width in proportion so that the longer side is ``resolution``; None keeps the size."""
     if resolution is None:
         return height, width
     longer = max(height, width)

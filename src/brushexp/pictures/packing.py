@@ -1,6 +1,7 @@
-"""Count the pixels in compressed data to detect damage: LZW, run lengths and JPEG have no checksum, but a known length.
+"""Detect damage by counting pixels in compressed data: LZW, run-length coding and JPEG lack a checksum.
 
-A flipped bit usually changes the length of the following data; decoders stop at the last pixel and ignore the rest.
+A flipped bit usually changes the length of the data that follow. Decoders do not notice this, because they stop at the
+last pixel and ignore the rest.
 """
 
 from collections.abc import Iterator
@@ -41,7 +42,7 @@ GIF, GIF_HEAD, IMAGE, EXTENSION = b"GIF8", 13, 0x2C, 0x21
 
 @function
 def lzw_length(data: np.ndarray, bits: int, last_bit_first: bool, early: int) -> int:
-    """Count the samples in LZW codes (bytes) with ``bits`` per sample; return `INVALID` for a meaningless code."""
+    """Count the samples encoded in LZW data (bytes) with ``bits`` per sample; return `INVALID` for an invalid code."""
     lengths = np.ones(MOST_CODES, dtype=np.int64)
     clear = 1 << bits
     width, following, before, total = bits + 1, clear + 2, -1, 0
@@ -73,7 +74,7 @@ def lzw_length(data: np.ndarray, bits: int, last_bit_first: bool, early: int) ->
 
 
 def remark_on_packing(path: Path) -> str:
-    """Report that a file contains more or fewer pixels than its size implies; "" if they cannot be counted."""
+    """Return a warning if a file contains more or fewer pixels than its size implies; otherwise, or if unknown, ""."""
     with path.open("rb") as file:
         head = file.read(18)
     if head[:4] in MAGIC:
@@ -93,7 +94,7 @@ def remark_on_packing(path: Path) -> str:
 
 
 def _jpegs_fit(path: Path, page: Directory) -> bool:
-    """Check whether the JPEGs in the strips or tiles of a TIFF fit their sizes."""
+    """Check whether the JPEG data in each strip or tile of a TIFF match its size."""
     pieces = page.pieces() if page.number(COMPRESSION) == JPEG else []
     tables = bytes(page.numbers.get(JPEG_TABLES, ()))[: -len(END_OF_JPEG)] or START
     with path.open("rb") as file:
@@ -144,7 +145,7 @@ def _runs(packed: bytes) -> int:
 
 
 def _qoi_is_whole(data: bytes) -> bool:
-    """Check whether the operations of a QOI file produce all its pixels and end with the file."""
+    """Check whether the operations in a QOI file produce exactly its pixels and end where the file ends."""
     pixels, at = int.from_bytes(data[4:8]) * int.from_bytes(data[8:12]), QOI_HEAD
     end = len(data) - QOI_END
     while pixels > 0 and at < end:
@@ -168,7 +169,7 @@ def _gif_is_whole(data: bytes) -> bool:
 
 
 def _colors(flags: int) -> int:
-    """Count the bytes of a colour table."""
+    """Return the size of a GIF colour table in bytes."""
     return 3 << (flags & 7) + 1 if flags & 128 else 0
 
 
@@ -179,7 +180,7 @@ def _blocks(data: bytes, at: int) -> Iterator[bytes]:
 
 
 def _tga_is_whole(data: bytes) -> bool:
-    """Check whether the runs of a TGA produce all its pixels and only a footer follows."""
+    """Check whether the runs in a TGA produce exactly its pixels and are followed by nothing but a footer."""
     entries, bits = int.from_bytes(data[5:7], "little"), data[7]
     pixels = int.from_bytes(data[12:14], "little") * int.from_bytes(data[14:16], "little")
     at, size = TGA_HEAD + data[0] + data[1] * entries * -(-bits // 8), -(-data[16] // 8)

@@ -19,7 +19,7 @@ class Region:
 
     @staticmethod
     def whole(picture: Tensor) -> Region:
-        """Return the region that covers all of a picture (..., H, W)."""
+        """Return the region that covers a whole picture (..., H, W)."""
         return Region(0, 0, picture.shape[-2], picture.shape[-1])
 
     def of(self, picture: Tensor) -> Tensor:
@@ -27,10 +27,10 @@ class Region:
         return picture[..., self.top : self.top + self.height, self.left : self.left + self.width]
 
     def widened(self, margin: int, size: tuple[int, int], grid: int = 1) -> Region:
-        """Add ``margin`` pixels on every side, clipped to a canvas of ``size`` (H, W).
+        """Return the region with ``margin`` more pixels on every side, clipped to a canvas of ``size`` (H, W).
 
-        The result starts at multiples of ``grid``, and its sides leave the same remainder as those of the canvas, so
-        that a network with this stride pads both alike.
+        The new region starts at multiples of ``grid``, and its sides have the same remainders modulo ``grid`` as those
+        of the canvas, so that a network with this stride pads the region as it pads the canvas.
         """
 
         def span(first: int, length: int, side: int) -> tuple[int, int]:

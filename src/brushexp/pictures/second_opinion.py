@@ -1,4 +1,4 @@
-"""Check a picture with other installed decoders, which may detect damage that its own decoder misses."""
+"""Check a picture with other installed decoders, which may detect damage that the usual decoder misses."""
 
 import importlib
 from contextlib import suppress
@@ -14,7 +14,7 @@ UNREAD = ("nsupported", "not implemented")  # words with which a decoder reports
 
 
 def remark_of_others(path: Path, kind: str, pixels: int) -> str:
-    """Report damage that another decoder finds in a picture, if one is installed.
+    """Return a warning if another installed decoder finds damage in a picture; otherwise "".
 
     Pictures of more than 100 megapixels are not decoded again.
     """
@@ -27,7 +27,7 @@ def remark_of_others(path: Path, kind: str, pixels: int) -> str:
 
 
 def _fails_in_libvips(path: Path, kind: str) -> bool:
-    """Check whether libvips opens a picture but warns or fails when it unpacks the pixels."""
+    """Check whether libvips opens a picture but warns or fails when it decodes the pixels."""
     with suppress(ImportError, OSError):  # OSError means that the library itself is missing
         vips: Any = importlib.import_module("pyvips")
         try:

@@ -34,24 +34,24 @@ def pixel_aspect(picture: Image.Image) -> float:
 
 
 def _is_turned_already(picture: Any) -> bool:
-    """Check whether the decoder itself swaps rows and columns, as HEIF's does for the box ``irot``."""
+    """Check whether the decoder itself swaps rows and columns, as the HEIF decoder does for an ``irot`` box."""
     turns = [data for name, data in declared_in_boxes(picture) if name == b"irot"] if picture.format == "HEIF" else []
     return sum(data[0] for data in turns if data) % 2 == 1
 
 
 def clean_aperture(picture: Any) -> Crop | None:
-    """Find the visible rows and columns of an AVIF before rotation; HEIF's decoder crops without help."""
+    """Find the visible rows and columns of an AVIF before rotation; other decoders crop the picture themselves."""
     return clean_aperture_in(declared_in_boxes(picture), *picture.size) if picture.format == "AVIF" else None
 
 
 def _densities(picture: Any) -> tuple[Any, Any]:
-    """Read the pixel density across and down, in any unit."""
+    """Read the horizontal and vertical pixel densities, in any unit."""
     read = DENSITIES.get(picture.format, _of_info)
     return read(picture)
 
 
 def _of_info(picture: Any) -> tuple[Any, Any]:
-    """Read the density that Pillow finds in PNG, BMP and JPEG 2000."""
+    """Read the pixel densities that Pillow finds in PNG, BMP and JPEG 2000."""
     return picture.info.get("aspect") or picture.info.get("dpi", (1, 1))
 
 
@@ -80,7 +80,7 @@ def _of_psd(picture: Any) -> tuple[Any, Any]:
 
 
 def _of_tga(picture: Any) -> tuple[Any, Any]:
-    """Read the aspect ratio from the extension area of a TGA, which its last bytes point to (Truevision, 1991)."""
+    """Read the aspect ratio from a TGA's extension area, whose offset is in the last bytes (Truevision, 1991)."""
     with place_kept(picture.fp):
         picture.fp.seek(-TGA_FOOTER.size, os.SEEK_END)
         extension, _, name = TGA_FOOTER.unpack(picture.fp.read())
@@ -103,14 +103,14 @@ DENSITIES: dict[str, Callable[[Any], tuple[Any, Any]]] = {  # readers by format
 
 
 def squared(height: int, width: int, aspect: float) -> tuple[int, int]:
-    """Compute the height and width with square pixels, shrinking neither side."""
+    """Compute the height and width for square pixels, without shrinking either side."""
     return (height, round(width * aspect)) if aspect > 1 else (round(height / aspect), width)
 
 
 def resample(picture: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Resample a picture (H, W, 3) to a height and width with a Lanczos filter of 3 lobes, widened for shrinking.
+    """Resample a picture (H, W, 3) to a ``size`` (H, W) with a 3-lobe Lanczos filter, widened for downsampling.
 
-    The result keeps the dtype.
+    The dtype is preserved.
     """
     height, width = size
     if picture.shape[:2] == size:

@@ -1,4 +1,4 @@
-"""Measure the similarity of two pictures: PSNR, and SSIM around each pixel."""
+"""Measure the similarity between two pictures: PSNR, and SSIM around each pixel."""
 
 import math
 
@@ -14,12 +14,12 @@ C1, C2 = 0.01**2, 0.03**2  # constants of Wang et al., for pictures in [0, 1]
 
 
 def psnr_of(mean_squared_error: float) -> float:
-    """Compute the peak signal-to-noise ratio in dB for pictures in [0, 1]; infinite for an error of 0."""
+    """Compute the peak signal-to-noise ratio, in dB, of pictures in [0, 1]; it is infinite for an error of 0."""
     return -10 * math.log10(mean_squared_error) if mean_squared_error > 0 else math.inf
 
 
 def picture_psnr(picture: np.ndarray, target: np.ndarray) -> float:
-    """Compute the PSNR in dB of two 8-bit pictures of the same shape."""
+    """Compute the PSNR, in dB, between two 8-bit pictures of the same shape."""
     return psnr_of(float(np.square((picture.astype(np.float64) - target) / 255).mean()))
 
 
@@ -31,10 +31,10 @@ def statistics(picture: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def dissimilarity(image: Tensor, target: Tensor, mean: Tensor, variance: Tensor) -> Tensor:
-    """Compute 1 - SSIM (3, H, W) of two pictures (3, H, W); ``mean`` and ``variance`` are the target's.
+    """Compute 1 - SSIM (3, H, W) between two pictures (3, H, W); ``mean`` and ``variance`` are those of the target.
 
-    If d is the difference of the pictures, 2 m n = m^2 + n^2 - E[d]^2 for means m and n, and likewise for covariances:
-    SSIM = (1 - E[d]^2 / (m^2 + n^2 + C1)) (1 - V[d] / (V[x] + V[y] + C2)).
+    If d is the difference between the pictures, then 2 m n = m^2 + n^2 - E[d]^2 for the means m and n, and likewise for
+    covariances, so that SSIM = (1 - E[d]^2 / (m^2 + n^2 + C1)) (1 - V[d] / (V[x] + V[y] + C2)).
     """
     image, target = at_least_single(image), at_least_single(target)
     difference = image - target
@@ -47,7 +47,7 @@ def dissimilarity(image: Tensor, target: Tensor, mean: Tensor, variance: Tensor)
 
 
 def gaussian_mean(pictures: Tensor) -> Tensor:
-    """Compute the Gaussian mean around each pixel of pictures (C, H, W), mirrored at the border."""
+    """Compute the Gaussian-weighted mean around each pixel of pictures (C, H, W), which are mirrored at the border."""
     count, (down, across) = len(pictures), (min(RADIUS, side - 1) for side in pictures.shape[1:])
     steps = (torch.arange(-r, r + 1).to(pictures) for r in (down, across))
     column, row = ((-((step / SIGMA) ** 2) / 2).softmax(0) for step in steps)

@@ -1,4 +1,4 @@
-"""Convert samples of any depth and encoding to upright sRGB over a backdrop."""
+"""Convert samples of any bit depth and colour encoding to sRGB, composited over a backdrop and turned upright."""
 
 import io
 from contextlib import suppress
@@ -17,7 +17,7 @@ SWAPPED = 5  # first EXIF orientation that swaps rows and columns; the last is 8
 
 
 def bytes_to_srgb(picture: Image.Image, colors: Colors, backdrop: float) -> np.ndarray:
-    """Convert a Pillow image to (H, W, 3) uint8."""
+    """Convert a Pillow image to sRGB (H, W, 3), uint8, composited over a backdrop."""
     picture.load()
     picture = picture.convert("LA") if picture.mode == "La" else picture  # the only conversion that Pillow offers
     alpha = picture.convert("RGBA").getchannel("A") if picture.has_transparency_data else None
@@ -30,7 +30,7 @@ def bytes_to_srgb(picture: Image.Image, colors: Colors, backdrop: float) -> np.n
 
 
 def _converted(picture: Image.Image, colors: Colors) -> Image.Image:
-    """Convert a picture of mode L, RGB or CMYK to sRGB; keep its values if its profile is unusable."""
+    """Convert a Pillow image of mode L, RGB or CMYK to sRGB; keep its values if its profile is unusable."""
     if isinstance(colors, Encoding):
         return Image.fromarray(colors.to_srgb(np.asarray(picture.convert("RGB"))))
     converted = None
@@ -42,7 +42,7 @@ def _converted(picture: Image.Image, colors: Colors) -> Image.Image:
 
 
 def floats_to_srgb(color: np.ndarray, alpha: np.ndarray | None, colors: Colors, backdrop: float) -> np.ndarray:
-    """Convert colours (H, W, 1 or 3) and alpha (H, W, 1) in [0, 1] to (H, W, 3) float32."""
+    """Convert colours (H, W, 1 or 3) and alpha (H, W, 1) in [0, 1] to sRGB (H, W, 3), float32, over a backdrop."""
     if isinstance(colors, Encoding):
         color = colors.to_srgb(np.broadcast_to(color, (*color.shape[:2], 3)))
     elif colors:
@@ -57,7 +57,7 @@ def floats_to_srgb(color: np.ndarray, alpha: np.ndarray | None, colors: Colors, 
 
 
 def unit_range(samples: np.ndarray, bits: int) -> np.ndarray:
-    """Convert samples to float32 in [0, 1]; floats keep their values, and those outside this range are rejected."""
+    """Convert samples to float32 in [0, 1]; floats keep their values, and raise a UserError outside this range."""
     unit = samples.astype(np.float32)
     if samples.dtype.kind != "f":
         unit /= 2**bits - 1
@@ -69,7 +69,7 @@ def unit_range(samples: np.ndarray, bits: int) -> np.ndarray:
 
 
 def orientation_of(picture: Image.Image) -> int:
-    """Read the EXIF orientation of a picture, 1 to 8; 1 if it cannot be read."""
+    """Read a picture's EXIF orientation, 1 to 8; return 1 if it cannot be read."""
     exif = exif_of(picture)
     try:
         return valid_orientation(exif.get(ORIENTATION))
@@ -78,12 +78,12 @@ def orientation_of(picture: Image.Image) -> int:
 
 
 def valid_orientation(number: object) -> int:
-    """Return a valid EXIF orientation, 1 to 8; other values become 1."""
+    """Return a valid EXIF orientation, 1 to 8, unchanged, and 1 for any other value."""
     return number if isinstance(number, int) and number in ORIENTATIONS else UPRIGHT
 
 
 def upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
-    """Rotate and mirror a picture (H, W, C) by its EXIF orientation, 1 to 8."""
+    """Rotate and mirror a picture (H, W, C) according to its EXIF orientation, 1 to 8."""
     if orientation >= SWAPPED:
         pixels = pixels.swapaxes(0, 1)
     if orientation in (2, 3, 6, 7):

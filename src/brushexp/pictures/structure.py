@@ -1,4 +1,4 @@
-"""Compute structure tensors, which give the direction of least change in a picture."""
+"""Compute structure tensors, which describe the direction of least change in a picture."""
 
 from collections.abc import Iterable
 
@@ -9,7 +9,7 @@ Array = np.ndarray
 
 
 def structure_tensor(picture: Array, sigma: float) -> Array:
-    """Compute the structure tensor (3, H, W: xx, xy, yy) of a picture (C, H, W) (Bigun and Granlund, 1987).
+    """Compute the structure tensors (3, H, W: xx, xy, yy) of a picture (C, H, W) (Bigun and Granlund, 1987).
 
     Products of the central differences are summed over channels and smoothed with a Gaussian of ``sigma`` pixels.
     """
@@ -19,7 +19,7 @@ def structure_tensor(picture: Array, sigma: float) -> Array:
 
 
 class FarStructure:
-    """Structure tensors of one picture (C, H, W), smoothed over any distance at the same cost.
+    """Structure tensors of a picture (C, H, W), which can be smoothed over any distance at the same cost.
 
     The cosine transform extends a picture by mirroring, as `structure_tensor` does.
 
@@ -35,7 +35,7 @@ class FarStructure:
         self.spectrum = dctn(_products(picture), axes=(1, 2), workers=torch.get_num_threads())
 
     def __call__(self, parts: Iterable[tuple[float, float]]) -> Array:
-        """Sum tensors (3, H, W) smoothed with Gaussians, given pairs of a width in pixels and a weight."""
+        """Return a weighted sum (3, H, W) of smoothed tensors, given each Gaussian's width in pixels and weight."""
         from scipy.fft import idctn  # noqa: PLC0415
 
         squares = np.add.outer(*((np.pi * np.arange(n) / n) ** 2 for n in self.spectrum.shape[1:]))
@@ -45,26 +45,26 @@ class FarStructure:
 
 
 def _products(picture: Array) -> Array:
-    """Compute products (3, H, W) of the central differences of a picture (C, H, W), summed over channels."""
+    """Compute the products (3, H, W) of a picture's central differences (C, H, W), summed over channels."""
     padded = np.pad(picture, ((0, 0), (1, 1), (1, 1)), mode="edge")
     gx, gy = (padded[:, 1:-1, 2:] - padded[:, 1:-1, :-2]) / 2, (padded[:, 2:, 1:-1] - padded[:, :-2, 1:-1]) / 2
     return np.stack([(a * b).sum(0) for a, b in ((gx, gx), (gx, gy), (gy, gy))])
 
 
 def along_edges(tensor: Array) -> Array:
-    """Compute the direction (...) of least change, in radians from the x axis, of structure tensors (3, ...)."""
+    """Compute the direction (...) of least change, in radians from the x axis, from structure tensors (3, ...)."""
     return 0.5 * np.arctan2(-2 * tensor[1], tensor[2] - tensor[0])
 
 
 def sampled_at(picture: Array, x: Array, y: Array) -> Array:
-    """Look up values (..., n) of a picture (..., H, W) at points (n,), clamped to the nearest pixel inside."""
+    """Look up a picture's values (..., n) at n points; points outside are clamped to the nearest pixel inside."""
     height, width = picture.shape[-2:]
     values: Array = picture[..., y.astype(int).clip(0, height - 1), x.astype(int).clip(0, width - 1)]
     return values
 
 
 def worst_of_cells(difference: Array, side: int) -> tuple[Array, Array, Array]:
-    """Divide a map (H, W) into n cells (n, side^2), padded with NaN, and find each cell's worst pixel, x and y (n,)."""
+    """Divide a map (H, W) into cells (n, side^2), padded with NaN; also return x and y (n,) of each cell's maximum."""
     height, width = difference.shape
     rows, columns = -(-height // side), -(-width // side)
     padded = np.pad(difference, ((0, rows * side - height), (0, columns * side - width)), constant_values=np.nan)

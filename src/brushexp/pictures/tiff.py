@@ -61,7 +61,7 @@ EIGHT_BIT = 256  # a colour map whose numbers are all smaller has 8 bits, as in 
 
 
 def needs_tifffile(picture: ImageFile) -> bool:
-    """Decide whether to use tifffile: the TIFF has too many bits or pixels for Pillow, or Pillow misreads it."""
+    """Check whether tifffile has to decode a TIFF: Pillow misreads it, or it has too many bits or pixels for Pillow."""
     if not isinstance(picture, TiffImageFile):
         return False
     tags = picture.tag_v2
@@ -76,7 +76,7 @@ def needs_tifffile(picture: ImageFile) -> bool:
 
 
 def codec_needs(compression: int, bits: int, predictor: int) -> list[str]:
-    """Explain why tifffile needs the package imagecodecs for a page; empty if it does not."""
+    """List the reasons why tifffile needs the package imagecodecs to read a page; empty if it does not."""
     needs = []
     if compression not in UNPACKED:
         needs.append(f"packed as {PACKINGS.get(compression, f'compression {compression}')}")
@@ -93,7 +93,7 @@ def has_codecs() -> bool:
 
 
 def is_rarely_packed(picture: ImageFile) -> bool:
-    """Check whether Pillow may be unable to unpack a TIFF; raise a UserError if no other package can."""
+    """Check whether Pillow may be unable to decompress a TIFF; raise a UserError if no installed package can."""
     compression = picture.tag_v2.get(COMPRESSION, 1) if isinstance(picture, TiffImageFile) else 1
     if compression in RARE and not has_codecs():
         needs = f"packed as {PACKINGS[compression]}, which needs a decoder; pip install 'brushexp[tiff]'"
@@ -102,14 +102,14 @@ def is_rarely_packed(picture: ImageFile) -> bool:
 
 
 def restore_byte_order(samples: np.ndarray, picture: Image.Image) -> np.ndarray:
-    """Restore the byte order of a TIFF's floats, which Pillow swaps a second time after libtiff."""
+    """Restore the byte order of a TIFF's floats, which Pillow swaps again after libtiff has corrected it."""
     is_exchanged = isinstance(picture, TiffImageFile) and picture.use_load_libtiff and picture.tag_v2.prefix == b"MM"
     return samples.byteswap() if is_exchanged and samples.dtype.kind == "f" else samples
 
 
 @contextmanager
 def libtiff_only() -> Iterator[None]:
-    """Make Pillow read TIFF files with libtiff only."""
+    """Make Pillow read TIFF files only with libtiff within the ``with`` block."""
     TiffImagePlugin.READ_LIBTIFF = True
     try:
         yield
@@ -124,7 +124,7 @@ def is_misread(path: Path) -> bool:
 
 
 def mend_palette(picture: Image.Image) -> None:
-    """Fix the colours of a TIFF with an 8-bit colour map, which Pillow reads as 16 bits, that is, as black."""
+    """Correct the palette of a TIFF with an 8-bit colour map, which Pillow reads as a 16-bit map and so as black."""
     if not isinstance(picture, TiffImageFile) or picture.mode not in ("P", "PA"):
         return
     numbers = picture.tag_v2.get(COLOR_MAP, ())
@@ -134,9 +134,9 @@ def mend_palette(picture: Image.Image) -> None:
 
 
 def main_page(path: Path, picture: ImageFile) -> IO[bytes] | None:
-    """Open a TIFF at its main picture if a smaller copy comes first; otherwise return None.
+    """Open a TIFF at its main picture if a smaller copy precedes it; otherwise return None.
 
-    Raw sensor data raise a UserError.
+    A TIFF that contains raw sensor data raises a UserError.
     """
     first = first_directory(path) if isinstance(picture, TiffImageFile) else None
     if first is None or not (first.is_reduced or SUB_IFDS in first.numbers):
@@ -163,7 +163,7 @@ def pages_in(path: Path) -> int:
 
 
 def read_tiff(file: Path | IO[bytes], backdrop: float, colors: Colors, side: int | None) -> np.ndarray:
-    """Decode the first page like `read_picture`; ``colors`` take precedence over a profile of the page.
+    """Decode the first page as `read_picture` does; ``colors`` take precedence over the page's own profile.
 
     Pages above 100 megapixels are averaged to at least ``side`` pixels on the longer side.
     """
@@ -203,7 +203,7 @@ def read_tiff(file: Path | IO[bytes], backdrop: float, colors: Colors, side: int
 
 
 def _palette_of(page: Any) -> np.ndarray:
-    """Read the palette (N, 3), in [0, 1], into which the samples of a page are indices."""
+    """Read the palette (N, 3), in [0, 1], that the samples of a page index."""
     numbers = np.asarray(page.colormap)
     levels = numbers if numbers.max() < EIGHT_BIT else numbers >> 8
     return levels.T.astype(np.float32) / 255
@@ -222,7 +222,7 @@ def _colors_in(page: Any) -> int:
 
 
 def _samples(page: Any, side: int | None) -> np.ndarray:
-    """Read the samples (H, W, C) of a page, averaged over squares of pixels if the page is too large."""
+    """Read the samples (H, W, C) of a page; if the page is too large, they are averaged over squares of pixels."""
     if page.imagewidth * page.imagelength > MAX_PIXELS:
         return _means(page, side or 1)
     samples = np.atleast_3d(page.asarray())
@@ -249,7 +249,7 @@ def _means(page: Any, side: int) -> np.ndarray:
 
 
 def _pieces(page: Any) -> Iterator[tuple[int, int, int, np.ndarray]]:
-    """Yield parts (h, w, C) of a page with their row, column and first channel."""
+    """Yield the row, column, first channel and samples (h, w, C) of each part of a page."""
     if page.is_memmappable and page.axes != "SYX":
         file = page.parent.filehandle
         whole = file.memmap_array(page.parent.byteorder + page.dtype.char, page.shape, page.dataoffsets[0])

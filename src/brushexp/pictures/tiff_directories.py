@@ -1,4 +1,4 @@
-"""Walk the directories of a TIFF file (TIFF 6.0; BigTIFF), visiting each once, because links may form cycles."""
+"""Walk the directories of a TIFF file (TIFF 6.0; BigTIFF), visiting each only once, because links may form cycles."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Directory:
 
     @property
     def mixes_tiles_with_strips(self) -> bool:
-        """Return whether tile offsets are stored under the tag for strips, or vice versa."""
+        """Return whether tile offsets are stored under the tag for strips or strip offsets under the tag for tiles."""
         is_tiled = TILE_WIDTH in self.numbers
         return (TILES if is_tiled else STRIPS) not in self.numbers and (STRIPS if is_tiled else TILES) in self.numbers
 
@@ -52,12 +52,12 @@ class Directory:
         return [*zip(places, lengths, strict=True)] if len(places) == len(lengths) else []
 
     def end_of_data(self) -> int | None:
-        """Find the end of the last strip or tile, in bytes; None if the directory does not state it."""
+        """Return the byte offset of the end of the last strip or tile; None if the directory does not state it."""
         return max((place + length for place, length in self.pieces()), default=None)
 
 
 def directories(path: Path) -> Iterator[Directory]:
-    """Yield the directories of a file in order, up to the first that is damaged or already seen."""
+    """Yield the directories of a file in order, and stop at the first that is damaged or has been visited before."""
     with path.open("rb") as file:
         head = file.read(16)
         order = "<" if head[:1] == b"I" else ">"
@@ -89,7 +89,7 @@ def directories_below(path: Path, directory: Directory) -> Iterator[Directory]:
 
 
 def main_directory(path: Path) -> Directory | None:
-    """Find the directory of the main picture: the first that is not a smaller copy, or else the largest."""
+    """Find the directory of the main picture, which is the first that is not a smaller copy, or else the largest."""
     first = first_directory(path)
     if first is None or not first.is_reduced:
         return first
@@ -99,7 +99,7 @@ def main_directory(path: Path) -> Directory | None:
 
 
 def first_directory(path: Path) -> Directory | None:
-    """Read the directory of the first picture of a file; None if it is damaged or not a TIFF."""
+    """Read the directory of a file's first picture; None if it is damaged or the file is not a TIFF."""
     with path.open("rb") as file:
         is_tiff = file.read(4) in MAGIC
     try:
@@ -109,7 +109,7 @@ def first_directory(path: Path) -> Directory | None:
 
 
 def _directory(file: IO[bytes], place: int, order: str, is_big: bool) -> tuple[Directory, int] | None:
-    """Read a directory and the offset of the next one."""
+    """Read a directory and the offset of the next directory."""
     count_form, entry, next_form = ("Q", struct.Struct(order + "HHQ8s"), "Q") if is_big else (
         "H", struct.Struct(order + "HHI4s"), "I"
     )  # fmt: skip
@@ -132,7 +132,7 @@ def _directory(file: IO[bytes], place: int, order: str, is_big: bool) -> tuple[D
 
 
 def _numbers(file: IO[bytes], order: str, form: str | None, length: int, value: bytes) -> tuple[int, ...]:
-    """Read the integers of a tag from its entry or from the offset that it holds; empty for other types."""
+    """Read a tag's integers from its entry, or from the offset in the entry; empty for other types."""
     if form is None or not 0 < length <= MOST_VALUES:
         return ()
     whole = struct.Struct(f"{order}{length}{form}")

@@ -32,7 +32,7 @@ Show = Callable[[Array, int], None]  # arguments: a picture (H, W, 3) of bytes, 
 
 
 class Film(NamedTuple):
-    """The file of a film and the function that adds a frame to it."""
+    """The path of a film and the function that adds a frame to it."""
 
     path: Path
     show: Show
@@ -42,12 +42,12 @@ class Film(NamedTuple):
 def filming(
     stem: Path, kind: str, size: tuple[int, int], rate: Fraction, *, usual: Fraction | None = None, begin: int = 0
 ) -> Iterator[Film]:
-    """Write a film to ``stem`` as mp4 or gif; without PyAV, a GIF replaces the video.
+    """Write a film to ``stem`` plus a suffix, as mp4 or gif; without PyAV, a GIF replaces the video.
 
-    A video with an odd height or width (``size``) repeats its last row or column, and a GIF is shrunk to at most
-    ``GIF_SIDE`` pixels. ``rate`` is ticks per second, at most ``MOST_FPS``, and a video repeats a frame that stays for
-    several ticks. With a ``usual`` frame rate, the video stores each frame once, at its own time, and ticks may be much
-    finer. The first frame is shown at tick ``begin``. Raises a UserError if the file cannot be written.
+    If the height or width (``size``) of a video is odd, its last row or column is repeated; a GIF is downsampled to at
+    most ``GIF_SIDE`` pixels. ``rate`` is in ticks per second, at most ``MOST_FPS``, and a video repeats a frame that
+    lasts several ticks. With a ``usual`` frame rate, the video stores each frame once, with its own time, so that ticks
+    may be much finer. The first frame is shown at tick ``begin``. A UserError is raised if the file cannot be written.
     """
     av = _encoder(kind)
     if av is None and kind != "gif":
@@ -59,12 +59,12 @@ def filming(
 
 
 def largest_side(kind: str) -> int:
-    """Return the limit of the longer side of a film, in pixels."""
+    """Return the maximum length of a film's longer side, in pixels."""
     return GIF_SIDE if _encoder(kind) is None else LARGEST_SIDE
 
 
 def _encoder(kind: str) -> ModuleType | None:
-    """Import PyAV if this type of film is a video and PyAV has an H.264 encoder; otherwise return None."""
+    """Return the PyAV module if this type of film is a video and PyAV has an H.264 encoder; otherwise None."""
     if kind == "gif":
         return None
     try:
@@ -109,7 +109,7 @@ def _mp4(
 
 @contextmanager
 def _gif(path: Path, rate: Fraction) -> Iterator[Show]:
-    """Write frames that contain only changed pixels, which keeps files small and avoids flicker."""
+    """Write a GIF whose frames contain only the changed pixels, which keeps the file small and avoids flicker."""
     frames: list[Image.Image] = []
     begins: list[int] = []  # starts of the frames, in ticks
     now = 0
@@ -138,7 +138,7 @@ def _gif(path: Path, rate: Fraction) -> Iterator[Show]:
 
 
 def _cut_out(picture: Array, changed: Array) -> Image.Image:
-    """Encode the changed pixels of a picture with 255 colours of their own, and make all others transparent."""
+    """Encode a picture's changed pixels with a palette of 255 colours, and make all other pixels transparent."""
     small = Image.fromarray(picture[changed][None]).quantize(255)
     palette = small.getpalette() or []
     index = np.full(changed.shape, len(palette) // 3, np.uint8)

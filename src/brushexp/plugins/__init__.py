@@ -1,1 +1,1 @@
-"""Shipped plugins, with one folder per family: ``base.py`` is the contract, and every other file a plugin."""
+"""Shipped plugins, one folder per family: ``base.py`` defines the base class, and every other file is a plugin."""

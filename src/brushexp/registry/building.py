@@ -1,4 +1,4 @@
-"""Build plugins from config nodes and from names in files; only registered classes are built."""
+"""Build plugins from config nodes and from names in files; only registered classes can be built."""
 
 import json
 import re
@@ -20,8 +20,9 @@ _kept: dict[str, Any] = {}  # config node as YAML -> plugin that a check built f
 def plugin_of(node: DictConfig, family: str = "") -> Plugin:
     """Find the plugin named by the ``_target_`` of a config node, or raise a UserError if it is not registered.
 
-    A target is ``family/name``. Files of brushexp 0.1 have the path of the class instead, which determines the family
-    if neither ``family`` nor the node's position does; the class may have moved to another module since.
+    A target has the form ``family/name``. Files written by brushexp 0.1 contain the path of the class instead, which
+    also determines the family if neither ``family`` nor the node's position does; the class may have been moved to
+    another module since.
     """
     target = str(node._target_)
     if "/" in target:
@@ -35,7 +36,7 @@ def plugin_of(node: DictConfig, family: str = "") -> Plugin:
 
 
 def name_of_target(target: str, family: str) -> str:
-    """Return the name of a member from its ``_target_``; targets that are not registered are returned unchanged.
+    """Return a member's name, given its ``_target_``; a target that is not registered is returned unchanged.
 
     >>> name_of_target("order/area", "order"), name_of_target("brushexp.plugins.order.area.Area", "order")
     ('area', 'area')
@@ -47,7 +48,7 @@ def name_of_target(target: str, family: str) -> str:
 
 
 def _member_of_class(path: str, family: str) -> Plugin | None:
-    """Find the member for a class path of an earlier version by family, module name and class name."""
+    """Find the member for a class path from an earlier version, by family, module name and class name."""
     module, _, name = path.rpartition(".")
     if match := re.match(rf"{re.escape(CORE)}plugins\.(\w+)\.", path):
         folder = match[1]
@@ -58,7 +59,7 @@ def _member_of_class(path: str, family: str) -> Plugin | None:
 
 
 def family_of_key(key: str) -> str:
-    """Return the family of the plugin at a key of a config, or "".
+    """Return the family of the plugin at a config key, or "" if there is none.
 
     >>> family_of_key("loss.mse.weight"), family_of_key("style.loss"), family_of_key("steps")
     ('loss', 'loss', '')
@@ -68,7 +69,7 @@ def family_of_key(key: str) -> str:
 
 
 def build(node: DictConfig, *runtime: object, family: str = "") -> Any:
-    """Build the plugin of a config node; raise a UserError that names an option that its class does not accept."""
+    """Build the plugin described by a config node; raise a UserError that names an option if it is not accepted."""
     plugin = plugin_of(node, family)
     options = options_in(node, plugin.path, family)
     attributes = {name: options.pop(name) for name in getattr(plugin.cls, "tunable", ())}
@@ -79,7 +80,7 @@ def build(node: DictConfig, *runtime: object, family: str = "") -> Any:
 
 
 def keep_built(node: DictConfig) -> Any:
-    """Build the plugin of a config node while checking a run, and keep it for the run (`take_built`)."""
+    """Build the plugin described by a config node during a check, and keep it for the run (`take_built`)."""
     text = OmegaConf.to_yaml(node, resolve=True)
     if text not in _kept:
         _kept[text] = build(node)
@@ -87,18 +88,18 @@ def keep_built(node: DictConfig) -> Any:
 
 
 def take_built(node: DictConfig) -> Any:
-    """Return the plugin that a check kept for a config node, or build one; no two runs share an object."""
+    """Return the plugin that a check kept for a config node, or build a new one; runs never share an object."""
     text = OmegaConf.to_yaml(node, resolve=True)
     return _kept.pop(text) if text in _kept else build(node)
 
 
 def drop_built() -> None:
-    """Discard plugins that checks built but no run used."""
+    """Discard the plugins that were built in checks and not used by a run."""
     _kept.clear()
 
 
 def options_in(node: DictConfig, path: str, family: str = "") -> dict[str, Any]:
-    """Read the options of a plugin from its config node; raise a UserError for values that it does not accept."""
+    """Read a plugin's options from its config node; raise a UserError for values that it does not accept."""
     plugin = plugin_of(node, family)
     typed: DictConfig = OmegaConf.structured(plugin.config)
     try:
@@ -129,7 +130,7 @@ def literal(data: Any) -> Any:
 
 
 def _hidden_key(data: Any) -> str:
-    """Find the first key that begins with ``_``, like the keys with which Hydra locates code; "" if there is none."""
+    """Find the first key that begins with ``_``, as Hydra's keys for locating code do; "" if there is none."""
     if isinstance(data, dict):
         own = (key for key in data if str(key).startswith("_"))
         return str(next(own, "")) or _hidden_key(list(data.values()))
@@ -148,7 +149,7 @@ def build_named(family: str, name: str, options: dict[str, Any], *runtime: objec
 
 
 def plain_config(values: dict[str, Any]) -> DictConfig:
-    """Turn values from a file into a config; raise a UserError for interpolations, which could read other data."""
+    """Convert values from a file to a config; raise a UserError for interpolations, which could read other data."""
     if "${" in json.dumps(check_plain(values)):
         raise UserError("a config from a file holds an interpolation, ${...}; write the value instead")
     config: DictConfig = OmegaConf.create(values)

@@ -1,4 +1,4 @@
-"""List the families of plugins."""
+"""List the plugin families."""
 
 FAMILIES = {
     "painter": "target picture -> strokes, state by state",

@@ -1,4 +1,4 @@
-"""Register shipped plugins, plugins in folders, and plugins of packages by name."""
+"""Register by name the shipped plugins, the plugins in folders, and the plugins in packages."""
 
 import importlib
 import logging
@@ -22,8 +22,8 @@ _broken: dict[str, str] = {}  # file of a user's plugins -> why it cannot be loa
 def load_plugins(directory: Path, *, warns: bool = True) -> list[str]:
     """Announce built-in members, and import ``directory/*.py`` and the folders in ``BRUSHEXP_PLUGINS``.
 
-    Members of the core and of packages are imported when they are chosen. A user's file that cannot be imported is
-    skipped, with a warning if ``warns``; `missing_because` repeats the warning when a name is missing.
+    Members in the core and in packages are imported when they are chosen. A user's file that cannot be imported is
+    skipped, with a warning if ``warns`` is set; `missing_because` repeats the reason when a name is missing.
     """
     for family in FAMILIES:
         _announce_core(family)
@@ -37,7 +37,7 @@ def load_plugins(directory: Path, *, warns: bool = True) -> list[str]:
 
 
 def _announce_core(family: str) -> None:
-    """Announce the members of a family, one per file of its folder."""
+    """Announce the members of a family, one for each file in its folder."""
     package = importlib.import_module(f"{CORE}plugins.{FOLDERS[family]}")
     for module in pkgutil.iter_modules(package.__path__):
         if not module.name.startswith("_") and module.name != "base":
@@ -46,7 +46,7 @@ def _announce_core(family: str) -> None:
 
 
 def _import_files(files: list[Path], warns: bool) -> list[str]:
-    """Import the user's files, and list the names of those that could be imported."""
+    """Import the user's files, and list the names of the files that could be imported."""
     package = sys.modules.setdefault(USER_PACKAGE, ModuleType(USER_PACKAGE, "Plugins of the user."))
     package.__path__ = sorted({str(path.parent) for path in files})  # workers import classes of configs from here
     importlib.invalidate_caches()
@@ -63,17 +63,17 @@ def _import_files(files: list[Path], warns: bool) -> list[str]:
 
 
 def broken_files() -> dict[str, str]:
-    """Map the user's files that could not be loaded to the reasons."""
+    """Map each user file that could not be loaded to the reason for the failure."""
     return dict(_broken)
 
 
 def missing_because() -> str:
-    """Explain which user files could not be loaded, for messages about missing names; "" if all could."""
+    """Explain why user files could not be loaded, for messages about missing names; "" if all were loaded."""
     return "".join(f". {reason}" for reason in _broken.values())
 
 
 def _plugin_files(directory: Path) -> Iterator[Path]:
-    """Yield the plugin files in a fixed order; reject two files with the same name."""
+    """Yield the plugin files in a fixed order; raise a UserError if two files have the same name."""
     extra = [Path(part) for part in os.environ.get(SEARCH_PATH, "").split(os.pathsep) if part]
     for folder in extra:
         if not folder.is_dir():

@@ -1,4 +1,4 @@
-"""List the options of a plugin: keyword-only parameters of ``__init__``, and attributes that its contract declares."""
+"""List a plugin's options: keyword-only parameters of ``__init__``, and attributes declared in its base class."""
 
 import inspect
 from copy import copy
@@ -28,7 +28,7 @@ def options_of(cls: type) -> list[tuple[str, Any, Any]]:
 
 
 def structured_config(cls: type, target: str) -> type:
-    """Derive a dataclass for OmegaConf: ``_target_``, and a typed field for each option, without bounds."""
+    """Create a dataclass for OmegaConf, with ``_target_`` and a typed field, without bounds, for each option."""
     options = [
         (name, plain_type(kind), field(default_factory=partial(copy, value))) for name, kind, value in options_of(cls)
     ]
@@ -36,7 +36,7 @@ def structured_config(cls: type, target: str) -> type:
 
 
 def plain_type(annotation: Any) -> Any:
-    """Strip ``Annotated`` from a type and its parts."""
+    """Remove ``Annotated`` from a type and from its parameters."""
     origin, parts = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return plain_type(parts[0])

@@ -1,7 +1,7 @@
-"""Make a class a choice on the command line: ``@register("loss", "mse")`` gives ``loss=mse``.
+"""Make classes available as command-line choices: ``@register("loss", "mse")`` defines ``loss=mse``.
 
 A plugin is *announced* by family and name, which is enough to list it; its module is imported when its options, its
-help or an instance are first needed.
+help text or an instance is first needed.
 """
 
 import inspect
@@ -29,7 +29,7 @@ C = TypeVar("C", bound=type)
 
 @dataclass(frozen=True)
 class Plugin:
-    """A class chosen by ``family=name``, and its options."""
+    """A class that is chosen with ``family=name``, and its options."""
 
     family: str
     name: str
@@ -40,7 +40,7 @@ class Plugin:
 
     @cached_property
     def cls(self) -> type:
-        """The class; raises a UserError if its module cannot be imported."""
+        """Class of the plugin; reading it raises a UserError if the module cannot be imported."""
         if (self.family, self.name) not in _classes:
             import_or_explain(self.load, self.source)
         if (self.family, self.name) not in _classes:
@@ -54,12 +54,12 @@ class Plugin:
 
     @property
     def target(self) -> str:
-        """Value of ``_target_`` in configs, which stays valid if the class moves to another module."""
+        """Value of ``_target_`` in configs, which stays valid if the class is moved to another module."""
         return f"{self.family}/{self.name}"
 
     @property
     def path(self) -> str:
-        """Key above the plugin's options."""
+        """Config key below which the plugin's options are."""
         return f"{self.family}.{self.name}" if self.family in MULTI_SELECT else self.family
 
     @cached_property
@@ -88,11 +88,11 @@ class Plugin:
 
     @property
     def facts(self) -> dict[str, str]:
-        """Return the facts that help users choose a member, from name to value."""
+        """Map the names of facts that help users choose a member to their values."""
         return dict(getattr(self.cls, "facts", dict)())
 
     def check(self, path: str, options: Mapping[str, Any]) -> None:
-        """Raise a UserError for options outside their bounds; ``path`` is the key above them."""
+        """Raise a UserError if an option is out of bounds; ``path`` is the key above the options."""
         for option, bounds in self.bounds.items():
             value = options[option]
             plain = OmegaConf.to_object(value) if OmegaConf.is_config(value) else value
@@ -109,9 +109,9 @@ _classes: dict[tuple[str, str], type] = {}  # plugins whose modules are imported
 
 
 def announce(plugin: Plugin) -> None:
-    """Make a plugin a choice of Hydra's group ``family``; raise a UserError if the name is taken.
+    """Make a plugin available in Hydra's group ``family``; raise a UserError if the name is taken.
 
-    Its config is built when Hydra reads it.
+    The plugin's config is built when Hydra reads it.
     """
     check_family(plugin.family)
     key = plugin.family, plugin.name
@@ -126,7 +126,7 @@ def announce(plugin: Plugin) -> None:
 
 
 def withdraw(module: str) -> None:
-    """Remove the plugins that a module registered before it failed."""
+    """Remove the plugins that a module registered before its import failed."""
     for family, name in [key for key, plugin in _members.items() if plugin.module == module]:
         del _members[family, name]
         _classes.pop((family, name), None)

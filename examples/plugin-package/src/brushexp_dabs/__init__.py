@@ -1,1 +1,1 @@
-"""A dry brush for brushexp: ``engine=dabs``."""
+"""Dry-brush engine for brushexp: ``engine=dabs``."""

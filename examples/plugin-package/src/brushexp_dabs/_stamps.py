@@ -1,6 +1,6 @@
-"""Dabs set along a quadratic Bezier curve, compiled: one worker paints a whole stroke on a canvas of its own.
+"""Stamp dabs along quadratic Bezier curves in compiled code; each worker paints a whole stroke on a separate canvas.
 
-Lengths are in pixels of that canvas, which is finer than the picture; the picture is its average over blocks.
+Lengths are in pixels of that canvas, which is finer than the picture; the picture is the canvas averaged over blocks.
 """
 
 import numpy as np
@@ -21,14 +21,14 @@ Array = np.ndarray
 
 
 def curves_of(strokes: Strokes, side: int) -> tuple[Array, Array]:
-    """Start, control and end (n, 6) and thickness (n,) in pixels of a canvas ``side`` wide, float64."""
+    """Return the points (n, 6) and the thickness (n,) of strokes in pixels of a canvas ``side`` wide, float64."""
     points = torch.cat([strokes.start, strokes.control, strokes.end], dim=1).double()
     width = strokes.width.double().clamp(0, WIDEST_STROKE)
     return ((points.clamp(-FARTHEST_POINT, FARTHEST_POINT) + 1) * (0.5 * side)).numpy(), (width * side).numpy()
 
 
 def one_colour(strokes: Strokes, alpha: Array) -> Simulated:
-    """Strokes of one colour from their alpha (n, S, S), which is also their height."""
+    """Make simulated strokes, each of one colour, from their alpha (n, S, S), which is also their height."""
     cover = torch.from_numpy(alpha)
     color = strokes.color.clamp(0, 1)[:, :, None, None].expand(-1, -1, *cover.shape[1:])
     return Simulated(torch.cat([color, cover[:, None]], dim=1), cover)
@@ -36,11 +36,11 @@ def one_colour(strokes: Strokes, alpha: Array) -> Simulated:
 
 @function
 def dabs(begin, end, curve, radius, per_radius, look, pressure, seed, number, block, alpha):  # type: ignore[no-untyped-def]
-    """Soft dabs at equal steps along curves ``begin`` to ``end``, displaced at random.
+    """Paint randomly displaced soft dabs at equal steps along the curves with indices ``begin`` to ``end - 1``.
 
-    ``look`` is hardness, opaque, what pressure adds to it, linearize, offset_by_random, radius_by_random; ``pressure``
-    that in the middle, at both ends, and the shares of the length where the middle begins and ends. ``seed`` and the
-    strokes' ``number`` (n,) are uint64.
+    ``look`` contains hardness, opaque, opaque_by_pressure, opaque_linearize, offset_by_random and radius_by_random.
+    ``pressure`` contains the pressure in the middle, the pressure at both ends, and the fractions of the length at
+    which the middle begins and ends. ``seed`` and the strokes' ``number`` (n,) are uint64.
     """
     side = alpha.shape[1] * block
     for i in range(begin, end):
@@ -77,7 +77,7 @@ def _dab_along(bare, curve, radius, per_radius, look, pressure, key):  # type: i
 
 @function
 def pressure_at(share, middle, ends, head, tail):  # type: ignore[no-untyped-def]
-    """Pressure at a share of the stroke's length: it rises until ``head`` and sinks from ``tail`` on."""
+    """Compute the pressure at a fraction of the stroke's length; it rises up to ``head`` and falls after ``tail``."""
     rise = min(share / head, 1.0) if head > 0 else 1.0
     sink = min((1 - share) / (1 - tail), 1.0) if tail < 1 else 1.0
     return ends + (middle - ends) * min(rise, sink)
@@ -85,9 +85,10 @@ def pressure_at(share, middle, ends, head, tail):  # type: ignore[no-untyped-def
 
 @function
 def opacity_of(pressure, opaque, by_pressure, linearize, per_radius):  # type: ignore[no-untyped-def]
-    """Opacity of one dab, libmypaint's formula: (opaque + by_pressure * pressure) * pressure.
+    """Compute the opacity of one dab by libmypaint's formula, (opaque + by_pressure * pressure) * pressure.
 
-    With ``linearize`` = 1 all dabs over one point of the axis, two radii's worth, add up to that; with 0 each has it.
+    With ``linearize`` = 0, each dab has this opacity. With 1, all dabs over one point of the axis, those on a length of
+    two radii, have it together.
     """
     wanted = min(max((opaque + by_pressure * pressure) * pressure, 0.0), 1.0)
     over_each_other = 1 + linearize * max(2 * per_radius - 1, 0.0)
@@ -96,7 +97,7 @@ def opacity_of(pressure, opaque, by_pressure, linearize, per_radius):  # type: i
 
 @function
 def profile(square, hardness):  # type: ignore[no-untyped-def]
-    """Opacity of a dab at a squared distance, in radii, from its centre; ``hardness`` is neither 0 nor 1."""
+    """Compute a dab's opacity at a squared distance from its centre, in radii; ``hardness`` is neither 0 nor 1."""
     if square > 1:
         return F(0)
     if square <= hardness:
@@ -106,7 +107,7 @@ def profile(square, hardness):  # type: ignore[no-untyped-def]
 
 @function
 def _dab(bare, x, y, radius, opacity, hardness):  # type: ignore[no-untyped-def]
-    """Lay a dab over ``bare``; one smaller than a pixel becomes a pixel large and as much paler."""
+    """Paint a dab on ``bare``; a radius below one pixel becomes one pixel, with proportionally lower opacity."""
     drawn = max(radius, 1.0)
     faint, hard, scale = F(opacity * (radius / drawn) ** 2), F(hardness), F(1 / drawn**2)
     side = len(bare)
@@ -121,7 +122,7 @@ def _dab(bare, x, y, radius, opacity, hardness):  # type: ignore[no-untyped-def]
 
 @function
 def _pixels(middle, reach, side):  # type: ignore[no-untyped-def]
-    """First pixel whose centre lies within ``reach`` of ``middle``, and the one after the last."""
+    """Find the range of pixels, first and last + 1, whose centres are within ``reach`` of ``middle``."""
     low, high = np.ceil(middle - reach - 0.5), np.floor(middle + reach - 0.5) + 1
     return int(min(max(low, 0), side)), int(min(max(high, 0), side))
 
@@ -146,7 +147,7 @@ def _average(bare, block, alpha):  # type: ignore[no-untyped-def]
 
 @function
 def _mix(word):  # type: ignore[no-untyped-def]
-    """Scramble 64 bits (SplitMix64: Steele, Lea and Flood, 2014)."""
+    """Mix the bits of a 64-bit integer (SplitMix64; Steele, Lea and Flood, 2014)."""
     word = (word ^ (word >> U(30))) * U(0xBF58476D1CE4E5B9)
     word = (word ^ (word >> U(27))) * U(0x94D049BB133111EB)
     return word ^ (word >> U(31))
@@ -154,7 +155,7 @@ def _mix(word):  # type: ignore[no-untyped-def]
 
 @function
 def _gauss(key, counter):  # type: ignore[no-untyped-def]
-    """Nearly normal number ``counter`` of a stroke: the sum of four uniform ones as in libmypaint, within 3.5."""
+    """Return a stroke's nearly normal random number with index ``counter``: a sum of four uniforms, within 3.5."""
     word = _mix(key + GOLDEN * U(counter + 1))
     low, high = U(0xFFFF), U(16)
     total = (word & low) + ((word >> high) & low) + ((word >> U(32)) & low) + (word >> U(48))

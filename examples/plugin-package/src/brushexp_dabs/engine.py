@@ -1,4 +1,4 @@
-"""A dry brush: soft dabs, scattered about the curve."""
+"""Simulate a dry brush as soft dabs scattered around the curve."""
 
 from typing import Annotated
 
@@ -19,37 +19,39 @@ GRID = 401  # places at which the profile of a band is computed
 
 @register("engine", "dabs")
 class Dabs(Engine):
-    """Dry brush of libmypaint, the stroke of SPIRAL (2018) and Neural Painters (2019): grains of scattered soft dabs.
+    """Dry brush of libmypaint, as used by SPIRAL (2018) and Neural Painters (2019): scattered, grainy soft dabs.
 
-    Dabs follow each other along the curve at equal steps, each displaced and resized at random. Their settings are
-    those of libmypaint's brush ``classic/dry_brush`` (Renold), and pressure p acts as there: the opacity of a dab is
-    (opaque + opaque_by_pressure p) p, it is displaced by offset_by_random p radii times a normal number in x and in y,
-    its radius is multiplied by exp(radius_by_random times a normal number), and if it is larger it is as much paler.
-    Pressure is as in Neural Painters: it rises over the head of the stroke and sinks over its tail.
+    Dabs are placed along the curve at equal steps, each displaced and resized at random. The defaults are the settings
+    of libmypaint's brush ``classic/dry_brush`` (Renold), and the pressure p has the same effects as in libmypaint. The
+    opacity of a dab is (opaque + opaque_by_pressure p) p. The dab is displaced by offset_by_random p radii times a
+    normal random number, in x and in y. Its radius is multiplied by exp(radius_by_random times a normal random number);
+    enlarged dabs are less opaque in proportion to their area. As in Neural Painters, the pressure rises over the head
+    of the stroke and falls over its tail.
 
-    The basic radius follows from the thickness of the stroke: where the pressure is that of the middle, the expected
-    alpha has half its height at half the thickness to either side; single dabs lie farther out. Alpha is also the
-    height. Points farther than 4 half-windows from the centre are brought there.
+    The basic radius is chosen so that, at the pressure in the middle of the stroke, the expected alpha falls to half
+    its maximum at half the stroke's thickness from the axis; single dabs can be farther away. Alpha is also the height.
+    Coordinates are clamped to 4 half-windows from the centre.
 
-    Differs from the source: no speed (neither slow tracking nor smaller dabs where the hand is fast); dabs are evenly
-    spaced from start to end; one colour, exact arithmetic, and a finer canvas instead of libmypaint's antialiasing.
+    Unlike in libmypaint, speed has no effect (neither slow tracking nor smaller dabs where the hand is fast), dabs are
+    evenly spaced from start to end, a stroke has one colour, arithmetic is exact, and a finer canvas replaces
+    antialiasing.
 
     Args:
-        window: pixels on the side of a picture, 8 to 512.
-        supersample: pixels of the canvas per pixel of the picture, in each direction, 1 to 8.
-        dabs_per_radius: on a way of one radius; libmypaint's dabs per basic and per actual radius, 6 and 6, together,
-            because here the two radii are the same.
-        hardness: 0 (a needle) to 1 (a disc), of a dab's profile.
-        opaque: opacity at no pressure, before it is multiplied by the pressure, 0 to 1.
+        window: side of a picture in pixels, 8 to 512.
+        supersample: number of canvas pixels per picture pixel in each direction, 1 to 8.
+        dabs_per_radius: number of dabs on a length of one radius. The default is the sum of libmypaint's dabs per
+            basic radius and per actual radius, 6 and 6, because the two radii are equal here.
+        hardness: hardness of a dab's profile, from 0 (a needle) to 1 (a disc).
+        opaque: opacity without pressure, before it is multiplied by the pressure, 0 to 1.
         opaque_by_pressure: opacity that full pressure adds, 0 to 1.
-        opaque_linearize: 0: as it is; 1: make dabs paler, so that those over one point together have the opacity. The
-            brush has 0; libmypaint's default for other brushes, 0.9, makes its strokes a faint mist.
-        offset_by_random: radii, at full pressure.
-        radius_by_random: spread of the logarithm of the radius.
+        opaque_linearize: reduction of a dab's opacity, from 0 (none) to 1 (all dabs over a point together have the
+            opacity). The brush has 0; libmypaint's default for other brushes, 0.9, makes its strokes a faint mist.
+        offset_by_random: displacement of dabs at full pressure, in radii.
+        radius_by_random: standard deviation of the logarithm of the radius.
         pressure: pressure in the middle of a stroke, above 0 to 1.
-        end_pressure: at its start and end, 0 to 1; give both the same number for a constant pressure.
-        head: share of the length over which the pressure rises.
-        tail: share of the length from which on it sinks.
+        end_pressure: pressure at both ends of a stroke, 0 to 1; equal to ``pressure`` for a constant pressure.
+        head: fraction of the length over which the pressure rises.
+        tail: fraction of the length after which the pressure falls.
     """
 
     def __init__(
@@ -91,10 +93,10 @@ class Dabs(Engine):
 
 
 def half_width(hardness: float, opacity: float, per_radius: float, offset: float) -> float:
-    """Distance from the axis of a long straight band, in radii, at which its expected alpha is half of the axis's.
+    """Compute the distance from a long stroke's axis, in radii, at which the expected alpha is half that on the axis.
 
-    At distance y the expected alpha is 1 - exp(-s(y)): s is the opacity that the dabs of the whole axis add up to
-    there, which is the integral of a dab's profile along the axis, averaged over its displacement of spread ``offset``.
+    At distance y, the expected alpha is 1 - exp(-s(y)). Here s is the summed opacity of all dabs along the axis: the
+    integral of a dab's profile along the axis, averaged over displacements with standard deviation ``offset``.
     """
     across = np.linspace(-1, 1, GRID)
     square = across[:, None] ** 2 + across**2
@@ -109,7 +111,7 @@ def half_width(hardness: float, opacity: float, per_radius: float, offset: float
 
 
 def _sum_of_four() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Values of a sum of four uniform numbers, scaled to mean 0 and variance 1, and how probable they are."""
+    """Return the values and probabilities of a sum of four uniform numbers, scaled to mean 0 and variance 1."""
     x = np.linspace(-2, 2, GRID)
     far = np.abs(x)
     density = np.where(far < 1, 4 - 6 * far**2 + 3 * far**3, (2 - far) ** 3)

@@ -1,1 +1,1 @@
-"""Exporters that write pyramids."""
+"""Exporters that write image pyramids."""

@@ -1,4 +1,4 @@
-"""Write the painting as a Deep Zoom image, with a page to view it."""
+"""Write the painting as a Deep Zoom image with a viewer page."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,9 +11,10 @@ from brushexp_canvases.levels import archive, levels_of
 @register("to", "dzi")
 @dataclass(kw_only=True)
 class DeepZoom(Exporter):
-    """``dzi.zip``: ``painting.dzi`` with its tiles, for web pages, and ``view.html``, which shows them from disk.
+    """Writes ``dzi.zip``: ``painting.dzi`` with its tiles, for web pages, and ``view.html``, a viewer for local use.
 
-    ``resolution=`` makes the image larger than the painting: strokes, not pixels, are scaled, and are drawn in bands.
+    ``resolution=`` makes the image larger than the painting: strokes are scaled instead of pixels, and are drawn in
+    bands.
     """
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:

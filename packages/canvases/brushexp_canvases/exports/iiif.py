@@ -12,10 +12,10 @@ from brushexp_canvases.pyramid import BASE, write_iiif
 @register("to", "iiif")
 @dataclass(kw_only=True)
 class Iiif(Exporter):
-    """``iiif.zip``: ``manifest.json`` (Presentation API 3) and tiles (Image API 3, level 0), at any ``resolution``.
+    """Writes ``iiif.zip``: ``manifest.json`` (Presentation API 3), and tiles (Image API 3, level 0) at any resolution.
 
     Args:
-        base: address at which the files will be served; IIIF documents use it to refer to each other.
+        base: address at which the files will be served; the IIIF documents refer to each other by it.
     """
 
     base: str = BASE

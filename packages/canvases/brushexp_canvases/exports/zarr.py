@@ -17,7 +17,7 @@ CHUNK = 1024  # side of a chunk in pixels
 @register("to", "zarr")
 @dataclass(kw_only=True)
 class Zarr(Exporter):
-    """``painting.ome.zarr.zip``: levels of halved size in chunks (OME-Zarr 0.5), sharp at any ``resolution``."""
+    """Writes ``painting.ome.zarr.zip``: levels of halved size in chunks (OME-Zarr 0.5), sharp at any resolution."""
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
         with TemporaryDirectory(prefix="brushexp-") as temporary, levels_of(job) as levels:

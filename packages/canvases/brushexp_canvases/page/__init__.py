@@ -1,6 +1,7 @@
-"""Write a page that shows a pyramid from disk, with pan, zoom, a curtain over other layers, and sharp strokes up close.
+"""Write a page that shows a pyramid from disk, with pan, zoom, a comparison slider, and sharp strokes up close.
 
-Strokes are stored in square cells. Each cell is a script next to the page, loaded when that area is viewed up close.
+Strokes are stored in square cells. Each cell is a script next to the page, which is loaded when that area is viewed up
+close.
 """
 
 import json
@@ -30,9 +31,10 @@ JobOf = Callable[[Region], ExportJob]
 def write_page(
     folder: Path, size: tuple[int, int], names: list[str], title: str, lead: str, strokes: dict[str, Any] | None = None
 ) -> Path:
-    """Write ``view.html``, which shows the Deep Zoom images ``names`` of ``size`` (H, W) in the same folder, from disk.
+    """Write ``view.html``, a page that shows the Deep Zoom images in the same folder, also from disk.
 
-    The first image is the painting; ``target`` may be among the others. ``strokes`` is the result of `write_strokes`.
+    ``names`` are the names of the images, all of ``size`` (H, W). The first image is the painting; another image may be
+    called ``target``. ``strokes`` is the result of `write_strokes`.
     """
     layers = [*names[1:], *(["difference"] if "target" in names else [])]
     data = {"height": size[0], "width": size[1], "tile": TILE, "names": names, "strokes": strokes}
@@ -42,7 +44,7 @@ def write_page(
 
 
 def write_viewer(folder: Path, levels: dict[str, list[Level]], title: str, count: int, job_of: JobOf) -> None:
-    """Write a painting of ``count`` strokes, and other pictures of its size, as Deep Zoom images with a page."""
+    """Write a painting with ``count`` strokes, and other pictures of the same size, as Deep Zoom images with a page."""
     for name, pictures in levels.items():
         write_dzi(folder, name, pictures)
     height, width = size = levels["painting"][0].size
@@ -53,9 +55,9 @@ def write_viewer(folder: Path, levels: dict[str, list[Level]], title: str, count
 def write_strokes(folder: Path, size: tuple[int, int], job_of: JobOf) -> dict[str, Any]:
     """Write the strokes of a painting of ``size`` (H, W), and return the data that the page needs to load them.
 
-    ``job_of`` returns all strokes that reach into a region, in pixels from its corner. Each ``column_row.js`` calls
-    `brushexp.cell` with the output of `pack_strokes` for the strokes that reach into a cell, in pixels from the cell's
-    corner; a stroke is in every cell that it reaches. ``textures.js`` contains all textures.
+    ``job_of`` returns all strokes that reach into a region, in pixels from the region's corner. Each ``column_row.js``
+    calls `brushexp.cell` with the output of `pack_strokes` for the strokes that reach into one cell, in pixels from the
+    cell's corner; a stroke is stored in every cell that it reaches into. ``textures.js`` contains all textures.
     """
     exact, textures = True, None
     with atomic_folder(folder / FOLDER) as into:
@@ -74,12 +76,12 @@ def write_strokes(folder: Path, size: tuple[int, int], job_of: JobOf) -> dict[st
 
 
 def of_all(job: ExportJob) -> JobOf:
-    """Return a function that finds the strokes of a painting that reach into a region."""
+    """Return a function that keeps only the strokes of a painting that reach into a given region."""
     return lambda part: _within(job, part, job.size)
 
 
 def _within(job: ExportJob, part: Region, size: tuple[int, int]) -> ExportJob:
-    """Keep the strokes that reach into a region, in pixels from its corner; ``size`` (H, W) is the whole painting's."""
+    """Keep the strokes that reach into a region, in pixels from its corner; the whole painting has ``size`` (H, W)."""
     number = job.bottom_up[reaching(job.strokes, part, job.renderer.edge)[job.bottom_up]]
     strokes = job.strokes[number].moved(shift=(-part.left, -part.top))
     depth = torch.arange(len(number), dtype=torch.int32)

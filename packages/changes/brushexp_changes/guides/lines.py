@@ -20,13 +20,13 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Lines:
-    """Line directions: weights ``say`` (H, W), 1 on a line and 0 far away, and unit vectors ``doubled`` (2, H, W)."""
+    """Line directions: weights ``say`` (H, W), from 1 on a line to 0 far away, and doubled directions (2, H, W)."""
 
     say: Array
     doubled: Array
 
     def directions(self, points: Array, own: Array) -> Array:
-        """Blend doubled directions ``own`` (n, 2) with those of lines at points (n, 2); return plain unit vectors."""
+        """Blend doubled directions ``own`` (n, 2) with line directions at points (n, 2); return unit vectors."""
         say = sampled_at(self.say, *points.T)[:, None]
         x, y = (say * sampled_at(self.doubled, *points.T).T + (1 - say) * own).T
         angle = 0.5 * np.arctan2(y, x)
@@ -34,7 +34,7 @@ class Lines:
 
 
 def load_lines(path: str, size: tuple[int, int]) -> Lines:
-    """Load a picture of lines for a canvas of ``size`` (H, W); raise UserError if it contains none."""
+    """Load a picture of lines for a canvas of ``size`` (H, W); raise UserError if it does not contain lines."""
     picture = load_picture(path, max(size), "guides")
     picture = functional.interpolate(picture[None], size, mode="bilinear", align_corners=False)[0]
     ink = (1 - picture).amax(0).numpy().astype(np.float64)
@@ -46,7 +46,7 @@ def load_lines(path: str, size: tuple[int, int]) -> Lines:
 
 
 def lines_of(ink: Array) -> Lines:
-    """Find the directions of lines in a picture of their ink (H, W), 0 to 1."""
+    """Estimate line directions from the ink of lines (H, W), 0 to 1."""
     from scipy.ndimage import distance_transform_edt  # noqa: PLC0415  (slow to import)
 
     side = max(ink.shape)
@@ -58,7 +58,7 @@ def lines_of(ink: Array) -> Lines:
 
 @torch.no_grad()
 def follow(strokes: Strokes, lines: Lines) -> Strokes:
-    """Align N strokes with nearby lines, keeping centre, length, width and colour; all others stay bit-identical."""
+    """Align strokes near lines, keeping centre, length, width and colour; other strokes stay bit-identical."""
     half = torch.full((len(strokes),), 0.5)
     middles = point_at(curve_of(strokes), half.to(strokes.position)).double().cpu().numpy()
     rows = torch.from_numpy(np.flatnonzero(sampled_at(lines.say, *middles.T) > LEAST_SAY)).to(strokes.position.device)
@@ -73,7 +73,7 @@ def follow(strokes: Strokes, lines: Lines) -> Strokes:
 
 
 def _trace(lines: Lines, point: Array, own: Array, ahead: Array, reach: Array) -> Array:
-    """Trace the lines from points (n, 2) for ``reach`` (n,) pixels, setting out in directions ``ahead`` (n, 2)."""
+    """Follow the lines from points (n, 2) for ``reach`` (n,) pixels, starting in directions ``ahead`` (n, 2)."""
     for _ in range(SUBSTEPS):
         point = point + ahead * (reach / SUBSTEPS)[:, None]
         turned = lines.directions(point, own)

@@ -18,12 +18,12 @@ SHAPE = ("position", "scale", "start", "control", "end", "width", "softness", "w
 
 
 class Fence(nn.Module):
-    """Limit changes to strokes that lie wholly inside a region, and keep them there; all others stay bit-identical.
+    """Limit changes to strokes that are wholly inside a region, and keep them inside; other strokes stay bit-identical.
 
-    The height of lit paint is relative to the median width of all strokes. A stroke above the median therefore stays
-    above it, a narrower stroke stays below it, and the median is bit-identical.
+    The height of lit paint is relative to the median width of all strokes. Strokes wider than the median therefore stay
+    wider, narrower strokes stay narrower, and the median stays bit-identical.
 
-    The region is measured in pixels of the painting; one unit of the strokes is ``zoom`` of these pixels.
+    The region is given in pixels of the painting; one unit of the strokes' coordinates is ``zoom`` of these pixels.
     """
 
     room: Tensor
@@ -39,9 +39,10 @@ class Fence(nn.Module):
 
     @torch.no_grad()
     def forward(self, strokes: Strokes, before: Strokes | None = None, rows: Tensor | None = None) -> Strokes:
-        """Restrict strokes (numbers ``rows``, or all) to the changes that the region permits.
+        """Restrict strokes (those with indices ``rows``, or all) to the changes that the region permits.
 
-        A stroke that leaves the region returns to its place ``before`` the step or, if that is None, in the painting.
+        A stroke that leaves the region is moved back to its shape in ``before``, the strokes before the step, or to its
+        shape in the painting if ``before`` is None.
         """
         first, inner = self.first(), self.inner
         typical = half_width_of(first).median()
@@ -58,7 +59,7 @@ class Fence(nn.Module):
 
     @torch.no_grad()
     def holds(self, strokes: Strokes, slack: float = SLACK) -> Tensor:
-        """Mark strokes (N,) wholly inside the region, including soft edges; parts off the canvas count as inside."""
+        """Mark strokes (N,) that are wholly inside the region with their soft edges; off the canvas is inside."""
         strokes = strokes.moved(zoom=self.zoom)
         t = torch.linspace(0, 1, SAMPLES).to(strokes.position)
         points = point_at(curve_of(strokes)[:, None], t)  # (N, SAMPLES, 2)
@@ -79,8 +80,9 @@ def choose(which: Tensor, strokes: Strokes, others: Strokes, names: Iterable[str
 def room_in(mask: Tensor, job: ExportJob) -> Tensor:
     """Compute how far paint may extend from each pixel of a ``mask`` (H, W), bool, in pixels (H, W).
 
-    This is the distance to the nearest pixel that can influence a pixel outside: through the light, whose slopes span
-    one pixel to each side; through the paper; or through its tile, whose blend stops once all pixels are opaque.
+    This is the distance to the nearest pixel that can influence a pixel outside the mask: through the light, whose
+    slopes span one pixel to each side; through the paper; or through its tile, whose blend stops once all pixels are
+    opaque.
     """
     from scipy.ndimage import distance_transform_edt, maximum_filter  # noqa: PLC0415  (--help does not need it)
 

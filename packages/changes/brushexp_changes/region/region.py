@@ -26,9 +26,9 @@ MASK_THRESHOLD = 0.5  # brightness at which a pixel counts as inside the mask
 class Region(Change):
     """Repaint one region of a painting; the rest stays bit-identical: ``region=mask.png catalogue=outputs/x``.
 
-    Only strokes that lie wholly inside the region move and change colour. Renderer, blend, colour, paper, light, order
-    and ground are taken from the painting, as is the size at which strokes are optimised, unless ``working_resolution``
-    is set.
+    Only strokes that are wholly inside the region move and change colour. Renderer, blend, colour, paper, light, order
+    and ground are taken from the painting. Strokes are optimised at the same size as before, unless
+    ``working_resolution`` is set.
 
     Args:
         mask: picture with the painting's aspect ratio, bright where the painting should be repainted.
@@ -106,7 +106,7 @@ class Region(Change):
 
 
 def as_painted(cfg: DictConfig, job: ExportJob) -> DictConfig:
-    """Return settings that render a painting's strokes as before, and that neither add nor remove strokes."""
+    """Return settings that render the strokes as in the existing painting, and that neither add nor remove strokes."""
     saved, recorded = job.saved, recorded_settings(job.saved)
     nodes: dict[str, Any] = {name: recorded[name] for name in AS_PAINTED if recorded.get(name)}
     nodes["renderer"] = recorded["renderer"] | {"_target_": _target_of("renderer", saved.renderer)}
@@ -125,7 +125,7 @@ def as_painted(cfg: DictConfig, job: ExportJob) -> DictConfig:
 
 
 def working_resolution_of(job: ExportJob) -> str | None:
-    """Return the ``working_resolution`` at which a painting was optimised; None if that is its own size."""
+    """Return the ``working_resolution`` at which a painting was optimised, or None if it was its own size."""
     recorded = recorded_settings(job.saved)
     side = recorded.get("working_resolution")
     if side == AUTO and recorded.get("resolution") is None:

@@ -1,1 +1,1 @@
-"""Paint with given tubes and brushes (``tubes=``), write plans for painting by hand, and measure colour differences."""
+"""Paint with given tubes and brushes (``tubes=``), plan painting by hand, and measure colour differences."""

@@ -15,7 +15,7 @@ MM3_PER_ML = 1000.0
 
 
 def millilitres_of_mixtures(plan: Plan) -> np.ndarray:
-    """Estimate the amount (M,) of each mixture in ml, including what stays on the palette."""
+    """Estimate the amount (M,) of each mixture in ml, including paint left on the palette."""
     area = np.zeros(len(plan.table.mixtures))
     for stage in plan.stages:
         area[stage.mixture] += stage.metres * stage.brush_mm * MM2_PER_M_MM
@@ -23,7 +23,7 @@ def millilitres_of_mixtures(plan: Plan) -> np.ndarray:
 
 
 def millilitres_of_tubes(plan: Plan) -> dict[str, float]:
-    """Estimate the paint needed from each tube in ml, omitting unused tubes."""
+    """Estimate the paint needed from each tube in ml; unused tubes are omitted."""
     mixtures = plan.table.mixtures
     if not len(mixtures):
         return {}
@@ -33,7 +33,7 @@ def millilitres_of_tubes(plan: Plan) -> dict[str, float]:
 
 
 def hours_of(plan: Plan) -> float:
-    """Estimate how many hours a person needs to paint, including mixing but not drying."""
+    """Estimate how many hours a person needs to paint the plan, including mixing but excluding drying."""
     used = len({stage.mixture for stage in plan.stages})
     seconds = SECONDS_PER_STROKE * len(plan.order) + SECONDS_PER_DIP * plan.dips
     seconds += SECONDS_PER_MIXTURE * used + SECONDS_PER_STAGE * len(plan.stages)

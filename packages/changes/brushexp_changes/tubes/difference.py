@@ -9,7 +9,7 @@ from brushexp.contracts.pictures import to_lab
 
 
 def median_difference(image: Tensor, target: Tensor) -> float:
-    """Compute the median CIEDE2000 over the pixels of two sRGB pictures (3, H, W) in [0, 1]."""
+    """Compute the median CIEDE2000 difference between the pixels of two sRGB pictures (3, H, W) in [0, 1]."""
     from skimage.color import deltaE_ciede2000  # noqa: PLC0415  (slow to import)
 
     labs = (to_lab(picture.flatten(1).T.double().cpu().numpy()) for picture in (image, target))

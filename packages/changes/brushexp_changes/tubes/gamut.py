@@ -23,10 +23,10 @@ SOFT = 2.0  # CIELAB units added to distances, so that no single mixture dominat
 @register("palette", "pigments")
 @dataclass(kw_only=True, eq=False)
 class OfPigments(Palette):
-    """A limited palette: any number of the colours that mixtures of named paints can produce.
+    """Limits a palette to the colours that mixtures of named paints can produce, without limiting their number.
 
-    Tones are mapped between the darkest and the lightest grey of the paints, and each colour moves to the mixtures
-    nearest to it in CIELAB.
+    Tones are mapped to the range between the darkest and the lightest grey of the paints, and each colour is moved to
+    the nearest mixtures in CIELAB.
 
     Args:
         tubes: set of tubes: eight, acrylics, primaries, zorn, or a CSV file.
@@ -47,7 +47,7 @@ class OfPigments(Palette):
 
     @cached_property
     def _table(self) -> Array:
-        """Map a lattice of sRGB colours to colours of mixtures (3, `NODES`, `NODES`, `NODES`)."""
+        """Lookup table (3, `NODES`, `NODES`, `NODES`) that maps sRGB colours to the colours of mixtures."""
         from scipy.spatial import KDTree  # noqa: PLC0415  (slow to import)
 
         mixtures, side = self._mixtures.color.double().numpy(), np.linspace(0, 1, NODES)

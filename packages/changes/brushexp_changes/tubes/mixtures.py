@@ -1,4 +1,4 @@
-"""List mixtures of a few tubes in simple proportions, and choose those that a picture needs."""
+"""List mixtures of a few tubes in simple proportions, and choose the mixtures that a picture needs."""
 
 from dataclasses import dataclass
 from itertools import combinations, product
@@ -23,7 +23,7 @@ ROUNDS = 30  # upper bound on rounds of exchanging mixtures; a few suffice
 
 @dataclass(frozen=True, eq=False)
 class Mixtures:
-    """M mixtures: whole ``parts`` (M, T) of each tube, and sRGB colours ``color`` (M, 3) in [0, 1], float32."""
+    """M mixtures: integer ``parts`` (M, T) of each tube, and sRGB colours ``color`` (M, 3) in [0, 1], float32."""
 
     tubes: tuple[str, ...]
     parts: Array
@@ -59,7 +59,7 @@ def all_mixtures(tubes: Tubes) -> Mixtures:
 
 
 def differences(first: Array, second: Array) -> Array:
-    """Compute CIEDE2000 (N, M) between sRGB colours (N, 3) and (M, 3)."""
+    """Compute the CIEDE2000 differences (N, M) between sRGB colours (N, 3) and (M, 3)."""
     from skimage.color import deltaE_ciede2000  # noqa: PLC0415  (slow to import)
 
     return np.asarray(deltaE_ciede2000(to_lab(first)[:, None], to_lab(second)[None]))
@@ -75,7 +75,7 @@ def counted_colors(picture: Tensor) -> tuple[Array, Array]:
 
 
 def near(candidates: Mixtures, colors: Array) -> Mixtures:
-    """Keep the mixtures that are among the ``NEAREST`` to any of the colours (N, 3) in CIELAB."""
+    """Keep the mixtures that are among the ``NEAREST`` neighbours of any of the colours (N, 3) in CIELAB."""
     from scipy.spatial import KDTree  # noqa: PLC0415  (slow to import)
 
     tree = KDTree(to_lab(candidates.color.double().numpy()))
@@ -84,10 +84,10 @@ def near(candidates: Mixtures, colors: Array) -> Mixtures:
 
 
 def choose_mixtures(candidates: Mixtures, picture: Tensor, count: int) -> Mixtures:
-    """Choose at most ``count`` mixtures that minimise the mean CIEDE2000 from the pixels of a picture (3, H, W).
+    """Choose up to ``count`` mixtures that minimise the mean CIEDE2000 difference from a picture (3, H, W).
 
-    Mixtures are added greedily; then each is exchanged for the best one for its nearest pixels, until nothing changes
-    (k-medoids). The result is sorted from dark to light.
+    Mixtures are added greedily. Then each mixture is replaced by the best mixture for the pixels nearest to it, until
+    nothing changes (k-medoids). The result is sorted from dark to light.
     """
     colors, weight = counted_colors(picture)
     candidates = near(candidates, colors)
@@ -107,7 +107,7 @@ def choose_mixtures(candidates: Mixtures, picture: Tensor, count: int) -> Mixtur
 def map_tones(picture: Tensor, mixtures: Mixtures) -> Tensor:
     """Map the luminance of a picture (3, H, W) to the range between the mixtures' darkest and lightest grey.
 
-    This is the black point compensation used in printing (ISO 18619, 2015), applied to the white point as well; it is
+    This is the black point compensation used in printing (ISO 18619, 2015), applied to the white point as well. It is
     linear in light and therefore preserves hues.
     """
     colors = mixtures.color.double().numpy()

@@ -1,4 +1,4 @@
-"""Draw the pages of a plan: overview, mixtures, stages, a paint-by-numbers drawing, and sheets of strokes."""
+"""Draw the pages of a plan: an overview, mixtures, stages, a paint-by-numbers drawing, and sheets of strokes."""
 
 from __future__ import annotations
 
@@ -53,7 +53,8 @@ def draw_plan(
 ) -> None:
     """Write all pages as a PDF, byte-identical for the same plan; raise UserError if there are too many.
 
-    ``scale`` applies to the sheets of strokes. No part of the paint-by-numbers drawing is smaller than ``smallest_mm``.
+    ``scale`` applies to the sheets of strokes; ``smallest_mm`` is the minimum size of parts of the paint-by-numbers
+    drawing.
     """
     from matplotlib.backends.backend_pdf import PdfPages  # noqa: PLC0415  (slow to import)
 
@@ -92,7 +93,7 @@ def _pages(
 
 
 def _tiles(plan: Plan, scale: float) -> list[Tile]:
-    """Divide the painting into equal tiles that each fit on a sheet."""
+    """Divide the painting into tiles of equal size that each fit on a sheet."""
     across, down = PAGE[0] - 2 * MARGIN, PAGE[1] - 2 * MARGIN - HEAD
     height, width = (side / plan.pixels_per_mm * scale for side in plan.job.size)
     rows, columns = max(1, ceil(height / down - 1e-6)), max(1, ceil(width / across - 1e-6))
@@ -101,7 +102,7 @@ def _tiles(plan: Plan, scale: float) -> list[Tile]:
 
 
 def _page(title: str) -> tuple[Figure, Axes]:
-    """Start a page with axes in mm from its upper left corner."""
+    """Start a page with axes in mm from the page's upper left corner."""
     from matplotlib.figure import Figure  # noqa: PLC0415
 
     figure = Figure(figsize=(PAGE[0] * MM, PAGE[1] * MM), facecolor="white")
@@ -153,7 +154,7 @@ def _overview(plan: Plan, title: str, remarks: Sequence[str]) -> Figure:
 
 
 def _ground(plan: Plan) -> str:
-    """Write a sentence that says which mixture is used to tint the ground."""
+    """Return a sentence that names the mixture for tinting the ground."""
     mixtures = plan.table.mixtures
     if not len(mixtures):
         return "Leave the ground as it is."
@@ -162,7 +163,7 @@ def _ground(plan: Plan) -> str:
 
 
 def _in_parts(count: int) -> Iterator[range]:
-    """Divide rows among pages; if there are no rows, return one empty page."""
+    """Divide rows among pages; without rows, return one empty page."""
     return (range(first, min(first + ROWS, count)) for first in range(0, max(1, count), ROWS))
 
 
@@ -195,7 +196,7 @@ def _stages(plan: Plan) -> Iterator[Figure]:
 
 
 def _pictures(plan: Plan) -> Iterator[Figure]:
-    """Play the plan back and draw the painting after each stage."""
+    """Play the plan back, and draw the painting after each stage."""
     height, width = plan.job.size
     room = (PAGE[0] - 2 * MARGIN) / ACROSS, (PAGE[1] - 2 * MARGIN - HEAD) / DOWN
     across = min(room[0] - GAP, (room[1] - GAP - CAPTION) * width / height)
@@ -241,7 +242,7 @@ def _by_numbers(plan: Plan, smallest_mm: float) -> Figure:
 
 
 def _grid(axes: Axes, plan: Plan, frame: Sequence[float], corner: tuple[float, float], scale: float) -> None:
-    """Draw the painting's grid and border in a frame (left, right, bottom, top), starting at ``corner``."""
+    """Draw a painting's grid and border in a frame (left, right, bottom, top), with ``corner`` at its upper left."""
     height, width = (side / plan.pixels_per_mm for side in plan.job.size)
     left, right, bottom, top = frame
     axes_of = (width, corner[0], left, right), (height, corner[1], top, bottom)
@@ -261,7 +262,7 @@ def _grid(axes: Axes, plan: Plan, frame: Sequence[float], corner: tuple[float, f
 
 
 def _sheet(plan: Plan, number: int, tile: Tile, scale: float) -> Figure:
-    """Draw the part of a brush's strokes that lies on a tile, enlarged by ``scale``."""
+    """Draw a sheet with the strokes of a brush within a tile, enlarged by ``scale``."""
     from matplotlib.collections import LineCollection  # noqa: PLC0415
     from matplotlib.patches import Rectangle  # noqa: PLC0415
 
@@ -289,7 +290,7 @@ def _sheet(plan: Plan, number: int, tile: Tile, scale: float) -> Figure:
 
 
 def _numbered(axes: Axes, plan: Plan, rows: torch.Tensor, points: Array, clip: Patch, size: float) -> None:
-    """Write each stroke's mixture number on it, in a font of ``size`` points, and a dot where the stroke begins."""
+    """Label each stroke with its mixture's number, in a font of ``size`` points, and mark its beginning with a dot."""
     mixture = plan.table.mixture_of(plan.strokes.color[rows]).tolist()
     bright = plan.strokes.color[rows].mean(1).tolist()
     for k, line in enumerate(points):

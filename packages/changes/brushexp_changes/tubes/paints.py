@@ -47,7 +47,7 @@ SETS = {  # sets of tubes by name, each from a file in this folder
 
 @dataclass(frozen=True, eq=False)
 class Tubes:
-    """T tubes and their mixing model: ``mix`` maps parts (M, T), 0 or more, to sRGB (M, 3) in [0, 1]."""
+    """T tubes and their mixing model: ``mix`` maps nonnegative parts (M, T) to sRGB colours (M, 3) in [0, 1]."""
 
     names: tuple[str, ...]
     mix: Callable[[Array], Array]
@@ -59,9 +59,9 @@ class Tubes:
 def load_tubes(name: str, option: str = "tubes") -> Tubes:
     """Load a shipped set of tubes or the user's CSV file; raise UserError if the file is invalid.
 
-    The file has a column ``tube`` and, for each tube, ``color`` (sRGB, ``#c8a040``), reflectances ``R400`` to ``R700``,
-    or absorption ``K400`` ... and scattering ``S400`` ..., all in steps of 20 nm. Columns are separated by commas, or
-    by semicolons or tabs, as spreadsheets write them where the decimal mark is a comma.
+    The file has a column ``tube`` and, for each tube, a colour ``color`` (sRGB, ``#c8a040``); or reflectances ``R400``
+    to ``R700``; or absorption ``K400`` ... and scattering ``S400`` .... Spectra are in steps of 20 nm. Columns are
+    separated by commas, or by semicolons or tabs, which spreadsheets use where the decimal mark is a comma.
     """
     file, chosen = SETS.get(name, (name, ()))
     path = Path(__file__).with_name(f"{file}.csv") if name in SETS else Path(file)
@@ -93,7 +93,7 @@ def load_tubes(name: str, option: str = "tubes") -> Tubes:
 
 
 def _values_of(row: dict[str, str], kind: str, where: str) -> Array:
-    """Read the values of a tube: sRGB (3,), reflectances (bands,), or absorption and scattering (2, bands)."""
+    """Parse the values of a tube: sRGB (3,), reflectances (bands,), or absorption and scattering (2, bands)."""
     if kind == "color":
         try:
             return np.array(ImageColor.getrgb((row["color"] or "").strip())[:3]) / 255
@@ -134,7 +134,7 @@ def _shares(parts: Array) -> Array:
 
 
 def _by_color(colors: Array) -> Callable[[Array], Array]:
-    """Mix as ``color=pigment`` does: by geometric means of the reflectances of sRGB colours (T, 3)."""
+    """Mix sRGB colours (T, 3) as ``color=pigment`` does, by geometric means of their reflectances."""
     space = build_named("color", "pigment", {})
     channels = space.encode(torch.from_numpy(colors)).numpy()
 
@@ -146,7 +146,7 @@ def _by_color(colors: Array) -> Callable[[Array], Array]:
 
 
 def _by_light(absorbed: Array, scattered: Array) -> Callable[[Array], Array]:
-    """Mix by Kubelka and Munk (1931): average absorption and scattering (T, bands) of opaque paints."""
+    """Mix opaque paints by averaging absorption and scattering (T, bands) (Kubelka and Munk, 1931)."""
 
     def mix(parts: Array) -> Array:
         ratio = (_shares(parts) @ absorbed) / (_shares(parts) @ scattered)
@@ -165,10 +165,10 @@ def _inside(outside: Array) -> Array:
 
 
 def seen(reflected: Array) -> Array:
-    """Compute sRGB colours (M, 3) of reflectances (M, bands) in daylight (CIE D65), clipped to the gamut.
+    """Compute the sRGB colours (M, 3) of reflectances (M, bands) in daylight (CIE D65), clipped to the gamut.
 
-    Source: the colour matching functions are the fit of Wyman, Sloan and Shirley (2013) to CIE 1931, whose errors
-    cancel for white.
+    The colour matching functions are the fit of Wyman, Sloan and Shirley (2013) to CIE 1931, whose errors cancel for
+    white.
     """
     light = reflected @ _light_of_bands()
     return np.asarray(encode_srgb(light.clip(0, 1)))
@@ -176,7 +176,7 @@ def seen(reflected: Array) -> Array:
 
 @cache
 def _light_of_bands() -> Array:
-    """Compute the linear sRGB (bands, 3) of the light in each band, normalised so that a perfect white is 1."""
+    """Compute the linear sRGB colour (bands, 3) of the light in each band, normalised so that perfect white is 1."""
     matching = np.stack([sum(_lobe(*lobe) for lobe in lobes) for lobes in LOBES.values()], axis=1)
     red, green, blue, white = (np.array([x / y, 1, (1 - x - y) / y]) for x, y in BT709)
     columns = np.stack([red, green, blue], axis=1)

@@ -1,4 +1,4 @@
-"""Plan strokes in stages of one brush and one mixture, with dips; play plans back and draw them as paint-by-numbers."""
+"""Plan strokes in stages of one brush and one mixture, with dips; play plans back, and label areas by mixture."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -38,7 +38,7 @@ class Stage:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """N strokes in painting order, and the paints and brushes for them."""
+    """N strokes in painting order, with their paints and brushes."""
 
     job: ExportJob  # its strokes have the mixtures' colours and the brushes' widths
     table: Table
@@ -52,24 +52,24 @@ class Plan:
 
     @cached_property
     def strokes(self) -> Strokes:
-        """The strokes in painting order."""
+        """Strokes in painting order."""
         return self.job.strokes[self.order]
 
     @cached_property
     def stage(self) -> Tensor:
-        """The stage (N,) of each stroke, non-decreasing."""
+        """Stage (N,) of each stroke, in non-decreasing order."""
         return self.table.stage_of(self.strokes)
 
     @cached_property
     def _lengths(self) -> tuple[Array, Array]:
-        """Length (N,) of each stroke, and the length (N,) that its brush paints with one load, in pixels."""
+        """Length (N,) of each stroke, and length (N,) that its brush paints with one load, in pixels."""
         strokes = self.strokes
         load = self.table.load * self.table.brushes.double()[self.table.brush_of(strokes)]
         return length_of(curve_of(strokes)).double().numpy(), load.numpy()
 
     @cached_property
     def used(self) -> Array:
-        """Length (N,) in pixels painted since the last dip when each stroke begins; 0 if it begins with a dip.
+        """Length (N,) painted since the last dip, in pixels, at the beginning of each stroke; 0 right after a dip.
 
         A brush is dipped at the beginning of a stage, and whenever its load would not last for the next stroke.
         """
@@ -81,14 +81,14 @@ class Plan:
 
     @cached_property
     def coverage(self) -> Array:
-        """Coverage (N, 2) at the beginning and the end of each stroke, between 1 and ``DRIEST``."""
+        """Coverage (N, 2) at the beginning and at the end of each stroke, between ``DRIEST`` and 1."""
         length, load = self._lengths
         spent = np.stack([self.used, self.used + length], axis=1) / load[:, None]
         return 1 - (1 - DRIEST) * ((spent - FULL) / (1 - FULL)).clip(0, 1)
 
     @cached_property
     def stages(self) -> list[Stage]:
-        """The non-empty stages, in order."""
+        """Non-empty stages, in painting order."""
         numbers, first, counts = np.unique(self.stage.numpy(), return_index=True, return_counts=True)
         stages = []
         for k, (stage, begin, end) in enumerate(zip(numbers, first, first + counts, strict=True)):
@@ -104,11 +104,11 @@ class Plan:
 
     @property
     def metres(self) -> float:
-        """Total length of all strokes."""
+        """Total length of all strokes in metres."""
         return sum(stage.metres for stage in self.stages)
 
     def drop_hidden(self, least_visible: float) -> "Plan":
-        """Omit strokes whose visible share in the finished painting is below ``least_visible``."""
+        """Omit strokes whose visible fraction in the finished painting is below ``least_visible``."""
         if len(self.order) < 2 or not least_visible:
             return self
         measures = measure_strokes(self.strokes, torch.arange(len(self.order), dtype=torch.int32), self.job.size)
@@ -123,7 +123,7 @@ class Plan:
     def play_back(self) -> ExportJob:
         """Return the painting that results from following the plan, with brushes that run dry.
 
-        A stroke whose brush runs dry becomes a stack of films: ever shorter copies of the stroke.
+        A stroke whose brush runs dry becomes a stack of films, which are increasingly short copies of the stroke.
         """
         strokes = self.strokes
         start, end = torch.from_numpy(self.coverage).to(strokes.opacity).unbind(1)
@@ -141,7 +141,7 @@ class Plan:
 
 
 def plan_of(job: ExportJob, table: Table, pixels_per_mm: float) -> Plan:
-    """Plan a painting: adapt its strokes to the table and order them by stage, back and forth in strips within each."""
+    """Plan a painting: adapt its strokes to the table, and order them by stage and then back and forth in strips."""
     strokes = table.with_mixtures(table.with_brushes(job.strokes.map(lambda value: value.detach().cpu())))
     job = replace(job, saved=replace(job.saved, strokes=strokes))
     x, y = curve_of(strokes)[:, 0].T.double().numpy()
@@ -154,8 +154,8 @@ def plan_of(job: ExportJob, table: Table, pixels_per_mm: float) -> Plan:
 def numbered_regions(plan: Plan, smallest_mm: float = 0.0) -> Array:
     """Label each pixel (h, w) of the finished plan with its mixture, counted from 0, without slivers and spots.
 
-    Areas too narrow for a disc of diameter ``smallest_mm`` or for the smallest brush, whichever is larger, and parts
-    smaller than a square of that side cannot be painted by hand; they are merged with their neighbours.
+    Areas narrower than ``smallest_mm`` or than the smallest brush, whichever is larger, and parts smaller than a square
+    with this side cannot be painted by hand. They are merged with their neighbours.
     """
     small = plan.play_back().at_most(NUMBERED)
     colors = torch.from_numpy(small.picture()).double() / 255
@@ -170,10 +170,10 @@ def numbered_regions(plan: Plan, smallest_mm: float = 0.0) -> Array:
 
 
 def merge_slivers(regions: Array, side: float) -> Array:
-    """Merge areas narrower than ``side``, and parts smaller than its square, with their neighbours.
+    """Merge areas narrower than ``side``, and parts smaller than ``side`` squared, with their neighbours.
 
-    An area is narrow if a morphological opening with a disc removes it (Serra, 1982). Removed pixels get the number of
-    the nearest remaining pixel, so remaining parts only grow.
+    An area is narrow if a morphological opening with a disc removes it (Serra, 1982). Removed pixels are assigned the
+    number of the nearest remaining pixel, so the remaining parts only grow.
     """
     from scipy.ndimage import distance_transform_edt, label  # noqa: PLC0415  (slow to import)
 
@@ -191,7 +191,7 @@ def merge_slivers(regions: Array, side: float) -> Array:
 
 
 def labels_of(mask: Array) -> Iterator[tuple[int, int, float]]:
-    """Find a position (row, column) for a number in each part of a mask (h, w), and its distance from the edge."""
+    """Yield a position (row, column) for a number in each part of a mask (h, w), and its distance from the edge."""
     from scipy.ndimage import distance_transform_edt, label, maximum_position  # noqa: PLC0415  (slow to import)
 
     parts, count = label(mask)

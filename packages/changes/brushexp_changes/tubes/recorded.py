@@ -1,4 +1,4 @@
-"""Plan a painting with the table used to make it, or with a table applied afterwards."""
+"""Plan a painting with the table that was used to make it, or with a table applied afterwards."""
 
 from collections.abc import Mapping
 from dataclasses import fields
@@ -23,7 +23,7 @@ def recorded_plan(job: ExportJob, options: Mapping[str, Any]) -> tuple[Plan, boo
     """Plan a painting with its recorded table; return the plan, and whether that table applies unchanged.
 
     ``options`` override the recorded options of ``change=tubes``; None keeps a recorded value. A painting made without
-    ``tubes``, or with other tubes, mixtures or brushes, is converted to the nearest ones afterwards.
+    ``tubes``, or with other tubes, mixtures or brushes, is converted to the nearest mixtures and brushes afterwards.
     """
     recorded = (recorded_settings(job.saved).get("change") or {}).get("tubes") or {}
     given = {name: options[name] for name in OPTIONS if options.get(name) is not None}
@@ -48,7 +48,7 @@ def _build(options: dict[str, Any]) -> OfTubes:
 
 
 def mixtures_in(job: ExportJob, candidates: Mixtures) -> Mixtures | None:
-    """Find the mixtures of a painting's strokes, from dark to light; return None if any colour matches no mixture."""
+    """Find the mixtures used in a painting, from dark to light; return None if any stroke has another colour."""
     colors = torch.unique(job.strokes.color.detach().cpu(), dim=0)
     if not len(colors):
         return None

@@ -1,4 +1,4 @@
-"""Write a plan for painting by hand: ``to=plan``."""
+"""Export a plan for painting by hand: ``to=plan``."""
 
 import logging
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ COLUMNS = ["stage", "brush_mm", "mixture", "dip", "x1_mm", "y1_mm", "x2_mm", "y2
 
 @dataclass(frozen=True)
 class Difficulty:
-    """How difficult a plan is to paint."""
+    """Settings for one level of difficulty of a plan."""
 
     options: dict[str, object]  # default options of `PlanSheets` at this difficulty
     smallest_mm: float  # side of the smallest part of the paint-by-numbers drawing
@@ -50,12 +50,12 @@ def _check_difficulty(name: str, option: str) -> None:
 @register("to", "plan")
 @dataclass(kw_only=True)
 class PlanSheets(Exporter):
-    """``plan.pdf`` says what to mix and where to paint, in which order; ``plan.csv`` lists the strokes in mm.
+    """Writes ``plan.pdf``, instructions for painting by hand, and ``plan.csv``, a list of the strokes in mm.
 
-    The PDF contains recipes with parts, swatches and ml; stages of one brush and one mixture, with a picture after
-    each; a paint-by-numbers drawing; and sheets with a grid that show the strokes of each brush. Its first page shows
-    the plan played back with brushes that run dry. Options that are null take the values of ``tubes=`` recorded in the
-    painting; a painting made without ``tubes=`` gets mixtures and brushes afterwards.
+    The PDF contains recipes with parts, swatches and amounts in ml; stages of one brush and one mixture, with a picture
+    after each stage; a paint-by-numbers drawing; and sheets with a grid that show the strokes of each brush. The first
+    page shows the plan played back with brushes that run dry. Options that are null take the values of ``tubes=``
+    recorded in the painting; if it was made without ``tubes=``, mixtures and brushes are chosen afterwards.
 
     Args:
         tubes: set of tubes, or a CSV file.
@@ -64,9 +64,10 @@ class PlanSheets(Exporter):
         width_cm: width of the painting in cm.
         load: length that a brush paints with one load, in brush widths.
         scale: scale of the sheets of strokes relative to the painting; 1 is for tracing.
-        difficulty: difficulty, easy, medium or hard; it sets the size of the smallest part and, unless ``mixtures`` and
-            ``brushes`` are given, the mixtures and brushes; null = as recorded in the painting.
-        target: picture to compare the plan with in the log, for example the run's target.png; null = none.
+        difficulty: level of difficulty, easy, medium or hard. It sets the size of the smallest part and, unless
+            ``mixtures`` and ``brushes`` are given, the mixtures and brushes; null = as recorded in the painting.
+        target: picture to compare the plan with, for example the run's target.png; null = none. The log reports the
+            difference.
     """
 
     tubes: str | None = None
@@ -105,13 +106,13 @@ class PlanSheets(Exporter):
 
 
 def title_of(job: ExportJob) -> str:
-    """Name a plan after the painted picture, never after a run's folder."""
+    """Name a plan after the picture that was painted, not after the folder of the run."""
     image = str(recorded_settings(job.saved).get("image") or "")
     return f"To paint: {Path(image).stem}" if image else "To paint"
 
 
 def remarks_on(plan: Plan, own: bool) -> list[str]:
-    """Summarise in a few lines the work that a plan requires."""
+    """Summarise the work that a plan requires in a few lines."""
     used = len({stage.mixture for stage in plan.stages})
     paint = sum(millilitres_of_tubes(plan).values())
     return [
@@ -122,7 +123,7 @@ def remarks_on(plan: Plan, own: bool) -> list[str]:
 
 
 def difference_from(plan: Plan, picture: str) -> float:
-    """Measure the median CIEDE2000 between a played-back plan and a picture of the same shape."""
+    """Compute the median CIEDE2000 difference between a played-back plan and a picture with the same aspect ratio."""
     played = torch.from_numpy(plan.play_back().picture()).movedim(2, 0) / 255
     height, width = played.shape[1:]
     target = load_picture(picture, max(height, width))
@@ -132,7 +133,7 @@ def difference_from(plan: Plan, picture: str) -> float:
 
 
 def table_of(plan: Plan) -> str:
-    """Format a plan as CSV, with one line per stroke in painting order, in mm from the upper left corner."""
+    """Format a plan as CSV with one line per stroke, in painting order and in mm from the upper left corner."""
     curves = (curve_of(plan.strokes) / plan.pixels_per_mm).flatten(1).tolist()
     rows = []
     for stage in plan.stages:

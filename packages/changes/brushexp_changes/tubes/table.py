@@ -22,9 +22,9 @@ class Table:
     load: float  # length that a brush paints between dips, in brush widths
 
     def mixture_of(self, color: Tensor) -> Tensor:
-        """Find the perceptually nearest mixture (N,) to each colour (N, 3), by CIEDE2000.
+        """Find the perceptually nearest mixture (N,) for each colour (N, 3), by CIEDE2000.
 
-        Most colours already match a mixture exactly and skip that computation.
+        Most colours already match a mixture exactly, and CIEDE2000 is computed only for the others.
         """
         mixtures = self.mixtures.color.to(color)
         away, number = torch.cdist(color, mixtures, compute_mode="donot_use_mm_for_euclid_dist").min(1)
@@ -36,12 +36,12 @@ class Table:
         return number
 
     def brush_of(self, strokes: Strokes) -> Tensor:
-        """Find the brush (N,) whose width is closest, as a ratio, to the width of each stroke."""
+        """Find the brush (N,) whose width is closest to the width of each stroke, measured as a ratio."""
         width = 2 * half_width_of(strokes).clamp_min(SHORTEST)
         return (width.log()[:, None] - self.brushes.to(width).log()).abs().argmin(1)
 
     def deal(self, strokes: Strokes) -> Strokes:
-        """Assign brushes to strokes by the rank of their widths, so that each brush paints about the same area."""
+        """Assign brushes to strokes by rank of stroke width, so that each brush paints about the same area."""
         share = (1 / self.brushes.double().square()).cumsum(0)
         place = torch.arange(1, len(strokes) + 1) / max(1, len(strokes))
         brush = torch.searchsorted(share / share[-1], place.double() * (1 - ROUNDING))
@@ -49,7 +49,7 @@ class Table:
         return self.with_brushes(replace(strokes, width=self.brushes[brush].to(strokes.width)[rank] / strokes.scale))
 
     def with_brushes(self, strokes: Strokes) -> Strokes:
-        """Make strokes opaque, uniformly as wide as their brushes, and at most one load long around their centres."""
+        """Make strokes opaque, uniformly as wide as their brushes, and at most one load long, with the same centres."""
         width = self.brushes.to(strokes.scale)[self.brush_of(strokes)]
         share = (self.load * width / length_of(curve_of(strokes)).clamp_min(SHORTEST)).clamp_max(1)[:, None]
         middle = (strokes.start + 2 * strokes.control + strokes.end) / 4
@@ -64,12 +64,12 @@ class Table:
         return replace(strokes, color=color, drift=torch.zeros_like(color))
 
     def stage_of(self, strokes: Strokes) -> Tensor:
-        """Number the stage (N,) of each stroke: large brushes first, and within a brush from dark to light."""
+        """Compute the stage (N,) of each stroke: from large to small brushes, and from dark to light within a brush."""
         return self.brush_of(strokes) * len(self.mixtures) + self.mixture_of(strokes.color)
 
 
 class StageOrder(Order):
-    """Put strokes of later stages on top."""
+    """Order that puts strokes of later stages on top."""
 
     every, until = 1, 1.0
 

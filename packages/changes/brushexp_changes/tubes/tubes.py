@@ -33,10 +33,10 @@ AUTO = "auto"  # value of working_resolution that depends on the number of strok
 class OfTubes(Change):
     """Paint with given tubes and brushes, for painting by hand: ``tubes=zorn brushes=[25,12,6] width_cm=40``.
 
-    From the start, strokes are opaque, as wide as one of the brushes, and no longer than a load of paint lasts. After
-    two fifths of the steps, each stroke has the colour of a mixture, which is reassigned every few steps while
-    position, length and bend are still optimised. Strokes of large brushes lie below those of small ones, and within a
-    brush, dark mixtures lie below light ones.
+    From the beginning, strokes are opaque, as wide as one of the brushes, and no longer than a load of paint lasts.
+    After two fifths of the steps, each stroke gets the colour of a mixture. Mixtures are reassigned every few steps,
+    while position, length and bend are still optimised. Strokes of large brushes are below strokes of small brushes;
+    within a brush, dark mixtures are below light mixtures.
 
     Args:
         tubes: set of tubes to paint with: eight, acrylics, primaries, zorn, or a CSV file.
@@ -54,7 +54,7 @@ class OfTubes(Change):
     _table: Table | None = field(default=None, init=False, repr=False)  # set once the target is known
 
     def settings(self, cfg: DictConfig) -> DictConfig:
-        """Enlarge the picture until the thinnest brush is one pixel wide, provided the photograph is large enough."""
+        """Enlarge the working picture until the thinnest brush is one pixel wide, if the photograph is large enough."""
         if cfg.working_resolution != AUTO or cfg.resolution is not None or not self.brushes:
             return cfg
         sizes = sizes_of(cfg)
@@ -86,11 +86,11 @@ class OfTubes(Change):
         return toned
 
     def table_for(self, target: Tensor, candidates: Mixtures) -> Table:
-        """Choose mixtures for a target (3, H, W) and scale the brushes to it."""
+        """Make a table for a target (3, H, W): choose its mixtures, and scale the brushes to its size."""
         return self.table_of(choose_mixtures(candidates, target, self.mixtures), target.shape[2])
 
     def table_of(self, mixtures: Mixtures, width: int) -> Table:
-        """Make a table of mixtures, with brushes scaled to a picture ``width`` pixels wide."""
+        """Make a table of the given mixtures, with brushes scaled to a picture ``width`` pixels wide."""
         brushes = torch.tensor(sorted(set(self.brushes), reverse=True)) * width / (MM_PER_CM * self.width_cm)
         return Table(mixtures, brushes, self.load)
 
@@ -118,9 +118,9 @@ class OfTubes(Change):
 def reassign_mixtures(strokes: Strokes, table: Table, state: PaintingState) -> Strokes:
     """Choose, for each of N strokes, the mixture nearest to the colour that reduces the squared error most.
 
-    The picture is linear in the colours: sum_k w_k c_k, with shares w_k that sum to at most 1. With the picture's
-    error e, the colour c_k + sum(w_k e) / sum(w_k), summed over pixels, minimises a separable upper bound of the
-    squared error (a majoriser), so all strokes can move to their minima at once.
+    The picture is linear in the colours: sum_k w_k c_k, with weights w_k that sum to at most 1. With the picture's
+    error e, the colour c_k + sum(w_k e) / sum(w_k), summed over pixels, minimises a separable upper bound on the
+    squared error (a majoriser), so all strokes can be moved to their minima at once.
     """
     for _ in range(CHOICES_AT_ONCE):
         strokes = table.with_mixtures(replace(strokes, color=best_colors(strokes, state)))

@@ -1,4 +1,4 @@
-"""Drag wet paint: a stroke picks up the paint under its start and carries it along until it runs out."""
+"""Drag wet paint: a stroke picks up the paint under its start, and carries it along until the paint runs out."""
 
 from dataclasses import replace
 
@@ -23,10 +23,11 @@ STARTS = 1024  # starts sampled at once, to limit memory
 def drag_paint(strokes: Strokes, front_to_back: Tensor, state: PaintingState, amount: float) -> tuple[Strokes, Tensor]:
     """Drag paint along N strokes of a painting; return the strokes and their order, front to back.
 
-    ``amount``, 0 to 1, is the share of the underlying colour that a stroke drags along.
+    ``amount``, 0 to 1, is the fraction of the underlying colour that a stroke drags along.
 
-    The dragged paint lies on the stroke as thin films: copies of the stroke that begin at its start, each shorter than
-    the one below, in the colour found under the start. Films are appended to the N strokes, which keep their numbers.
+    The dragged paint is added on top of the stroke as thin films in the colour found under the stroke's start. Films
+    are copies of the stroke that begin at its start, each shorter than the film below. They are appended to the N
+    strokes, which keep their indices.
     """
     if not amount or not len(strokes):
         return strokes, front_to_back
@@ -47,7 +48,7 @@ def drag_paint(strokes: Strokes, front_to_back: Tensor, state: PaintingState, am
 
 @torch.no_grad()
 def sample_under_starts(strokes: Strokes, front_to_back: Tensor, state: PaintingState) -> tuple[Tensor, Tensor]:
-    """Sample the colour (N, 3) and coverage (N,) of the paint that lies under the start of each stroke."""
+    """Sample the colour (N, 3) and coverage (N,) of the paint under the start of each stroke."""
     place, colors, covered = front_to_back.argsort(), strokes.color.clone(), torch.zeros_like(strokes.opacity)
     space = state.blend.space
     for top, rows, number in cuts(strokes, state.size, state.renderer):
@@ -71,7 +72,10 @@ def sample_under_starts(strokes: Strokes, front_to_back: Tensor, state: Painting
 
 
 def _below(layers: Layers, index: Tensor, rank: Tensor, number: Tensor, point: Tensor) -> tuple[Tensor, Tensor]:
-    """Sample the colour (n, C) and coverage (n,) below strokes ``number`` (n,) at points (n, 2), using lists (n, K)."""
+    """Sample colour (n, C) and coverage (n,) at points (n, 2), below the strokes with indices ``number`` (n,).
+
+    ``index`` (n, K) lists the strokes near each point, and ``rank`` contains their ranks from front to back.
+    """
     alpha, color = layers.sample(index.clamp_min(0), point[:, None])  # (n, K, 1), (n, K, 1, C)
     below = (index >= 0) & (rank[index.clamp_min(0)] > rank[number][:, None])
     paint, light = over(alpha * below[..., None], color)

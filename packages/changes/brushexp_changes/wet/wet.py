@@ -1,4 +1,4 @@
-"""Wet-on-wet: drag paint along finished strokes and, optionally, optimise the strokes for the wet painting."""
+"""Paint wet-on-wet: drag paint along finished strokes and, optionally, optimise the strokes for the wet painting."""
 
 from dataclasses import dataclass, field
 from typing import Annotated, Any
@@ -17,17 +17,17 @@ from brushexp_changes.wet.dragging import drag_paint
 @register("change", "wet")
 @dataclass(kw_only=True)
 class Wet(Change):
-    """Wet-on-wet: a stroke picks up the paint under its start and drags it along until it runs out: ``wet=0.5``.
+    """Wet-on-wet: strokes pick up the paint under their starts, and drag it along until it runs out: ``wet=0.5``.
 
     With ``every``, strokes are optimised for the wet painting. Every few steps, paint is dragged as a trial, and the
-    dry strokes then approach target + dry - wet. This gives the gradient of the wet painting if dragging is treated as
-    independent of the strokes (straight-through; Bengio, Léonard and Courville, 2013). Curves show the resulting
-    estimate of the wet painting's error.
+    dry strokes are then optimised to match target + dry - wet. This results in the gradient of the wet painting if
+    dragging is treated as independent of the strokes (straight-through estimator; Bengio, Léonard and Courville, 2013).
+    Curves show the resulting estimate of the wet painting's error.
 
     Args:
-        amount: share of the underlying colour that a stroke drags along, 0 to 1.
+        amount: fraction of the underlying colour that a stroke drags along, 0 to 1.
         every: steps between two updates of the wet painting; null = optimise dry paint only.
-        after: share of the steps before the first update, during which strokes settle.
+        after: fraction of the steps before the first update, during which strokes settle.
     """
 
     rank = 10  # this change runs after the changes that set final colours

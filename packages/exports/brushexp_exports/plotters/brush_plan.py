@@ -1,6 +1,7 @@
-"""Plan paintings with dipped brushes: strokes in order of depth, each in one movement.
+"""Plan paintings with dipped brushes: strokes are painted in order of depth, each in one movement.
 
-Lengths are millimetres, x to the right and y down from the paper's upper left corner; lines are complex numbers.
+Lengths are in millimetres, with x to the right and y down from the paper's upper left corner. Lines are arrays of
+complex numbers.
 """
 
 from collections.abc import Iterator
@@ -21,7 +22,7 @@ MOST_RUNS = 2000  # maximum number of runs of strokes with the same colour and w
 
 
 def brush_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
-    """Plan the strokes and dips of brushes; raise UserError if the painting is too large or has too many colours."""
+    """Plan the strokes and dips for brushes; raise UserError if the painting is too large or has too many colours."""
     strokes, curves, widths, frame, paper = place_on_paper(job, machine)
     _check_places(machine, frame, paper[1])
     parts, widths = shapely.clip_by_rect(curves, *frame), widths.round(2)
@@ -53,7 +54,7 @@ def brush_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
 
 
 def _check_places(machine: PenExporter, frame: tuple[float, ...], height: float) -> None:
-    """Raise UserError if a well, the water or the cloth lies in the painting; ``frame`` has y down from the top."""
+    """Raise UserError if a well, the water or the cloth overlaps the painting; ``frame`` has y down from the top."""
     left, right, low, high = frame[0], frame[2], height - frame[3], height - frame[1]
     places: list[tuple[str, float, complex | None]] = [("wells", STIR, place) for place in machine.tray]
     places += [("water", RINSE, machine.place("water")), ("cloth", WIPE, machine.place("cloth"))]
@@ -77,7 +78,7 @@ def _check_size(machine: PenExporter, kinds: list[tuple[float, str]], colors: in
 def _with_dips(
     lines: list[Array], brush: float, well: complex, machine: PenExporter, paper: tuple[float, float], changed: bool
 ) -> Iterator[tuple[Array, bool]]:
-    """Yield a brush's lines; the brush is rinsed and wiped first, and dipped between lines where marked."""
+    """Yield the lines of a brush with its dips, after rinsing and wiping it if its colour has changed."""
 
     def at(place: complex, reach: float, times: int) -> Array:
         there = place.real + 1j * (paper[1] - place.imag)

@@ -1,4 +1,4 @@
-"""Write stroke plans as G-code, the language of most self-built machines."""
+"""Export stroke plans as G-code, the language of most self-built machines."""
 
 import io
 from copy import deepcopy
@@ -18,8 +18,8 @@ Speed = Annotated[float, between(1, 1_000_000)]
 class Gcode(PenExporter):
     """Writes ``painting.gcode``, a stroke plan for plotters and painting robots, and a picture of the plan.
 
-    Coordinates are millimetres from the lower left corner of the paper, y up; the plugin vpype-gcode writes them. Many
-    plotters lift the pen with a servo: ``'to.gcode.up=M5' 'to.gcode.down=M3 S90'``.
+    Coordinates are in millimetres from the lower left corner of the paper, with y upwards. The file is written by the
+    plugin vpype-gcode. Many plotters lift the pen with a servo: ``'to.gcode.up=M5' 'to.gcode.down=M3 S90'``.
 
     Args:
         feed: speed while drawing, in mm per minute.
@@ -82,7 +82,7 @@ class Gcode(PenExporter):
         return {"painting.gcode": text.getvalue()}
 
     def _with_changes(self, plan: PenPlan) -> Any:
-        """Copy the document of a plan, and add tool changes to layers whose tool is not already in the holder."""
+        """Copy a plan's document, and add tool changes to layers whose tool is not already in the holder."""
         document = deepcopy(plan.document)
         held = 1 if len(plan.tools) == 1 else None
         for (_, tool, _), number in zip(plan.runs(), sorted(document.ids()), strict=True):

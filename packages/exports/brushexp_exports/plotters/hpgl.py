@@ -1,4 +1,4 @@
-"""Write stroke plans as HPGL, the language of pen plotters since 1977."""
+"""Export stroke plans as HPGL, the language of pen plotters since 1977."""
 
 import io
 from dataclasses import dataclass
@@ -18,9 +18,9 @@ DRAW_SPEED, MOVE_SPEED = 20, 38  # cm/s while drawing and between lines; typical
 class Hpgl(PenExporter):
     """Writes ``painting.hpgl``, a stroke plan for pen plotters, a report (``.txt``) and a picture (``.svg``).
 
-    The plan is written by vpype, which supports the papers and origins of many plotters. Old plotters accept no
-    comments in HPGL, so the text of `PenPlan.report` is a separate file. Tools are the pens of the carousel: ``SP1``,
-    ``SP2``, ... The plotter's rounding to 1/40 mm is added to ``tolerance_mm``.
+    The plan is written by vpype, which supports the paper sizes and origins of many plotters. Old plotters do not
+    accept comments in HPGL, so the text of `PenPlan.report` is a separate file. Tools are the pens in the carousel:
+    ``SP1``, ``SP2``, ... The plotter's rounding to 1/40 mm is added to ``tolerance_mm``.
 
     Args:
         plotter: name of the plotter in vpype (hp7475a, hp7550, dxy, ...) or in your ~/.vpype.toml; null = any plotter

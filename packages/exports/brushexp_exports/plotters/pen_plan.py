@@ -1,8 +1,8 @@
-"""Plan drawings with pens: filled strokes, by layer and pen, in an order with little travel.
+"""Plan pen drawings: strokes are filled with lines and drawn by layer and pen, in an order with little travel.
 
 shapely makes outlines and fillings, vpype orders lines, and a grid of stroke numbers identifies hidden parts of
-strokes. Lengths are millimetres, x to the right and y down from the paper's upper left corner; lines are complex
-numbers.
+strokes. Lengths are in millimetres, with x to the right and y down from the paper's upper left corner. Lines are arrays
+of complex numbers.
 """
 
 from collections.abc import Iterable
@@ -30,7 +30,7 @@ MOST_SWAPPED = 20_000  # maximum number of lines whose order is improved by swap
 
 
 class OnPaper(NamedTuple):
-    """N strokes and their positions on paper, bottom to top."""
+    """N strokes, bottom to top, and their positions on the paper."""
 
     strokes: Strokes  # in pixels
     middles: Array  # (N,) curves as shapely lines
@@ -40,7 +40,7 @@ class OnPaper(NamedTuple):
 
 
 def place_on_paper(job: ExportJob, machine: PenExporter) -> OnPaper:
-    """Place a painting on the paper of a machine; raise UserError if it is too large for paper or plan."""
+    """Place a painting on a machine's paper; raise UserError if it is too large for the paper or for a plan."""
     machine.check(len(job.strokes), job.size)
     paper, corner, scale = machine.frame(job.size)
     frame = (*corner, *(corner + scale * np.array(job.size[::-1])))
@@ -50,7 +50,7 @@ def place_on_paper(job: ExportJob, machine: PenExporter) -> OnPaper:
 
 
 def pen_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
-    """Plan the lines that draw a painting with pens; raise UserError if it is too large for paper or plan."""
+    """Plan the lines that draw a painting with pens; raise UserError if it is too large for the paper or for a plan."""
     strokes, middles, widths, frame, paper = place_on_paper(job, machine)
     opacity = strokes.opacity.numpy()
     outlines = shapely.clip_by_rect(shapely.buffer(middles, widths / 2, quad_segs=16), *frame)
@@ -84,7 +84,7 @@ def pen_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
 
 
 class Layer(NamedTuple):
-    """Lines of one tool in one layer of a vpype document."""
+    """Lines drawn with one tool, which form one layer of a vpype document."""
 
     number: int  # counted from 1; AxiDraw selects layers by the number at the start of their name
     tool: int  # counted from 0
@@ -95,7 +95,7 @@ class Layer(NamedTuple):
 
 
 def order_layers(layers: Iterable[Layer], paper: tuple[float, float], machine: PenExporter, *, joins: bool) -> Any:
-    """Make a document of layers with simplified lines, ordered for little travel and, with ``joins``, joined."""
+    """Make a document with simplified lines in layers, sorted to reduce travel and, with ``joins``, joined."""
     vpype = load_vpype()
     document = vpype.Document(page_size=tuple(MM * side for side in paper))
     for number, tool, color, width, also, lines in layers:
@@ -117,7 +117,7 @@ def order_layers(layers: Iterable[Layer], paper: tuple[float, float], machine: P
 
 
 def flatten(curves: Array, tolerance: float) -> Array:
-    """Convert quadratic Bezier curves (N, 3, 2) to N shapely polylines, within ``tolerance`` of fine polylines."""
+    """Convert quadratic Bezier curves (N, 3, 2) to N shapely polylines, simplified within ``tolerance``."""
     t, polylines = np.linspace(0, 1, CHORDS + 1), [np.empty(0, dtype=object)]
     weights = np.stack([(1 - t) ** 2, 2 * t * (1 - t), t**2], axis=1)
     for first in range(0, len(curves), AT_ONCE):
@@ -130,10 +130,10 @@ def flatten(curves: Array, tolerance: float) -> Array:
 def _fill_stroke(
     middle: shapely.LineString, width: float, machine: PenExporter, frame: tuple[float, ...], step: float
 ) -> list[Array]:
-    """Fill a round-ended stroke with lines (M,) of points a ``step`` apart, cut off at the edges of the picture.
+    """Fill a round-ended stroke with lines (M,), clipped at the edges of the picture; their points are ``step`` apart.
 
-    The lines are offsets of its curve, from the outline to the centre, at most one pen width apart, and joined where
-    they stay on the picture. A stroke no wider than the pen is drawn as its centre line.
+    The lines are offset curves from the outline to the centre line, at most one pen width apart, and joined where they
+    stay within the picture. A stroke no wider than the pen is drawn as its centre line.
     """
     pen = machine.pen_mm
     farthest = shapely.distance(middle, shapely.points(shapely.get_coordinates(shapely.box(*frame)))).max()
@@ -149,7 +149,7 @@ def _fill_stroke(
 
 
 def _join_lines(lines: list[Array], reach: float) -> list[Array]:
-    """Join each line (M,) to the next if the next begins or ends within ``reach``; then join any ends that close."""
+    """Join consecutive lines (M,) whose ends are within ``reach``; then join any other lines with ends this close."""
     joined: list[Array] = []
     for line in lines:
         gaps = np.abs(joined[-1][-1] - line[[0, -1]]) if joined else [np.inf]
@@ -166,7 +166,7 @@ def _join_lines(lines: list[Array], reach: float) -> list[Array]:
 
 
 class _Grid:
-    """A grid for finding hidden parts: cells about half a ``pen`` wide over a ``frame`` (left, top, right, bottom)."""
+    """Grid for finding hidden parts: cells about half a ``pen`` wide on a ``frame`` (left, top, right, bottom)."""
 
     def __init__(self, frame: tuple[float, ...], pen: float) -> None:
         self.corner, extent = np.array(frame[:2]), np.array(frame[2:]) - np.array(frame[:2])
@@ -174,7 +174,7 @@ class _Grid:
         self.columns, self.rows = (max(1, round(side / self.cell)) for side in extent)
 
     def topmost(self, outlines: Array, chosen: Array) -> Array:
-        """Find the number, from 1, of the top stroke among the ``chosen`` in each cell (rows, columns); 0 if none."""
+        """Find the topmost ``chosen`` stroke in each cell (rows, columns), counted from 1; 0 in empty cells."""
         picture = Image.new("I", (self.columns, self.rows))
         draw = ImageDraw.Draw(picture)
         for k in np.flatnonzero(chosen):
@@ -185,7 +185,7 @@ class _Grid:
         return np.array(picture)
 
     def may_be_visible(self, top: Array, outlines: Array) -> Array:
-        """Mark the strokes (N,) that may be visible because a cell in their bounding box is not covered."""
+        """Mark the strokes (N,) that may be visible because no higher stroke covers some cell of their bounding box."""
         corners = np.nan_to_num(shapely.bounds(outlines)).reshape(-1, 2, 2) @ (1, 1j)
         (tops, lefts), (bottoms, rights) = (self._cells(corner) for corner in corners.T)
         boxes = zip(tops, bottoms + 1, lefts, rights + 1, strict=True)
@@ -193,7 +193,7 @@ class _Grid:
         return np.fromiter(bare, dtype=bool)
 
     def is_visible(self, top: Array, points: Array, k: int) -> Array:
-        """Mark the points (M,) of stroke ``k`` that no other stroke hides."""
+        """Mark the points (M,) of stroke ``k`` that are not hidden by another stroke."""
         return np.asarray(top[self._cells(points)] <= k + 1)
 
     def _cells(self, points: Array) -> tuple[Array, Array]:
@@ -202,7 +202,7 @@ class _Grid:
         return row, column
 
     def cut(self, top: Array, line: Array, k: int, shortest: float) -> list[Array]:
-        """Cut a line (M,) of stroke ``k`` into its visible parts, and keep those at least ``shortest`` long."""
+        """Cut a line (M,) of stroke ``k`` into visible parts; keep the parts that are at least ``shortest`` long."""
         visible = self.is_visible(top, line, k)
         if visible.all():
             return [line]
@@ -211,7 +211,10 @@ class _Grid:
         return [part for part in parts if np.abs(np.diff(part)).sum() >= shortest]
 
     def colors(self, picture: Array, top: Array, own: Array) -> tuple[Array, Array]:
-        """Average the picture where each stroke is on top, or return its ``own`` colour (N, 3), and count its cells."""
+        """Average the picture over the cells where each stroke is on top; return colours (N, 3) and cell counts (N,).
+
+        A stroke that is nowhere on top keeps its ``own`` colour.
+        """
         cells = np.asarray(Image.fromarray(picture).resize((self.columns, self.rows), Image.Resampling.NEAREST)) / 255
         area = np.bincount(top.ravel(), minlength=len(own) + 1)[1:, None]
         sums = [np.bincount(top.ravel(), channel.ravel(), len(own) + 1)[1:] for channel in np.moveaxis(cells, 2, 0)]
@@ -219,7 +222,7 @@ class _Grid:
 
 
 def _choose_inks(colors: Array, area: Array, machine: PenExporter) -> tuple[Array, Array]:
-    """Choose the colours (K, 3) of the tools, light to dark, and the tool (N,), counted from 0, of each stroke."""
+    """Choose the colours (K, 3) of the tools, light to dark, and the tool (N,) for each stroke, counted from 0."""
     if len(colors) == 0:
         return np.empty((0, 3)), np.empty(0, dtype=int)
     lab = to_lab(colors)

@@ -1,4 +1,4 @@
-"""Base class of exporters for plotters and painting robots: options, paper, stroke plan, and accompanying files."""
+"""Base class of exporters for plotters and painting robots, with their options, paper and stroke plan."""
 
 import io
 import logging
@@ -27,7 +27,7 @@ LIFT_SECONDS = 1.0  # estimated seconds to lift a pen, set it down, and change d
 
 @dataclass(frozen=True)
 class PenPlan:
-    """The lines that a machine draws with its pens."""
+    """Lines that a machine draws with its pens."""
 
     document: Any  # vpype document; its layer (layer - 1) * len(tools) + tool holds a layer's lines of one tool
     paper: tuple[float, float]  # width and height, mm
@@ -39,7 +39,7 @@ class PenPlan:
     notes: list[str] = field(default_factory=list)  # further lines of the report
 
     def runs(self) -> list[tuple[int, int, Any]]:
-        """Layer and tool, both counted from 1, and their vpype lines, in drawing order."""
+        """List the layer, tool and vpype lines of each run in drawing order; layers and tools are counted from 1."""
         count = max(1, len(self.tools))
         numbers = sorted(self.document.ids())
         return [((k - 1) // count + 1, (k - 1) % count + 1, self.document.layers[k]) for k in numbers]
@@ -54,12 +54,12 @@ class PenPlan:
 
     @property
     def travel(self) -> float:
-        """Distance in mm that pens move without drawing, between lines of the same pen or of different pens."""
+        """Distance in mm that pens move without drawing, between lines of the same pen or different pens."""
         ends = np.array([line[[0, -1]] for _, _, lines in self.runs() for line in lines]).reshape(-1, 2)
         return float(np.abs(ends[1:, 0] - ends[:-1, 1]).sum()) / MM
 
     def report(self, draws: float, moves: float) -> list[str]:
-        """Describe paper, pens and duration for a machine with the speeds ``draws`` and ``moves`` in mm per minute."""
+        """Describe paper, pens and duration for a machine that draws and moves at the given speeds in mm per minute."""
         layers = len({layer for layer, _, _ in self.runs()})
         minutes = self.drawn / draws + self.travel / moves + LIFT_SECONDS / 60 * self.lifts
         rows = [
@@ -76,7 +76,7 @@ class PenPlan:
         return [re.sub(r"[^A-Za-z0-9 .,:/#_+-]", "_", row) for row in rows]
 
     def svg(self) -> str:
-        """Write the plan as SVG at the size of the paper, with an Inkscape layer for each run."""
+        """Return the plan as an SVG in the size of the paper, with an Inkscape layer for each run."""
         text = io.StringIO()
         load_vpype().write_svg(text, self.document, set_date=False)
         return text.getvalue()
@@ -95,17 +95,18 @@ class PenExporter(Exporter):
         colors: maximum number of pens, whose colours are chosen to fit the picture.
         pens: colours of your own pens, instead of ``colors``: [black,red,"#20a080"].
         layers: number of layers, bottom to top; within a layer, strokes are drawn pen by pen, light to dark. More
-            layers preserve the depth of strokes better if paint is opaque.
+            layers preserve the order of overlapping strokes better if paint is opaque.
         pen_mm: width of the pen or brush in mm.
         passes: maximum number of parallel lines in a stroke; null = as many as fill it, 1 = only its centre line.
         hidden: treatment of hidden parts: cut omits parts hidden by strokes of the same layer, so that the order of
             pens does not matter; skip omits only completely hidden strokes, which suits brushes; draw keeps everything.
-        tolerance_mm: maximum distance of a drawn line from the curve in mm.
-        wells: places of paints for a dipped brush: 20x15:230x45:8x3 is a tray of 8 x 3 wells, from the centre of the
-            first to the centre of the last, in mm from the lower left corner of the paper. Tools are then brushes, and
-            each stroke is one movement, in order of depth; this is for paintings with ``tubes=``. null = pens.
-        water: place where a brush is rinsed before each change of colour, for example 20x80; null = no rinsing.
-        cloth: place where the brush is wiped afterwards; null = no wiping.
+        tolerance_mm: maximum distance between a drawn line and the curve in mm.
+        wells: positions of paint wells for a dipped brush. 20x15:230x45:8x3 is a tray of 8 x 3 wells, from the
+            centre of the first to the centre of the last, in mm from the lower left corner of the paper. Tools are
+            then brushes, and each stroke is one movement, in order of depth; this suits paintings with ``tubes=``.
+            null = pens.
+        water: position where a brush is rinsed before each change of colour, for example 20x80; null = no rinsing.
+        cloth: position where the brush is wiped afterwards; null = no wiping.
         load: length that a brush paints with one load, in brush widths.
     """
 
@@ -136,7 +137,7 @@ class PenExporter(Exporter):
 
     @abstractmethod
     def programs(self, plan: PenPlan) -> dict[str, str]:
-        """Return the names and texts of the files for the machine, program first."""
+        """Return the texts of the files for the machine by file name, the program first."""
 
     @property
     @abstractmethod
@@ -171,7 +172,7 @@ class PenExporter(Exporter):
 
     @cached_property
     def own_pens(self) -> Array | None:
-        """Return the colours (K, 3), in [0, 1], of the user's pens; None if pens may have any colour."""
+        """Colours (K, 3), in [0, 1], of the user's pens; None if pens may have any colour."""
         if self.pens is None:
             return None
         if not 1 <= len(self.pens) <= 256:
@@ -183,7 +184,7 @@ class PenExporter(Exporter):
 
     @cached_property
     def tray(self) -> list[complex]:
-        """Places of the wells, row by row, in mm from the lower left corner of the paper; empty for pens."""
+        """Positions of the wells, row by row, in mm from the lower left corner of the paper; empty for pens."""
         if self.wells is None:
             return []
         found = re.fullmatch(f"({PLACE}):({PLACE}):([0-9]{{1,3}})x([0-9]{{1,3}})", self.wells)
@@ -196,14 +197,14 @@ class PenExporter(Exporter):
                 for y in rows for x in columns]  # fmt: skip
 
     def place(self, name: str) -> complex | None:
-        """Parse the place in an option, in mm from the lower left corner of the paper."""
+        """Parse the position given in an option, in mm from the lower left corner of the paper."""
         text = getattr(self, name)
         if text is not None and not re.fullmatch(PLACE, text):
             raise UserError(f"{self.key}.{name}={text} is not a place in mm; try {self.key}.{name}=20x80")
         return None if text is None else _place(text)
 
     def frame(self, size: tuple[int, int]) -> tuple[tuple[float, float], Array, float]:
-        """Compute the paper's size and the corner (2,) of a centred picture (H, W), in mm, and the mm per pixel."""
+        """Compute the paper size and a centred picture's corner (2,) in mm, and the picture's scale in mm per pixel."""
 
         def room(paper: tuple[float, float]) -> float:
             return round(min((side - 2 * self.margin) / n for side, n in zip(paper, size[::-1], strict=True)), 9)
@@ -226,7 +227,7 @@ def _place(text: str) -> complex:
 
 
 def load_vpype() -> ModuleType:
-    """Import the optional library vpype, which is slow; raise a UserError if it is missing."""
+    """Import the optional library vpype, which is slow to import; raise UserError if it is not installed."""
     try:
         with quiet_vpype():
             import vpype  # noqa: PLC0415
@@ -240,7 +241,7 @@ def load_vpype() -> ModuleType:
 
 @contextmanager
 def quiet_vpype() -> Iterator[None]:
-    """Mute vpype's messages to the root logger, and restore the logger's level and handlers, which vpype changes."""
+    """Mute vpype's messages to the root logger; then restore the logger's level and handlers, which vpype changes."""
     level, handlers = logging.root.level, [*logging.root.handlers]
     logging.disable(logging.INFO)
     try:

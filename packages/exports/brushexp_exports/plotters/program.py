@@ -1,4 +1,4 @@
-"""Write the program of a machine and a picture of the plan."""
+"""Write a machine program and a picture of its plan."""
 
 import logging
 from pathlib import Path
@@ -13,7 +13,7 @@ log = logging.getLogger(__name__)
 
 
 def write_plan(job: ExportJob, machine: PenExporter, folder: Path) -> list[Path]:
-    """Plan the drawing, and write the program of the machine and a picture of the plan into a folder."""
+    """Plan the drawing, and write the machine's program and a picture of the plan to a folder."""
     plan = pen_plan(job, machine) if machine.wells is None else brush_plan(job, machine)
     log.info("%s: %s", machine.key, "; ".join(plan.report(*machine.speeds)[2:5]))
     texts = machine.programs(plan)

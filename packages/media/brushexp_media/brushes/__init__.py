@@ -1,1 +1,1 @@
-"""Use your own brushes, scanned strokes or GIMP's brushes, as ``renderer=brush`` or ``brush=stroke.png``."""
+"""Paint with your own brushes, from scanned strokes or brush files, with ``renderer=brush`` or ``brush=stroke.png``."""

@@ -1,4 +1,4 @@
-"""Extract brushes from archives: Procreate's brushes (.brush, .brushset) and Krita's bundles (.bundle)."""
+"""Extract brushes from archives: Procreate brushes (.brush, .brushset) and Krita bundles (.bundle)."""
 
 import re
 import zipfile
@@ -18,7 +18,7 @@ BUILT_IN = "names brushes that are built into its program and brings none; paint
 
 
 def brushes_in(data: bytes, ending: str) -> Iterator[tuple[str, bytes]]:
-    """Yield the names and contents of the brushes in an archive, whose type follows from its extension.
+    """Yield the name and content of each brush in an archive, whose type is given by its extension ``ending``.
 
     Raises a UserError if the archive cannot be read or contains no brush.
     """
@@ -36,6 +36,6 @@ def brushes_in(data: bytes, ending: str) -> Iterator[tuple[str, bytes]]:
 
 
 def _short(name: str) -> str:
-    """Name a brush in an archive by its file, or by its folder for Procreate, whose files are all called Shape.png."""
+    """Name a brush after its file in an archive or, for Procreate (always Shape.png), after its folder."""
     path = PurePosixPath(name)
     return f"{path.parent.name or 'brush'}.png" if path.name == "Shape.png" else path.name

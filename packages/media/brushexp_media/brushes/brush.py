@@ -1,4 +1,4 @@
-"""Draw strokes with your own brushes: scanned strokes, and brushes of GIMP, Photoshop, Procreate and Krita."""
+"""Draw strokes with your own brushes: scanned strokes, and brush files from GIMP, Photoshop, Procreate and Krita."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -24,17 +24,17 @@ DRY = (256, 1400)  # rows and columns of the dry brush that is used without file
 
 @register("renderer", "brush")
 class Brush(Renderer):
-    """Bezier stroke with the mark of your own brush: ``brush=stroke.png`` on the command line.
+    """Bezier stroke with the mark of your own brush; ``brush=stroke.png`` on the command line.
 
-    A picture of a stroke is converted to coverage: its alpha, or otherwise its difference from the grey of its border,
-    dark on white or bright on black. The stroke runs from left to right, or from top to bottom. Its start and its end
-    keep their shape, and its middle repeats in longer strokes. A GIMP brush (.gbr, .gih) or a brush from a set (.abr,
-    .brushset, .bundle) is a stamp, which is dragged along a line with its own spacing. ``brushexp brushes stroke.png``
-    shows the result.
+    A picture of a stroke is converted to coverage: its alpha or, without alpha, its difference from the grey of its
+    border, whether dark on white or bright on black. The picture shows a stroke painted from left to right, or from top
+    to bottom. Its start and its end keep their shape, and its middle is repeated in longer strokes. A GIMP brush (.gbr,
+    .gih) or a brush from a set (.abr, .brushset, .bundle) is a stamp, which is dragged along a line with its own
+    spacing. ``brushexp brushes stroke.png`` shows the result.
 
     Args:
-        files: pictures, .gbr, .gih, .abr, .brushset, .bundle, and folders of them, each stroke with one of their marks;
-            none: a dry brush.
+        files: pictures, .gbr, .gih, .abr, .brushset and .bundle files, or folders of these; each stroke has one of
+            their marks; without files, a dry brush.
     """
 
     def __init__(self, *, files: Annotated[list[str] | None, BRUSH] = None) -> None:
@@ -50,12 +50,12 @@ class Brush(Renderer):
 
 
 def marks_of(files: Sequence[str] | None) -> list[Mark]:
-    """Read the marks in files; without files, return the dry brush."""
+    """Read the marks from files; without files, return the dry brush."""
     return read_marks(files) if files else [Mark("dry brush", dry_brush())]
 
 
 def weights_of(coverage: Tensor) -> Tensor:
-    """Convert coverage (rows, columns) to texture weights (3, rows, columns): hairs full of paint are pale and high."""
+    """Convert coverage (rows, columns) to texture weights (3, rows, columns), with fuller hairs paler and higher."""
     around = functional.avg_pool2d(coverage[None], AROUND, 1, AROUND // 2)[0]
     tone = TONE * torch.tanh(3 * (coverage - around)) * (coverage > FADED)
     height = (0.15 + 0.85 * coverage) * (coverage > FADED)

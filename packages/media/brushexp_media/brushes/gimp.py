@@ -1,4 +1,4 @@
-"""Read GIMP's brushes: .gbr with one stamp and .gih with several (devel-docs/gbr.txt and gih.txt in GIMP's sources)."""
+"""Read GIMP brushes: .gbr with one stamp, and .gih with several (devel-docs/gbr.txt and gih.txt in GIMP's source)."""
 
 import struct
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ def read_stamps(data: bytes) -> list[Stamp]:
 
 
 def is_gbr(data: bytes) -> bool:
-    """Check whether a file starts like a .gbr of version 1, which has no magic number, or of version 2."""
+    """Check whether data starts with a .gbr header of version 1, which has no magic number, or of version 2."""
     if len(data) < BEFORE_NAME[1]:
         return False
     header, version, _, _, depth = struct.unpack_from(">5I", data)
@@ -46,7 +46,7 @@ def is_gbr(data: bytes) -> bool:
 
 
 def _read_gbr(data: bytes, at: int) -> tuple[Stamp, int]:
-    """Read the stamp at a byte offset, and return it with its end; numbers are big-endian, and pixmaps have alpha."""
+    """Read the stamp at a byte offset, and return it with the offset of its end; coverage is the last channel."""
     if not is_gbr(data[at : at + BEFORE_NAME[2]]):
         raise UserError(f"is damaged, or a brush of GIMP of a kind that is not read; {CURE}")
     header, version, width, height, depth = struct.unpack_from(">5I", data, at)

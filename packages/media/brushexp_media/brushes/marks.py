@@ -1,4 +1,4 @@
-"""Marks of brushes: pictures of one stroke from left to right, read from files, and textures made from them."""
+"""Read brush marks, which are pictures of one stroke from left to right, from files, and convert them to textures."""
 
 import logging
 import os
@@ -45,14 +45,14 @@ FULL = 0.3  # coverage, relative to the fullest row, above which a row belongs t
 
 @dataclass(frozen=True, eq=False)
 class Mark:
-    """A picture of one stroke, from left to right."""
+    """A picture of one stroke, painted from left to right."""
 
     name: str  # file name, numbered if the file has several marks
     coverage: np.ndarray  # (H, W) float32 in [0, 1]
 
 
 def read_marks(paths: Sequence[str]) -> list[Mark]:
-    """Read the marks in files and folders; raise a UserError that names the key and the problem."""
+    """Read the marks in files and folders; a UserError names the key and the problem."""
     files = [file for path in paths for file in _files_of(path)]
     marks = [mark for file in files for mark in _marks_of(file)]
     if len(marks) > MOST_MARKS:
@@ -81,7 +81,7 @@ def _ending(path: str | Path) -> str:
 
 
 def _marks_of(file: str) -> list[Mark]:
-    """Read the marks in a file; of a set with more than ``MOST_MARKS`` brushes, read the first ones and log it."""
+    """Read the marks in a file; from a set with more than ``MOST_MARKS`` brushes, read the first, and log a warning."""
     name, ending = Path(file).name, _ending(file)
     if (kind := ELSEWHERE.get(ending)) is not None:
         raise UserError(f"brush={file} is {kind}")
@@ -124,7 +124,7 @@ def _marks_in(name: str, ending: str, data: bytes) -> Iterator[Mark]:
 
 
 def _coverage_of_bytes(data: bytes) -> np.ndarray:
-    """Compute the coverage (H, W) of a picture in an archive."""
+    """Compute the coverage (H, W) of a picture extracted from an archive."""
     with TemporaryDirectory() as folder:
         path = Path(folder, "brush.png")
         path.write_bytes(data)
@@ -155,7 +155,7 @@ def shrunk(coverage: np.ndarray, side: int = LARGEST_SIDE) -> np.ndarray:
 
 
 def cropped(coverage: np.ndarray) -> np.ndarray:
-    """Crop the empty surroundings of a mark; raise a UserError if the whole mark is empty."""
+    """Crop a mark to its bounding box; raise a UserError if the mark is empty."""
     rows, columns = (np.flatnonzero((coverage > PAPER).any(axis)) for axis in (1, 0))
     if not len(rows):
         raise UserError("has no mark on it; give a stroke in another brightness than its ground, or transparent around")
@@ -163,13 +163,13 @@ def cropped(coverage: np.ndarray) -> np.ndarray:
 
 
 def lying(coverage: np.ndarray) -> np.ndarray:
-    """Rotate a stroke that runs from top to bottom anticlockwise, so that it runs from left to right."""
+    """Rotate a mark anticlockwise if it is taller than wide, so that a downward stroke points to the right."""
     height, width = coverage.shape
     return np.ascontiguousarray(np.rot90(coverage)) if height > width else coverage
 
 
 def dragged(stamps: Sequence[Stamp]) -> np.ndarray:
-    """Drag stamps in turn along a line; each dab lies over the previous ones, as in GIMP."""
+    """Drag stamps along a line, using them in turn; as in GIMP, each dab is composited over the previous ones."""
     side = max(max(stamp.coverage.shape) for stamp in stamps)
     dabs = [
         shrunk(stamp.coverage, max(1, round(STAMP * max(stamp.coverage.shape) / max(side, STAMP)))) for stamp in stamps
@@ -187,21 +187,21 @@ def dragged(stamps: Sequence[Stamp]) -> np.ndarray:
 
 
 def place_of(coverage: np.ndarray) -> tuple[float, float]:
-    """Find the row of a mark's axis and its half width in pixels, ignoring thin starts and stray hairs."""
+    """Find the row of a mark's axis, and its half width in pixels, ignoring thin starts and stray hairs."""
     full = np.flatnonzero(coverage.mean(1) >= FULL * coverage.mean(1).max())
     middle, half = (full[0] + full[-1] + 1) / 2, (full[-1] + 1 - full[0]) / 2
     return middle, max(half, max(middle, len(coverage) - middle) / (SPREAD * (1 - 4 / ROWS)))
 
 
 def columns_for(marks: Sequence[Mark]) -> int:
-    """Choose the length of the marks in texels so that they roughly keep the proportions of the median mark."""
+    """Choose the length of the textures in texels so that the median mark roughly keeps its proportions."""
     lengths = [mark.coverage.shape[1] / place_of(mark.coverage)[1] for mark in marks]
     wanted = float(np.median(lengths)) + 2 * (SPREAD - OVER)
     return min(LENGTHS, key=lambda columns: abs(np.log(columns * TEXEL_ASPECT * 2 * SPREAD / ROWS / wanted)))
 
 
 def texture_of(mark: Mark, columns: int) -> Tensor:
-    """Map a mark to the texels (rows, columns) of a stroke; start and end keep their shape, and the middle repeats."""
+    """Convert a mark to a texture (rows, columns); start and end keep their shape, and the middle can repeat."""
     middle, half = place_of(mark.coverage)
     margin = round((SPREAD - OVER) / (TEXEL_ASPECT * 2 * SPREAD / ROWS))
     height, top = 2 * SPREAD * half, SPREAD * half - middle
@@ -215,5 +215,5 @@ def texture_of(mark: Mark, columns: int) -> Tensor:
 
 
 def loop_of(columns: int) -> Loop:
-    """Return the columns that a long stroke repeats, in the same form as for ``renderer=textured``."""
+    """Return the columns that a long stroke repeats, in the form that ``renderer=textured`` uses."""
     return Loop(3 * columns // 8, 3 * columns // 8)

@@ -1,8 +1,8 @@
-"""Read Photoshop's brush sets: .abr of versions 1, 2, and 6 and later.
+"""Read Photoshop brush sets (.abr) of version 1, version 2, and version 6 and later.
 
-Adobe has published no specification of these files; the layout follows the readers in GIMP (app/core/gimpbrush-load.c)
-and Krita (libs/brush/kis_abr_brush_collection.cpp). Numbers are big-endian. Brushes defined by formulas (*computed*
-brushes) have no picture and are skipped.
+Adobe has not published a specification of these files; the layout was taken from the readers in GIMP
+(app/core/gimpbrush-load.c) and Krita (libs/brush/kis_abr_brush_collection.cpp). Numbers are big-endian. Brushes defined
+by formulas (*computed* brushes) contain no picture and are skipped.
 """
 
 import struct
@@ -29,11 +29,11 @@ CURE = "save the set anew from Photoshop, or its brushes from GIMP or Krita as .
 
 
 class _Damage(Exception):
-    """A brush that is truncated or has an impossible value."""
+    """Raised for a brush that is truncated or has an impossible value."""
 
 
 class _Bytes:
-    """Reads consecutive numbers from bytes."""
+    """A reader of consecutive numbers in a byte string."""
 
     def __init__(self, data: bytes) -> None:
         self.data = data
@@ -47,7 +47,7 @@ class _Bytes:
         return part
 
     def number(self, kind: str) -> int:
-        """Read a number: ``b`` of 1 byte, ``h`` of 2 or ``i`` of 4 bytes; lower case is signed, upper case unsigned."""
+        """Read a number of 1 byte (``b``), 2 bytes (``h``) or 4 bytes (``i``); upper case means unsigned."""
         return int(struct.unpack(f">{kind}", self.take(struct.calcsize(f">{kind}")))[0])
 
     @property
@@ -74,7 +74,7 @@ def read_abr(data: bytes) -> list[Stamp]:
 
 
 def _old_brushes(file: _Bytes, version: int, count: int) -> Iterator[Stamp]:
-    """Yield the sampled brushes of a file of version 1 or 2, which states their number."""
+    """Yield the ``count`` sampled or computed brushes of a file of version 1 or 2, skipping the computed ones."""
     for _ in range(count):
         kind = file.number("H")
         brush = _Bytes(file.take(file.number("I")))
@@ -101,7 +101,7 @@ def _brushes_of_sections(file: _Bytes) -> Iterator[_Bytes]:
 
 
 def _picture(brush: _Bytes, before: int, spacing: float) -> Stamp:
-    """Read the picture of a brush, whose bounds follow after ``before`` bytes."""
+    """Read the picture of a brush, whose bounds are preceded by ``before`` bytes."""
     brush.take(before)
     top, left, bottom, right = (brush.number("i") for _ in range(4))
     height, width, depth, is_packed = bottom - top, right - left, brush.number("H"), brush.number("B")
@@ -120,7 +120,7 @@ def _picture(brush: _Bytes, before: int, spacing: float) -> Stamp:
 
 
 def _unpacked(packed: bytes, length: int) -> bytes:
-    """Unpack ``length`` bytes of PackBits data: n >= 0 precedes n + 1 bytes, n < 0 one byte repeated 1 - n times."""
+    """Unpack PackBits data to ``length`` bytes: n >= 0 precedes n + 1 bytes, and n < 0 a byte repeated 1 - n times."""
     source, row = _Bytes(packed), b""
     while source.left and len(row) < length:
         count = source.number("b")

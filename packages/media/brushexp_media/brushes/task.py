@@ -1,4 +1,4 @@
-"""``task=brushes``: draw a sheet of brushes with the marks read from each file and strokes painted with them."""
+"""``task=brushes``: draw a sheet that shows the marks read from brush files and strokes painted with them."""
 
 import logging
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ STROKES = [  # a long straight, a curved and a thin stroke: three points, width 
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Write ``brushes.png`` for ``cfg.brushes``."""
+    """Write the sheet ``brushes.png`` for the files in ``cfg.brushes``."""
     marks, brush = marks_of(cfg.brushes), Brush(files=[*cfg.brushes]).eval()
     write_picture(path := folder / "brushes.png", sheet_of(marks, brush))
     chosen = f"brush={','.join(cfg.brushes)}" if cfg.brushes else "renderer=brush"
@@ -34,7 +34,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def sheet_of(marks: Sequence[Mark], brush: Brush) -> np.ndarray:
-    """Draw a row for each mark, (H, W, 3) uint8: the mark as read, and strokes painted with it."""
+    """Draw a sheet (H, W, 3), uint8, with a row for each mark: the mark as read, and strokes painted with it."""
     sheet = Image.new("RGB", (WIDE + (len(STROKES)) * HIGH, len(marks) * (HIGH + LINE)), "white")
     for k, mark in enumerate(marks):
         top = k * (HIGH + LINE) + LINE
@@ -49,7 +49,7 @@ def sheet_of(marks: Sequence[Mark], brush: Brush) -> np.ndarray:
 
 @torch.no_grad()
 def strokes_with(brush: Brush, number: int) -> list[np.ndarray]:
-    """Draw ``STROKES`` with one mark, black on white: (HIGH, HIGH) uint8 each."""
+    """Draw each of ``STROKES`` with one mark, black on white, as a picture (HIGH, HIGH), uint8."""
     parameters = torch.tensor(STROKES, dtype=torch.float32)
     alpha = window_pictures(brush, parameters, HIGH, torch.full((len(STROKES),), number))[:, 3]
     return [*(255 * (1 - alpha)).round().to(torch.uint8).numpy()]

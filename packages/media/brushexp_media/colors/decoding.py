@@ -1,6 +1,6 @@
-"""Decode channels to pictures: a curve for each channel, a matrix to linear RGB, and the sRGB curve.
+"""Decode channels to pictures by a curve for each channel, a matrix to linear RGB, and the sRGB curve.
 
-For float32 on the CPU, both directions are compiled, because PyTorch would traverse memory a dozen times.
+For float32 on the CPU, the decoder and its gradient are compiled, because PyTorch would traverse memory a dozen times.
 """
 # mypy: allow-untyped-defs
 
@@ -30,21 +30,21 @@ def linear_of(color: Tensor) -> Tensor:
 
 
 def shown_of(light: Tensor) -> Tensor:
-    """Compute display-referred RGB from linear RGB: the inverse of `linear_of`."""
+    """Compute display-referred RGB from linear RGB, as the inverse of `linear_of`."""
     return torch.where(light <= KNEE, STEEPEST * light, GAIN * light.clamp_min(KNEE) ** (1 / POWER) - LIFT)
 
 
 class Decoder:
     """Decodes channels (C, H, W) to pictures (3, H, W): clamp(display curve(matrix @ rise(channels))).
 
-    Colours outside the gamut of displays are clamped channel by channel; their gradient ignores the clamping, so that
-    it can lead back into the gamut.
+    Colours outside the display gamut are clamped channel by channel; their gradient ignores the clamping, so that they
+    can return to the gamut.
 
     Args:
-        matrix: (3, C) float64.
+        matrix: matrix (3, C), float64, to linear RGB.
         rise: curve from channels to the input of the matrix.
-        compiled: the same curve for one float32 number, marked `inline`.
-        slope: its derivative.
+        compiled: the same curve for a single float32 number, marked `inline`.
+        slope: derivative of the compiled curve.
     """
 
     def __init__(self, matrix: Tensor, rise: Callable[[Tensor], Tensor], compiled: Part, slope: Part) -> None:
@@ -60,12 +60,12 @@ class Decoder:
 
     @cached_property
     def rows(self) -> np.ndarray:
-        """The matrix in the form that the compiled functions need."""
+        """The matrix as the float32 array that the compiled functions need."""
         return self.matrix.numpy().astype(F)
 
 
 class Decoded(torch.autograd.Function):
-    """The compiled functions as one differentiable operation."""
+    """Decoding by the compiled functions, as a differentiable operation."""
 
     @staticmethod
     def forward(ctx: Any, picture: Tensor, decoder: Decoder) -> Tensor:
@@ -100,12 +100,12 @@ ROOT = _fit_root()
 
 @inline
 def rise(x):
-    """Part: the curve of a channel."""
+    """Placeholder for the curve of a channel."""
 
 
 @inline
 def rise_slope(x):
-    """Part: the slope of that curve."""
+    """Placeholder for the slope of a channel's curve."""
 
 
 @inline
@@ -119,7 +119,7 @@ def _root(light):
 
 @inline
 def _gather(picture, rows, block, channels, light):
-    """Compute curved channels (C, BLOCK) and linear RGB (3, BLOCK) of a block; return its first pixel and size."""
+    """Write a block's curved channels (C, BLOCK) and linear RGB (3, BLOCK); return its first pixel and its size."""
     begin = block * BLOCK
     size = min(BLOCK, picture.shape[1] - begin)
     for c in range(CHANNELS):
@@ -135,7 +135,7 @@ def _gather(picture, rows, block, channels, light):
 
 @function
 def _decode(first_block, end_block, picture, rows, shown):
-    """Write pixels (3, P) of channels (C, P) in some of their blocks; ``rows`` is the matrix (3, C)."""
+    """Decode channels (C, P) to pixels (3, P) in a range of blocks; ``rows`` is the matrix (3, C)."""
     for block in range(first_block, end_block):
         channels, light = np.empty((CHANNELS, BLOCK), F), np.empty((3, BLOCK), F)
         begin, size = _gather(picture, rows, block, channels, light)
@@ -148,7 +148,7 @@ def _decode(first_block, end_block, picture, rows, shown):
 
 @function
 def _decode_back(first_block, end_block, picture, rows, grad, out):
-    """Write the gradient (C, P) of channels in some of their blocks from that of the pixels ``grad`` (3, P)."""
+    """Write the channels' gradient (C, P) in a range of blocks, given the pixels' gradient ``grad`` (3, P)."""
     for block in range(first_block, end_block):
         channels, light = np.empty((CHANNELS, BLOCK), F), np.empty((3, BLOCK), F)
         begin, size = _gather(picture, rows, block, channels, light)

@@ -24,7 +24,7 @@ RANGE = (1 + TOE) ** (1 / 3) - DARK
 
 
 def cone_responses(channels: Tensor) -> Tensor:
-    """Compute the responses of the cones from channels."""
+    """Convert channels to cone responses."""
     return (channels * RANGE + DARK) ** 3 - TOE
 
 
@@ -47,9 +47,9 @@ DECODER = Decoder(torch.linalg.inv(CONES), cone_responses, _cube, _slope)
 class Oklab(ColorSpace):
     """Mixes perceptually evenly: a mixture of two colours looks midway between them (Oklab, Ottosson 2020).
 
-    Channels are the cube roots of the responses of the three types of cones. Oklab's lightness and two opponent colours
-    are linear in them, so compositing gives the same result in both. Differs from the source: a small amount of light
-    (2e-4) is added before the roots.
+    Channels are the cube roots of the responses of the three cone types. Oklab's lightness and its two opponent colours
+    are linear in these, so that compositing gives the same result in both. Unlike in the source, a small amount of
+    light (2e-4) is added before the roots are taken.
     """
 
     cost, mixes = "not measured", "grey"

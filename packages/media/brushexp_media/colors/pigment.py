@@ -34,13 +34,13 @@ DEPTH = math.log((1 + DEEPEST) / DEEPEST)
 
 
 def reflectances_of(channels: Tensor) -> Tensor:
-    """Compute the reflected shares of light from channels."""
+    """Convert channels to the reflected fraction of light in each band."""
     return (1 + DEEPEST) * (DEPTH * (channels - 1)).exp() - DEEPEST
 
 
 @inline
 def _power(x):
-    """Compute exp(DEPTH (x - 1)) for x in [0, 1] as the 16th power of a truncated series of its 16th root."""
+    """Compute exp(DEPTH (x - 1)) for x in [0, 1] as the 16th power of a truncated series for its 16th root."""
     y = (x - F(1)) * F(DEPTH / 16)
     y = F(1) + y * (F(1) + y * (F(1 / 2) + y * (F(1 / 6) + y * (F(1 / 24) + y * (F(1 / 120) + y * F(1 / 720))))))
     y = y * y
@@ -67,10 +67,10 @@ class Pigment(ColorSpace):
     """Mixes like paint (yellow over blue gives green): the weighted geometric mean of reflectances in seven bands.
 
     A colour is split into white and two of six pure paints, whose reflectances are mixed (Smits, 1999, "An RGB to
-    spectrum conversion for reflectances"); channels are the logarithms of the result. Compositing them gives the
-    weighted geometric mean, as in MyPaint. This differs from the theory of Kubelka and Munk, which averages ratios of
-    absorption to scattering, so that darker paint counts for more. The bands are chosen for mixtures, not measured; the
-    blackest paint reflects 1 %.
+    spectrum conversion for reflectances"); channels are the logarithms of the result. Compositing the channels gives
+    the weighted geometric mean, as in MyPaint. Kubelka and Munk's theory instead averages ratios of absorption to
+    scattering, which gives darker paint more weight. The bands were chosen to give plausible mixtures, not measured;
+    the blackest paint reflects 1 %.
     """
 
     cost, mixes = "1.5", "green"
@@ -84,7 +84,7 @@ class Pigment(ColorSpace):
 
 
 def paints(light: Tensor) -> Tensor:
-    """Split linear RGB (..., 3) into amounts (..., 7) of white and pure paints, at most three of which are not 0."""
+    """Split linear RGB (..., 3) into amounts (..., 7) of white and six pure paints; at most three are nonzero."""
     white = light.amin(-1)
     red, green, blue = (light - white[..., None]).unbind(-1)
     cyan, magenta, yellow = torch.minimum(green, blue), torch.minimum(red, blue), torch.minimum(red, green)

@@ -1,1 +1,1 @@
-"""Initialisers for media: place the initial strokes as in drawing, pastel or pointillism."""
+"""Initialisers that place strokes as in ink drawings, pastels, pointillism and other media."""

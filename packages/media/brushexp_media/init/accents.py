@@ -1,4 +1,4 @@
-"""Draw the last strokes of a painting: lines along edges, in the darkest and lightest colours nearby."""
+"""Draw the last strokes of a painting: accents along edges, darker or lighter than their surroundings."""
 
 from dataclasses import replace
 
@@ -17,10 +17,10 @@ AROUND, APART = 0.02, 0.06  # standard deviation of the blur in longer sides, an
 def accents(
     picture: Array, n: int, length: float, width: float, focus: Array | None, *, dark: bool, toward: Array, share: float
 ) -> Strokes:
-    """Trace n lines on the dark or light side of edges of a picture (3, H, W); lines on neither side stay invisible.
+    """Trace n lines along edges, on their dark or light side, in a picture (3, H, W); other lines are invisible.
 
-    ``length`` and ``width`` of the strongest line are in pixels. A line has the colour of the picture there, shifted by
-    a ``share`` towards the colour ``toward`` (3,).
+    ``length`` and ``width`` are those of the strongest line, in pixels. A line has the picture's colour at its
+    position, shifted by the fraction ``share`` towards the colour ``toward`` (3,).
     """
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
 

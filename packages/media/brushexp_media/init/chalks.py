@@ -1,4 +1,4 @@
-"""Place strokes as in a pastel: rubbed-in masses, hatching over them, small forms, and accents."""
+"""Place strokes as in pastels: rubbed-in masses, with hatching, small forms and accents on top."""
 
 import math
 from dataclasses import dataclass, replace
@@ -37,24 +37,24 @@ DEEPER, LIGHTER = 0.35, 0.6  # shift of dark accents towards black, and of light
 @register("init", "chalks")
 @dataclass(kw_only=True)
 class Chalks(Initializer):
-    """Broad rubbed-in masses, hatching at the slant of a hand, small forms, and accents along edges.
+    """Broad rubbed-in masses, hatching at the natural slant of a hand, small forms, and accents along edges.
 
     Hatching leaves some rubbed areas uncovered, ends at colour edges, and turns half-way towards the direction of
-    forms. Strokes are in this order, which ``order=fixed`` preserves; masses have the soft mark of
-    ``renderer.kind=chalk``, and all others have its grain.
+    forms. The strokes are in the order given above, which ``order=fixed`` preserves. With ``renderer.kind=chalk``,
+    masses have its soft mark, and all other strokes have its grain.
 
     Args:
         layers: number of layers of masses and forms, from the side of the stick to its edge.
-        ratio: size of the strokes of a layer over that of the layer below.
-        cover: share of the canvas that a layer covers, of what the one below does.
+        ratio: stroke size in a layer, relative to the layer below.
+        cover: canvas area that a layer covers, as a fraction of the area that the layer below covers.
         width: stroke width, in the layer's mean stroke spacing.
         length: stroke length, in the layer's mean stroke spacing.
         edges: colour difference from the picture at which a stroke ends, 0 to 1.
-        calm: weight of a nearly horizontal direction, relative to the mean structure of the picture.
-        hatched: share of the strokes that are hatchings, 0 to 1.
-        accents: share of the strokes that are accents, 0 to 1.
-        thickness: thickness of hatchings, in the mean spacing of all strokes; accents are thinner.
-        reach: length of hatchings, in thicknesses.
+        calm: weight of a nearly horizontal direction, relative to the picture's mean structure.
+        hatched: fraction of the strokes that are hatching lines, 0 to 1.
+        accents: fraction of the strokes that are accents, 0 to 1.
+        thickness: thickness of hatching lines, in the mean spacing of all strokes; accents are thinner.
+        reach: length of hatching lines, relative to their thickness.
     """
 
     layers: Annotated[int, between(1, 8)] = 4
@@ -118,7 +118,7 @@ class Chalks(Initializer):
         return strokes_of(curve, width, np.ones(len(curve), bool), color, n)
 
     def _accents(self, picture: Array, weight: Array | None, n: int, thick: float) -> Strokes:
-        """Draw accents along edges, visible only where the focus is at least average; elsewhere they stay loose."""
+        """Draw accents along edges, visible only where the focus is at least average, so that other edges stay soft."""
         lights = round(LIGHTS * n)
         length, width = self.reach * thick, EDGED * thick
         drawn = Strokes.join(

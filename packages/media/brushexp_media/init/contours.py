@@ -1,4 +1,4 @@
-"""Draw the contours of a picture: bold single lines, outlines as chains of strokes, and fine features."""
+"""Draw contours in a picture: bold single lines, outlines as chains of strokes, and fine features."""
 
 import math
 
@@ -42,11 +42,11 @@ FINEST = 0.7  # least scale of outlines in pixels
 
 
 def contours(picture: Array, n: int, length: float, width: float, color: Array, focus: Array | None = None) -> Strokes:
-    """Draw n contours of a picture (3, H, W): single bold lines, outlines, and fine lines in the focus.
+    """Draw n contour strokes of a picture (3, H, W): single bold lines, outlines, and fine lines in the focus.
 
-    Single lines run along strong straight edges. Outlines, as chains of strokes, follow the other edges, the longest
-    and strongest first. ``length`` and ``width``, in pixels, are the largest of a stroke. With a focus (H, W), a share
-    of the strokes draws faint features there, such as eyes and mouths. Blurred edges have no contour.
+    Single lines follow strong straight edges. Outlines, drawn as chains of strokes, follow the other edges, the longest
+    and strongest first. ``length`` and ``width`` are the maximum dimensions of a stroke in pixels. With a ``focus`` (H,
+    W), some of the strokes draw faint features in it, such as eyes and mouths. Blurred edges get no contour.
     """
     side = max(picture.shape)
     frame = round(FRAME * side)
@@ -71,9 +71,9 @@ def contours(picture: Array, n: int, length: float, width: float, color: Array, 
 
 
 def _outlined(picture: Array, clear: Array, drawn: Array, n: int, length: float, width: float) -> tuple[Array, Array]:
-    """Follow the outlines in a picture (3, H, W) with at most n curves (m, 3, 2) and their widths (m,), broad first.
+    """Draw outlines in a picture (3, H, W) with at most n curves (m, 3, 2) of widths (m,), coarse outlines first.
 
-    There are none where a ``drawn`` curve (k, 3, 2) runs, or where edges are not ``clear`` (H, W).
+    Outlines are omitted along ``drawn`` curves (k, 3, 2) and where edges are not ``clear`` (H, W).
     """
     side, near = max(picture.shape), max(1, round(APART * width))
     taken, curves, widths, count = np.zeros(picture.shape[1:], bool), [np.zeros((0, 3, 2))], [np.zeros(0)], 0
@@ -97,28 +97,28 @@ def _outlined(picture: Array, clear: Array, drawn: Array, n: int, length: float,
 
 
 def _pressed(strength: Array) -> Array:
-    """Compute the width of lines of some strength, 0 to 1, relative to the width of the strongest."""
+    """Compute the width of lines from their strength, 0 to 1, relative to the width of the strongest line."""
     return LIGHTEST + (1 - LIGHTEST) * strength
 
 
 def _take(taken: Array, points: Array, near: int) -> None:
-    """Mark in a map (H, W) the pixels within ``near`` pixels of points (n, 2: x, y), along each axis."""
+    """Mark the pixels of a map (H, W) that are at most ``near`` pixels from points (n, 2: x, y) along each axis."""
     for column, row in points.astype(int).tolist():
         taken[max(row - near, 0) : row + near + 1, max(column - near, 0) : column + near + 1] = True
 
 
 def _fine_lines(picture: Array, least: float) -> Array:
-    """Find the lines (H, W) of a picture (3, H, W) that are at most as thick as a pen line."""
+    """Find lines (H, W) in a picture (3, H, W) that are no thicker than a pen line."""
     return np.maximum(*(edge_lines(picture, scale, least) for scale in (FINER, 1.0)))
 
 
 def _traced(
     lines: Array, flow: Array, straight: Array, n: int, length: float, width: float, area: float | None = None
 ) -> tuple[Array, Array]:
-    """Trace at most n lines of a strength map (H, W) along a flow (H, W): curves (m, 3, 2), and widths (m,).
+    """Trace at most n lines in a strength map (H, W) along a flow (H, W); return curves (m, 3, 2) and widths (m,).
 
-    Those in ``straight`` areas (H, W) come first. There is at most one line in each of the cells that divide an
-    ``area`` in pixels, or the whole map.
+    Lines where ``straight`` (H, W) is high are traced first. At most one line starts in each cell of a grid, whose cell
+    size follows from n and the ``area`` in pixels, or the whole map.
     """
     _, x, y = worst_of_cells(lines, max(2, round(0.6 * math.sqrt((area or lines.size) / max(n, 1)))))
     strength = sampled_at(lines, x, y)

@@ -1,4 +1,4 @@
-"""Ink the eyes and the mouth of a face that is too small for drawn lines."""
+"""Ink the eyes and mouth of a face that is too small for drawn lines."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,7 @@ SPECK = 0.002  # share of the target below which a shape is a speck
 
 @dataclass(kw_only=True)
 class DarkShapes(Initializer):
-    """Ink strokes that fill areas darker than their surroundings: lids, pupils, brows, the line of a mouth.
+    """Ink strokes that fill areas darker than their surroundings, such as lids, pupils, brows and the line of a mouth.
 
     Args:
         color: colour of the ink, as '#rrggbb'.

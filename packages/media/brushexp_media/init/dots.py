@@ -1,4 +1,4 @@
-"""Place dots of divided colour: each is purer than the picture, and their mean matches it."""
+"""Place dots of divided colour, which are purer than the picture but match it on average."""
 
 from dataclasses import dataclass, replace
 from typing import Annotated
@@ -29,22 +29,22 @@ TURNED, UNEVEN = 0.3, 0.08  # standard deviation between dots: hue in radians, a
 @register("init", "dots")
 @dataclass(kw_only=True)
 class Dots(Initializer):
-    """Dabs of divided hues in layers, larger ones everywhere and smaller ones where there is detail.
+    """Dabs of divided hues in layers, with larger dabs everywhere and smaller dabs where there is detail.
 
-    Each dab has the lightness of the picture there, and its hue is shifted by ``division``: mostly towards a purer
+    Each dab has the picture's lightness at its position. Its colour is shifted by ``division``, mostly towards a purer
     colour, sometimes towards the colour of the light (orange in light, blue in shadow) or the complementary hue; greys
-    become orange and blue. Source: Signac (1899), Chevreul (1839); the optimiser then makes their mean match the
-    picture (``loss=[blurred,chroma]``).
+    become orange and blue. Source: Signac (1899), Chevreul (1839). The optimiser then makes the mean of the dabs match
+    the picture (``loss=[blurred,chroma]``).
 
     Args:
         layers: number of layers of dabs, from large to small.
-        ratio: size of the dabs of a layer over that of the layer below.
-        cover: share of the canvas that a layer covers, of what the one below does.
+        ratio: dab size in a layer, relative to the layer below.
+        cover: canvas area that a layer covers, as a fraction of the area that the layer below covers.
         width: dab width, in the layer's mean stroke spacing; below 1, the ground shows between dabs.
         length: dab length, in the layer's mean stroke spacing.
         jitter: standard deviation of a random shift of each dab, in the layer's mean stroke spacing.
-        division: separation of the hues of the largest dabs, 0 to 1; smaller ones, and those in the focus, differ less.
-        under: share of the strokes that are broad touches below the dots.
+        division: separation of the hues of the largest dabs, 0 to 1; smaller dabs, and dabs in the focus, differ less.
+        under: fraction of the strokes that are broad touches below the dots.
     """
 
     layers: Annotated[int, between(1, 8)] = 2
@@ -66,7 +66,7 @@ class Dots(Initializer):
         return Strokes.join(_undertouches(target, under, generator), dots) if under else dots
 
     def _divided(self, strokes: Strokes, generator: torch.Generator, focus: Tensor | None) -> Strokes:
-        """Shift the hues of strokes apart, but hardly their lightness, so that no dot stands out as a speck."""
+        """Separate the hues of strokes with hardly any change in lightness, so that no dot stands out as a speck."""
         n, lab = len(strokes), torch.from_numpy(to_lab(strokes.color.double().numpy()))
         kind, sign = torch.rand(2, n, 1, generator=generator, dtype=torch.float64)
         turn, light = torch.randn(2, n, generator=generator, dtype=torch.float64)
@@ -86,7 +86,7 @@ class Dots(Initializer):
 
 
 def _undertouches(target: Tensor, n: int, generator: torch.Generator) -> Strokes:
-    """Place broad touches below the dots, duller than the picture and cooler in shadow, to cover the bare ground."""
+    """Place broad touches that cover the ground below the dots, duller than the picture and cooler in shadow."""
     strokes = InLayers(layers=1, width=BROAD, length=LONG, opacity=1.0, jitter=SHIFTED)(target, n, generator)
     lab = torch.from_numpy(to_lab(strokes.color.double().numpy()))
     shadow = (1 - lab[:, :1] / SHADOW).clamp(0, 1)
@@ -97,6 +97,6 @@ def _undertouches(target: Tensor, n: int, generator: torch.Generator) -> Strokes
 
 
 def _at(weights: Tensor, strokes: Strokes) -> Tensor:
-    """Look up weights (H, W) at the positions of strokes, (N,)."""
+    """Look up weights (H, W) at the positions of N strokes."""
     x, y = (part.long().clamp(0, side - 1) for part, side in zip(strokes.position.T, weights.shape[::-1], strict=True))
     return weights[y, x].double()

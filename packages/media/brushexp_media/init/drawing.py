@@ -1,4 +1,4 @@
-"""Place strokes as in an ink drawing: washes in the shapes of shadows, hatching, contours and the darkest accents."""
+"""Place strokes as in ink drawings: washes in the shapes of shadows, hatching, contours and the darkest accents."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -48,24 +48,25 @@ INK = Rule(named_color)
 class Drawing(Initializer):
     """Washes in the shapes of three tones, hatching over them, contours that swell with contrast, and dark accents.
 
-    Source: pen-and-ink illustration as described by Winkenbach and Salesin (1994): tone is built up by successive
-    layers of hatching, and outlines are drawn where neighbouring tones do not separate objects. Differs from the
-    source: hatching has fixed angles, from which it turns by up to `TURN` where forms are strong. Shapes are those of a
-    flattened picture; in the focus forms are kept, contours are finer, hatching is sparser, and small dark shapes
-    (lids, pupils, a mouth) are filled.
+    Source: Winkenbach and Salesin (1994), on pen-and-ink illustration: tone is built up by successive layers of
+    hatching, and outlines are drawn where neighbouring tones do not separate objects. Unlike in the source, hatching
+    has fixed angles, from which it turns by up to `TURN` where forms are strong. Shapes are found in a flattened
+    picture. In the focus, forms are kept, contours are finer, hatching is sparser, and small dark shapes (lids, pupils,
+    a mouth) are filled.
 
     Args:
-        contours: share of the strokes that are contours, 0 to 1.
-        washes: share of the strokes that are washes, 0 to 1.
-        accents: share of the strokes that fill small dark shapes, 0 to 1.
+        contours: fraction of the strokes that are contours, 0 to 1.
+        washes: fraction of the strokes that are washes, 0 to 1.
+        accents: fraction of the strokes that fill small dark shapes, 0 to 1.
         flatness: flattening of forms by total variation, in proportion to the size of the picture; 0 = none.
-        tones: darkness (0 white to 1 black) at which the three hatchings begin; less in light pictures.
-        wash_tones: darkness at which the light, middle and dark wash begin; less in light pictures.
-        white: smallest share of the picture that stays without hatching and wash, 0 to 1.
+        tones: darkness (0 = white, 1 = black) from which each of the three hatching layers is drawn; lower in light
+            pictures.
+        wash_tones: darkness from which the light, the middle and the dark wash are drawn; lower in light pictures.
+        white: minimum fraction of the picture without hatching and wash, 0 to 1.
         width: contour width, in thousandths of the longer side.
         length: line length, in hundredths of the longer side.
         color: colour of the ink, as '#rrggbb'.
-        wash: colour of the light wash, as '#rrggbb'; the others are powers of it, like a tint laid over itself.
+        wash: colour of the light wash, as '#rrggbb'; the other washes are powers of it, like several layers of a tint.
     """
 
     contours: Annotated[float, between(0, 1)] = 0.4
@@ -117,13 +118,13 @@ class Drawing(Initializer):
         return DarkShapes(color=self.color)
 
     def _inked(self, lines: Array, area: Array, n: int, random: np.random.Generator) -> Strokes:
-        """Fill lines (H, W), as thick as in the picture, omitting specks relative to an ``area`` (H, W)."""
+        """Fill lines (H, W) at their own thickness, omitting parts that are tiny relative to an ``area`` (H, W)."""
         shapes = cleaned(lines > INKED, SPECK * float((area > LOOKED_AT).sum()))
         curve, half = filled(shapes, n, REED * max(lines.shape), random)
         return strokes_of(curve, 2 * half, half > 0, rgb_of(self.color), n)
 
     def _hatching(self, dark: Array, turned: Array, n: int, random: np.random.Generator) -> Strokes:
-        """Draw hatching over dark areas at the angles, ``turned`` (H, W) by forms, as densely as ``n`` lines allow."""
+        """Draw hatching over dark areas, at fixed angles plus ``turned`` (H, W), as densely as ``n`` lines allow."""
         side, tones = max(dark.shape), self._above(self.tones, dark)
         area = sum(float((dark > tone).sum()) for tone in tones)
         gap = max(1.2, area / max(n, 1) / (0.9 * self._longest(side)))
@@ -136,9 +137,9 @@ class Drawing(Initializer):
         return strokes_of(curve, width, darkness > 0, rgb_of(self.color), n)
 
     def _washes(self, dark: Array, steep: Array, n: int, random: np.random.Generator) -> Strokes:
-        """Place a wash over the shapes of each tone, each darker than the previous ones.
+        """Place a wash over the shapes of each tone; each wash is darker than the previous one.
 
-        An edge is sharp where the picture has an edge nearby, and lost where forms are soft.
+        A wash has sharp edges where the picture has an edge nearby, and blurred edges where forms are soft.
         """
         from scipy.ndimage import distance_transform_edt  # noqa: PLC0415  (slow to import)
 
@@ -156,7 +157,7 @@ class Drawing(Initializer):
         return Strokes.join(*parts)
 
     def _above(self, tones: Sequence[float], dark: Array) -> list[float]:
-        """Adapt tone thresholds to a picture: raise them if too little paper would stay white, else lower them."""
+        """Adapt tone thresholds to a picture: raise them if too little paper would stay white; otherwise lower them."""
         left = [1 - (1 - self.white) / 2**k for k in range(len(tones))]
         most = [float(np.quantile(dark, share)) - EVEN for share in left]
         return [max(one, one + KEPT * (tone - one)) for tone, one in zip(tones, most, strict=True)]
@@ -169,7 +170,7 @@ class Drawing(Initializer):
 
 
 def dark_features(lightness: Array) -> Array:
-    """Find pupils, lids, nostrils and the like (H, W), 0 or 1: dark shapes with lighter surroundings on all sides."""
+    """Find dark shapes (H, W), 0 or 1, that are lighter on all sides, such as pupils, lids and nostrils."""
     from scipy.ndimage import black_tophat, gaussian_filter  # noqa: PLC0415  (slow to import)
 
     side, found = max(lightness.shape), np.zeros(lightness.shape, bool)
@@ -181,7 +182,7 @@ def dark_features(lightness: Array) -> Array:
 
 
 def _simplified(dark: Array, attended: Array) -> Array:
-    """Blur darkness (H, W) for washes: broadly where ``attended`` (H, W) is 0, so that backgrounds have few shapes."""
+    """Blur darkness (H, W) for washes, more where ``attended`` (H, W) is 0, so that backgrounds have few shapes."""
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
 
     side = max(dark.shape)
@@ -191,19 +192,19 @@ def _simplified(dark: Array, attended: Array) -> Array:
 
 
 def _within_margin(size: tuple[int, ...], random: np.random.Generator) -> Array:
-    """Mark the area (H, W) within the draughtsman's margin, whose edge wavers."""
+    """Mark the area (H, W) inside the draughtsman's margin, whose edge wavers."""
     y, x = (np.minimum(np.arange(side), np.arange(side)[::-1]) / max(size) for side in size)
     reach = np.minimum(x, y[:, None])
     return reach > MARGIN * (1 + WAVER * noise_of(size, WAVES, random))
 
 
 def _swayed(turned: Array, random: np.random.Generator) -> Array:
-    """Vary the angles of hatching (H, W), in radians, slightly from one group of lines to the next."""
+    """Vary hatching angles (H, W), in radians, slightly from one group of lines to the next."""
     return turned + SWAY * noise_of(turned.shape, GROUPS, random)
 
 
 def slope_of(luma: Array) -> Array:
-    """Compute the slope of luma (H, W), per longer side, blurred as for washes."""
+    """Compute the slope of luma (H, W), per longer side, after the blur that washes use."""
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
 
     side = max(luma.shape)

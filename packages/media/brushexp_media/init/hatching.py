@@ -1,4 +1,4 @@
-"""Draw hatching: short lines side by side, which turn with the forms of a picture."""
+"""Draw hatching: short parallel lines, which turn with the forms of a picture."""
 
 import math
 
@@ -17,7 +17,7 @@ LONGER = 0.45  # standard deviation of the logarithm of the length of hatching l
 
 
 def forms(picture: Array) -> Array:
-    """Compute the angle (H, W) by which hatching follows the forms of a picture (3, H, W): radians, at most `TURN`."""
+    """Compute the angle (H, W), in radians and at most `TURN`, by which hatching turns to follow a picture's forms."""
     tensor = structure_tensor(picture, FORM * max(picture.shape))
     angle = (along_edges(tensor) - ANGLES[0] + math.pi / 2) % math.pi - math.pi / 2
     strength = tensor[0] + tensor[2]
@@ -28,7 +28,7 @@ def forms(picture: Array) -> Array:
 def hatching(
     dark: Array, tone: float, angle: float, turned: Array, gap: float, length: float, random: np.random.Generator
 ) -> Array:
-    """Draw curves (n, 3, 2) about ``gap`` pixels apart where a map (H, W) exceeds ``tone``; ``turned`` is (H, W)."""
+    """Draw curves (n, 3, 2) about ``gap`` pixels apart where ``dark`` (H, W) exceeds ``tone``; ``turned`` is (H, W)."""
     height, width = dark.shape
     half = 0.5 * math.hypot(height, width)
     u, v = np.meshgrid(np.arange(-half, half, 0.8 * length), np.arange(-half, half, gap))

@@ -1,4 +1,4 @@
-"""Make strokes of ink along given curves, in a named colour."""
+"""Make ink strokes along given curves, in a named colour."""
 
 import numpy as np
 import torch
@@ -12,12 +12,12 @@ INKED = 0.5  # strength above which lines are filled at their own thickness, as 
 
 
 def rgb_of(color: str) -> Array:
-    """Return the colour (3,), 0 to 1, given by a name or '#rrggbb'."""
+    """Convert a colour name or '#rrggbb' to RGB (3,), 0 to 1."""
     return np.frombuffer(named_color(color, "init.color") or b"", np.uint8) / 255
 
 
 def strokes_of(curve: Array, width: Array, seen: Array, color: Array, n: int) -> Strokes:
-    """Make n strokes along curves, in one colour or one each; if there are too few curves, add invisible strokes."""
+    """Make n strokes along curves, in one or individual colours; if there are too few curves, add invisible strokes."""
     lacking, color = n - len(curve), np.broadcast_to(color, (len(curve), 3))
     curve, width, seen, color = (
         np.concatenate([part, np.full((lacking, *part.shape[1:]), fill, part.dtype)])

@@ -1,4 +1,4 @@
-"""Place marks end to end in parallel rows, which follow forms and wind where there are none."""
+"""Place marks end to end in parallel rows, which follow forms, and meander where there are none."""
 
 import heapq
 import math
@@ -43,27 +43,28 @@ INK = Rule(named_color)
 @register("init", "rows")
 @dataclass(kw_only=True)
 class InRows(Initializer):
-    """Long marks in parallel rows along forms, larger ones everywhere and smaller ones where there is detail.
+    """Long marks in parallel rows along forms, with larger marks everywhere and smaller marks where there is detail.
 
-    Rows are evenly spaced streamlines (Jobard and Lefer, 1997) of the direction in which the picture changes least.
-    Differs from the source: lines are cut into marks, which end where the picture no longer has their colour. Where it
-    hardly changes, rows follow the contour lines of noise.
+    Rows are evenly spaced streamlines (Jobard and Lefer, 1997) along the direction in which the picture changes least.
+    Unlike in the source, lines are cut into marks, which end where the picture no longer has their colour. Where the
+    picture hardly changes, rows follow the contour lines of noise.
 
     Args:
-        layers: number of layers, from large marks to small ones.
-        ratio: size of the marks of a layer over that of the layer below.
-        cover: share of the canvas that a layer covers, of what the one below does.
-        under: share of the marks that are an underpainting, 0 to 1.
-        outlines: share of the marks that are outlines, 0 to 1.
-        width: mark width, in the spacing of rows.
-        length: mark length, in the spacing of rows.
+        layers: number of layers, from large to small marks.
+        ratio: mark size in a layer, relative to the layer below.
+        cover: canvas area that a layer covers, as a fraction of the area that the layer below covers.
+        under: fraction of the marks that are an underpainting, 0 to 1.
+        outlines: fraction of the marks that are outlines, 0 to 1.
+        width: mark width, relative to the spacing of rows.
+        length: mark length, relative to the spacing of rows.
         edges: colour difference from the picture at which a mark ends, 0 to 1.
-        turning: amount by which rows turn where the picture has no forms; at 0 they are horizontal.
-        calm: weight of these turns against the forms of the picture; higher values keep faint forms from bending rows.
-        bend: bend of a mark relative to its row: 1 follows the row, 0 is straight, as with a knife.
-        looseness: standard deviation of the turn and bend of marks against their row where there are no forms, radians.
-        variety: variation of hue and lightness between marks, 0 to 1.
-        values: standard deviation of lightness alone between marks, 0 to 1.
+        turning: amount by which rows turn where the picture has no forms; 0 = horizontal rows.
+        calm: weight of these turns relative to the picture's forms; higher values keep faint forms from bending rows.
+        bend: bend of a mark relative to its row: 1 follows the row, 0 is straight, like a knife stroke.
+        looseness: standard deviation, in radians, of the turn and bend of marks relative to their row where there are
+            no forms.
+        variety: variation in hue and lightness between marks, 0 to 1.
+        values: standard deviation of an additional variation in lightness alone between marks, 0 to 1.
         outline: colour of outlines, as '#rrggbb'.
     """
 
@@ -98,7 +99,7 @@ class InRows(Initializer):
         return Strokes.join(ground, marks, drawn)
 
     def _marks(self, picture: Array, weight: Array, n: int, random: np.random.Generator) -> tuple[Strokes, float]:
-        """Place n marks in layers; also return the distance between the finest rows."""
+        """Place n marks in layers; return them and the distance between the finest rows."""
         shares = (self.cover / self.ratio**2) ** np.arange(self.layers)
         asked = n * shares.cumsum() / shares.sum()  # cumulative number up to each layer
         asked[0] = n if self.layers > 1 else asked[0]  # the first layer covers the canvas, however many it takes
@@ -130,7 +131,7 @@ class InRows(Initializer):
 
 
 class Rows:
-    """Rows of marks ``distance`` pixels apart along a flow (H, W), in radians, in a picture (3, H, W).
+    """Rows of marks in a picture (3, H, W), ``distance`` pixels apart, along a flow (H, W) in radians.
 
     Marks deviate from the flow by ``loose`` (H, W), a standard deviation in radians. ``length`` is the length of a mark
     in row distances; a mark ends where the picture differs from its colour by ``edges``.
@@ -146,7 +147,7 @@ class Rows:
         self.taken: Array = np.zeros(flow.shape, bool)
 
     def grown(self, detail: Array, n: int) -> tuple[Array, Array]:
-        """Grow at most ``n`` marks (m, 3, 2) of sizes (m,), side by side, where ``detail`` (H, W) is largest first."""
+        """Grow at most ``n`` adjacent marks (m, 3, 2) of sizes (m,), beginning where ``detail`` (H, W) is largest."""
         y, x = (np.arange(self.distance / 2, side, self.distance) for side in detail.shape)
         places, numbers = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2), count()
         marks: list[Array] = []
@@ -174,7 +175,7 @@ class Rows:
         return self.picture[:, row, column]
 
     def _mark(self, seed: Array) -> Array:
-        """Trace a mark (k, 2) from a seed in both directions; (0, 2) if another mark lies there."""
+        """Trace a mark (k, 2) from a seed in both directions; return (0, 2) if another mark is already there."""
         if self.taken[_pixel(seed)]:
             return np.empty((0, 2))
         steps = round(self.random.uniform(*UNEVEN) * self.length / STEP / 2)
@@ -183,7 +184,7 @@ class Rows:
         return np.array([*before[::-1], seed, *after])
 
     def _traced(self, seed: Array, way: int, turns: Array) -> list[Array]:
-        """Follow the flow, turning at each step, until the picture changes colour or another mark is near."""
+        """Follow the flow with a turn at each step, until the picture's colour changes or another mark is near."""
         point, going, points = seed, way * self.ahead[_pixel(seed)], []
         color = self._color(seed)
         for c, s in zip(np.cos(turns), np.sin(turns), strict=True):
@@ -198,7 +199,7 @@ class Rows:
         return points
 
     def _take(self, mark: Array, reach: float) -> None:
-        """Mark all points closer than ``reach`` to the points of a mark (k, 2) as taken."""
+        """Mark as taken all pixels closer than ``reach`` to the points of a mark (k, 2)."""
         (left, top), (right, bottom) = (mark.min(0) - reach).clip(0).astype(int), (mark.max(0) + reach + 1).astype(int)
         box = self.taken[top:bottom, left:right]
         y, x = (np.arange(side) + 0.5 for side in box.shape)
@@ -206,7 +207,7 @@ class Rows:
         box |= square.min(-1) < reach**2
 
     def _around(self, mark: Array, size: float) -> list[Array]:
-        """Return the points where the next marks of a row and those of its neighbours start."""
+        """Return seeds for the next marks in the same row and in the two neighbouring rows."""
         first, middle, last = mark[0], mark[len(mark) // 2], mark[-1]
         along = self.distance * (last - first) / max(math.hypot(*(last - first)), 1e-9)
         across = size * self.random.uniform(*APART) * np.array([-along[1], along[0]])
@@ -218,7 +219,7 @@ def _pixel(point: Array) -> tuple[int, int]:
 
 
 def _turns(size: tuple[int, int], turning: float, random: np.random.Generator) -> Array:
-    """Compute tensors (3, H, W) for rows where there are no forms: along contour lines of noise and the horizontal."""
+    """Compute structure tensors (3, H, W) of a noisy vertical ramp, which guide rows where there are no forms."""
     y, x = (torch.arange(side + 1) / (TURNS * max(size)) for side in size)
     seed = int(random.integers(2**31))
     noise = fractal_noise(x.expand(len(y), -1), y[:, None].expand(-1, len(x)), seed, 2).double().numpy()

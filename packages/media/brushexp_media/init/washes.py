@@ -1,4 +1,4 @@
-"""Fill the shapes of a picture with strokes as broad as fit, like a brush: washes and darkest accents."""
+"""Fill shapes in a picture with the broadest strokes that fit, for washes and the darkest accents."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ NARROWER, LONG = 0.65, 9.0  # least room along a stroke, and its length, relativ
 
 
 def cleaned(mask: Array, least: float) -> Array:
-    """Remove the parts of a mask (H, W) with fewer than ``least`` pixels, and fill holes with fewer pixels."""
+    """Remove parts with fewer than ``least`` pixels from a mask (H, W), and fill holes with fewer pixels."""
     from scipy.ndimage import label  # noqa: PLC0415  (slow to import)
 
     for inside in (True, False):
@@ -26,7 +26,7 @@ def cleaned(mask: Array, least: float) -> Array:
 
 
 def filled(mask: Array, n: int, broadest: float, random: np.random.Generator) -> tuple[Array, Array]:
-    """Fill a mask (H, W) with at most ``n`` strokes, broad ones first: curves (m, 3, 2) and half widths (m,).
+    """Fill a mask (H, W) with at most ``n`` strokes, broad ones first; return curves (m, 3, 2) and half widths (m,).
 
     No stroke is broader than ``broadest`` pixels; each starts where earlier strokes left the mask bare.
     """
@@ -55,7 +55,7 @@ def filled(mask: Array, n: int, broadest: float, random: np.random.Generator) ->
 
 
 def _cover(bare: Array, curve: Array, half: float) -> None:
-    """Clear a map (H, W) of bare area along a curve (3, 2), where a stroke with ends that are `THINNER` covers it."""
+    """Clear, in a map (H, W) of the bare area, what a stroke with thinner ends covers along a curve (3, 2)."""
     points = points_of(curve[None])[:, 0]
     reach = np.maximum(OVERLAP * half * (1 - THINNER * (2 * TIMES - 1) ** 2), SMALLEST_REACH)
     (left, top), (right, bottom) = (points.min(0) - half).clip(0).astype(int), (points.max(0) + half + 1).astype(int)
@@ -66,7 +66,7 @@ def _cover(bare: Array, curve: Array, half: float) -> None:
 
 
 def between_tones(dark: Array, tone: float) -> float:
-    """Move a tone of a map (H, W), 0 to 1, to the rarest tone nearby, so that no shape is cut in two."""
+    """Move a tone, 0 to 1, to the rarest tone nearby in a map (H, W), so that no shape is cut in two."""
     from scipy.ndimage import gaussian_filter1d  # noqa: PLC0415  (slow to import)
 
     count, ends = np.histogram(dark, 100, (0, 1))

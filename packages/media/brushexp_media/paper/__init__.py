@@ -1,1 +1,1 @@
-"""Papers and canvases, and the behaviour of wet paint on them."""
+"""Papers and canvases, and the way wet paint behaves on them."""

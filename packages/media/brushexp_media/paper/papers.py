@@ -1,4 +1,4 @@
-"""Papers and canvases as height maps, given by formulas of position and therefore available at any size."""
+"""Papers and canvases as height maps, computed by formulas from position and therefore available at any size."""
 
 import math
 from abc import abstractmethod
@@ -40,24 +40,24 @@ class GrainedPaper(Paper):
     """A paper with hollows that dry paint skips and in which wet pigment settles.
 
     Args:
-        grain: size of its grain in thousandths of the longer side of the picture.
-        tooth: share of the paper that dry paint skips, 0 to 1: the lowest hollows.
-        pressure: variation of the hand's pressure, 0 to 1, as a share of ``tooth``.
-        dust: share of the paint that is dust and half fills hollows, 0 (none: their borders are crisp) to 1.
-        drag: elongation of the grain along the strokes, as by a stick that skips, 0 to 1.
-        accents: increase of the hand's pressure where there is detail, 0 to 1, so that small things cover the grain.
-        roughness: height of the grain in the light, in grain sizes; it shows where ``light.depth`` is not 0.
-        granulation: amount of wet pigment settling in hollows, 0 to 2, largest where pigment pools in dark washes.
-        rims: gathering of wet pigment at the edges of a wash, 0 to 10.
-        blooms: unevenness of a drying wash, 0 to 2.
-        clean: smoothing of paint along its edges, in grains: many touches get the edges of a single one.
-        wander: distance by which wet edges wander, in grains.
-        lost: share of the paper that is still wet when the next wash is laid, 0 to 1: edges run there.
-        charged: variation of hue within a wash, warmer and cooler, 0 to 2.
-        halftones: increase of the hand's pressure where paint is lighter or darker than the ground, 0 to 1: the ground
-            serves as a halftone.
-        frayed: width of the zone within the border where strokes fray out, in border widths, 0 to 10.
-        border: width of the bare border of the paper, in hundredths of the longer side.
+        grain: size of the grain, in thousandths of the picture's longer side.
+        tooth: fraction of the paper, its lowest hollows, that dry paint skips, 0 to 1.
+        pressure: variation in the hand's pressure, 0 to 1, as a fraction of ``tooth``.
+        dust: fraction of the paint that is dust and half fills hollows, 0 (none: hollows have crisp borders) to 1.
+        drag: elongation of the grain along the strokes, as if by a skipping stick, 0 to 1.
+        accents: increase in the hand's pressure where there is detail, 0 to 1, so that small things cover the grain.
+        roughness: height of the lit grain, in grain sizes; it has no effect if ``light.depth`` is 0.
+        granulation: amount of wet pigment that settles in hollows, 0 to 2, largest where pigment pools in dark washes.
+        rims: strength with which wet pigment gathers at the edges of a wash, 0 to 10.
+        blooms: unevenness of washes due to drying, 0 to 2.
+        clean: smoothing of paint along its edges, in grains, which gives many touches the edge of a single one.
+        wander: distance by which wet edges are displaced, in grains.
+        lost: fraction of the paper that is still wet when the next wash is laid, 0 to 1; edges run there.
+        charged: variation in hue within a wash, towards warmer and cooler colours, 0 to 2.
+        halftones: increase in the hand's pressure where paint is lighter or darker than the ground, 0 to 1, so that the
+            ground serves as a halftone.
+        frayed: width of the zone inside the border in which strokes fray out, in border widths, 0 to 10.
+        border: width of the paper's bare border, in hundredths of the longer side.
         seed: seed of the grain.
     """
 
@@ -82,7 +82,7 @@ class GrainedPaper(Paper):
 
     @abstractmethod
     def surface(self, x: Tensor, y: Tensor) -> Tensor:
-        """Compute heights (float32), of mean about 0 and standard deviation about 1, at positions in grains."""
+        """Compute heights (float32), with mean about 0 and standard deviation about 1, at positions in grains."""
 
     def margin(self, size: tuple[int, int]) -> int:
         around = (self.rims, self.clean, self.wander, self.lost, self.charged, self.accents, self.halftones, self.drag)
@@ -151,14 +151,14 @@ class GrainedPaper(Paper):
         return ground + torch.lerp(covered, torch.ones_like(covered), LEFT * self.dust) * (flat - ground)
 
     def _within(self, rows: Rows) -> Tensor:
-        """Compute each pixel's distance (h, W) from the border, in longer sides; the border wavers as if by hand."""
+        """Compute each pixel's distance (h, W) from a border that wavers as if drawn by hand, in longer sides."""
         x, y = rows.places
         height, width = (side / max(rows.size) for side in rows.size)
         reach = torch.minimum(torch.minimum(x, width - x), torch.minimum(y, height - y)).float()
         return reach - self.border / HUNDREDTHS * (1 + WAVER * fractal_noise(x / WAVES, y / WAVES, self.seed + 41, 5))
 
     def _dragged(self, flat: Tensor, rows: Rows) -> Tensor:
-        """Compute the heights (h, W) that a stick meets: those of the paper, plus streaks along the strokes."""
+        """Compute the heights (h, W) that a stick meets: the paper's heights, mixed with streaks along the strokes."""
         heights = self._heights(rows)
         if self.drag == 0:
             return heights
@@ -170,7 +170,7 @@ class GrainedPaper(Paper):
 
 @register("paper", "cold_pressed")
 class ColdPressed(GrainedPaper):
-    """Watercolour paper with the even, felted grain of cold pressing."""
+    """Watercolour paper with the even, felt-like grain of cold pressing."""
 
     def surface(self, x: Tensor, y: Tensor) -> Tensor:
         return fractal_noise(x / 1.6, y / 1.6, self.seed, 3)
@@ -187,7 +187,7 @@ class Rough(GrainedPaper):
 
 @register("paper", "laid")
 class Laid(GrainedPaper):
-    """Laid paper: fine ribs from the wires of its mould, crossed by chain lines."""
+    """Laid paper: fine ribs from the wires of the mould, crossed by chain lines."""
 
     def surface(self, x: Tensor, y: Tensor) -> Tensor:
         waver = 0.25 * gradient_noise(x / 12, y / 12, self.seed)

@@ -14,25 +14,25 @@ DRIFT = 3.0  # grains between positions at which edges wander differently
 
 
 def gather_pigment(color: Tensor, more: Tensor) -> Tensor:
-    """Change the pigment density of a picture (3, H, W) in [0, 1] from 1 to 1 + ``more`` (H, W): c - c (1 - c) more.
+    """Change the pigment density of a picture (3, H, W) from 1 to 1 + ``more`` (H, W): c becomes c - c (1 - c) more.
 
-    White paper and black pigment do not change.
+    Colours c are in [0, 1]; white paper and black pigment are unchanged.
     """
     return (color - color * (1 - color) * more).clamp(0, 1)
 
 
 def density_of_edges(picture: Tensor, sigma: float) -> Tensor:
-    """Compute how much pigment (H, W) gathers on the darker side of edges, in pixels darker than those around them.
+    """Compute how much pigment (H, W) gathers on the darker side of edges, in pixels darker than their surroundings.
 
-    It is at most about 1/2, at an edge between white and black; ``sigma`` is the distance in pixels over which it
-    fades. Differs from the source, which takes the gradient and darkens both sides.
+    The amount is at most about 1/2, at an edge between white and black, and fades over a distance of ``sigma`` pixels.
+    The source instead uses the gradient and darkens both sides.
     """
     luma = luma_of(picture)
     return (gaussian_blur(luma, sigma) - luma)[0].clamp_min(0)
 
 
 def wandered(picture: Tensor, x: Tensor, y: Tensor, reach: float, seed: int) -> Tensor:
-    """Look up a picture (3, h, W) about ``reach`` pixels off each pixel; x and y (h, W) are positions in grains."""
+    """Displace the pixels of a picture (3, h, W) by about ``reach`` pixels; x and y (h, W) are positions in grains."""
     height, width = picture.shape[1:]
     shift = [0.5 * fractal_noise(x / DRIFT, y / DRIFT, seed + k, 2).clamp(-3, 3).to(picture) for k in (21, 31)]
     row, column = torch.meshgrid(torch.arange(height), torch.arange(width), indexing="ij")

@@ -1,1 +1,1 @@
-"""Features that media need from pictures: lines and smooth areas; also random fields of unlimited resolution."""
+"""Picture features for media, such as lines and smooth areas, and random fields of unlimited resolution."""

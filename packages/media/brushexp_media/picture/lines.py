@@ -18,18 +18,18 @@ LUMA = (0.299, 0.587, 0.114)
 
 
 def luminance(picture: Array) -> Array:
-    """Compute luma (H, W) of a picture (3, H, W) in [0, 1]."""
+    """Compute the luma (H, W) of a picture (3, H, W) in [0, 1]."""
     luma: Array = np.tensordot(LUMA, picture.astype(np.float64), 1)
     return luma
 
 
 def edge_lines(picture: Array, scale: float = 1.0, least: float = THRESHOLD) -> Array:
-    """Compute the strength of a line (H, W), 0 to 1, through each pixel of a picture (3, H, W).
+    """Compute, for each pixel of a picture (3, H, W), the strength (H, W), 0 to 1, of a line through it.
 
-    Lines lie on the dark side of edges with a difference of at least ``least``, and are ``scale`` times as thick as a
-    pen's. Source: Winnemöller et al., "XDoG: An extended difference-of-Gaussians compendium" (2012). Differs from the
-    source: the difference is relative to the light around it, so that dark areas also get lines; and it is the largest
-    over red, green and blue, so that colours of equal luma are distinguished.
+    Lines are on the dark side of edges with a difference of at least ``least``, and ``scale`` times as thick as a pen
+    line. Source: Winnemöller et al., "XDoG: An extended difference-of-Gaussians compendium" (2012). Unlike in the
+    source, the difference is relative to the surrounding light, so that dark areas also get lines, and it is the
+    maximum over red, green and blue, so that colours of equal luma are distinguished.
     """
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
 
@@ -42,7 +42,7 @@ def edge_lines(picture: Array, scale: float = 1.0, least: float = THRESHOLD) -> 
 
 
 def find_apart(curve: Array, size: tuple[int, ...], reach: float) -> Array:
-    """Find the curves (n, 3, 2) that do not run along an earlier one within ``reach`` pixels."""
+    """Return the indices of the curves (n, 3, 2) that do not follow an earlier curve within ``reach`` pixels."""
     points = points_of(curve).swapaxes(0, 1)
     rows, columns = (points[..., k].astype(int).clip(0, size[1 - k] - 1) for k in (1, 0))
     taken, kept, near = np.zeros(size, bool), [], max(1, round(reach))
@@ -56,7 +56,7 @@ def find_apart(curve: Array, size: tuple[int, ...], reach: float) -> Array:
 
 
 def anisotropy_of(tensor: Array) -> Array:
-    """Compute how strongly one direction prevails (...), 0 to 1, in tensors (3, ...) (Bigun and Granlund, 1987).
+    """Compute the anisotropy (...), 0 to 1, of structure tensors (3, ...) (Bigun and Granlund, 1987).
 
     >>> anisotropy_of(np.array([[2.0, 1.0, 0.0], [0.0, 1.0, 0.0], [0.0, 1.0, 0.0]])).tolist()
     [1.0, 1.0, 0.0]
@@ -67,10 +67,10 @@ def anisotropy_of(tensor: Array) -> Array:
 
 
 def followed(places: Array, flow: Array, reach: Array, field: Array, least: Array | float) -> Array:
-    """Follow a flow, in radians, both ways from points (n, 2) as far as ``reach`` (n,) or a field (H, W) allows.
+    """Follow a flow, in radians, both ways from points (n, 2), as far as ``reach`` (n,) and a field (H, W) allow.
 
-    Curves (n, 3, 2) end where the field falls to ``least``, and sooner where the path bends more than a curve can; a
-    flow (1, 1) is constant.
+    The curves (n, 3, 2) end where the field falls to ``least``, or earlier where the path bends more than a quadratic
+    curve can. A flow of shape (1, 1) is constant.
     """
     (back, before), (ahead, after) = (_walked(places, flow, sign * reach, field, least) for sign in (-1.0, 1.0))
     way, number = np.concatenate([back[:0:-1], ahead]), np.arange(len(places))
@@ -89,14 +89,14 @@ def followed(places: Array, flow: Array, reach: Array, field: Array, least: Arra
 
 
 def points_of(curve: Array) -> Array:
-    """Compute points (POINTS, n, 2) of curves (n, 3, 2)."""
+    """Compute points (POINTS, n, 2) on curves (n, 3, 2)."""
     t = TIMES[:, None, None]
     points: Array = (1 - t) ** 2 * curve[:, 0] + 2 * t * (1 - t) * curve[:, 1] + t**2 * curve[:, 2]
     return points
 
 
 def _walked(places: Array, flow: Array, reach: Array, field: Array, least: Array | float) -> tuple[Array, Array]:
-    """Walk along a flow from points; return points (STEPS + 1, n, 2) and the steps (n,) that a field (H, W) allowed."""
+    """Walk along a flow; return the path (POINTS_PER_SIDE + 1, n, 2) and the steps (n,) that a field (H, W) allowed."""
     point, going, count = places.astype(float), np.ones(len(places), bool), np.zeros(len(places))
     ahead, points = np.sign(reach)[:, None] * _unit(sampled_at(flow, *point.T)), [point]
     for _ in range(POINTS_PER_SIDE):

@@ -1,4 +1,4 @@
-"""Compute random fields as functions of position alone, so that they are the same at any size of the picture."""
+"""Compute random fields as functions of position alone, so that they are the same at any picture size."""
 
 import math
 from functools import lru_cache
@@ -17,9 +17,9 @@ TURN = 0.6  # rotation between octaves in radians, which hides the axes of the c
 
 
 def gradient_noise(x: Tensor, y: Tensor, seed: int) -> Tensor:
-    """Compute gradient noise (float32) of mean 0 and cells of side 1 at positions of any shape (Perlin, 1985).
+    """Compute gradient noise (float32) of mean 0, with cells of side 1, at positions of any shape (Perlin, 1985).
 
-    Differs from the source: gradients are unit vectors, and the interpolant is that of Perlin (2002).
+    Unlike in the source, gradients are unit vectors, and the interpolant is from Perlin (2002).
     """
     left, top = x.floor(), y.floor()
     u, v = (x - left).float(), (y - top).float()
@@ -36,14 +36,14 @@ def gradient_noise(x: Tensor, y: Tensor, seed: int) -> Tensor:
 
 @lru_cache(maxsize=64)
 def _tables(seed: int) -> tuple[Tensor, Tensor, Tensor]:
-    """Draw a permutation of the cells, and a unit vector for each cell."""
+    """Sample a permutation of the cells, and a unit vector for each cell."""
     generator = torch.Generator().manual_seed(seed)
     angle = 2 * math.pi * torch.rand(CELLS, generator=generator)
     return torch.randperm(CELLS, generator=generator), angle.cos(), angle.sin()
 
 
 def fractal_noise(x: Tensor, y: Tensor, seed: int, octaves: int = 3) -> Tensor:
-    """Sum gradient noise with cells of side 1, 1/2, 1/4 ..., each half as strong (float32); deviation about 1."""
+    """Sum gradient noise with cells of side 1, 1/2, 1/4 ..., each half as strong, to float32 of deviation about 1."""
     total = torch.zeros(x.shape)
     for k in range(octaves):
         c, s = (2**k * f(TURN * (k + 1)) for f in (math.cos, math.sin))
@@ -52,20 +52,20 @@ def fractal_noise(x: Tensor, y: Tensor, seed: int, octaves: int = 3) -> Tensor:
 
 
 def evened(values: Tensor) -> Tensor:
-    """Map standard normal values to a uniform distribution in [0, 1] by their cumulative probability."""
+    """Map standard normal values to a uniform distribution on [0, 1] by their cumulative probability."""
     return 0.5 * (1 + torch.erf(values / math.sqrt(2)))
 
 
 def drawn_out(noise: Tensor, angle: Tensor, reach: float) -> Tensor:
-    """Average noise (H, W) along lines of ``angle`` (H, W), radians, ``reach`` pixels to either side.
+    """Average noise (H, W) along lines at an ``angle`` (H, W) in radians, over ``reach`` pixels to either side.
 
-    The standard deviation is preserved.
+    The result is rescaled so that its standard deviation is about that of the noise.
     """
     return EVENED * averaged_along(noise[None], angle, reach)[0]
 
 
 def noise_of(size: tuple[int, ...], cell: float, random: np.random.Generator) -> np.ndarray:
-    """Compute noise (H, W) of mean 0 and standard deviation 1, with cells of ``cell`` longer sides."""
+    """Compute noise (H, W) of mean 0 and standard deviation about 1, with cells of side ``cell``, in longer sides."""
     y, x = (torch.arange(side, dtype=torch.float64) / (cell * max(size)) for side in size)
     noise = fractal_noise(x.expand(len(y), -1), y[:, None].expand(-1, len(x)), int(random.integers(2**31)), 2)
     return noise.double().numpy()

@@ -1,4 +1,4 @@
-"""Find the outlines in a picture as long lines, and cover them with strokes."""
+"""Find outlines in a picture as long lines, and cover them with strokes."""
 
 import numpy as np
 
@@ -17,12 +17,13 @@ OVERLAP = 0.5  # share of a stroke that the next one covers, so that tapered end
 def find_outlines(
     lightness: Array, sigma: float, clear: Array, lowest: float, highest: float
 ) -> list[tuple[Array, Array]]:
-    """Find the edges of a picture (H, W), 0 to 1, at a scale in pixels: points (k, 2: x, y) and strengths (k,), 0 to 1.
+    """Find edges in a picture (H, W), and return points (k, 2: x, y) and strengths (k,), 0 to 1, for each.
 
-    Strengths are multiplied by a map (H, W), 0 to 1, of how ``clear`` edges are.
+    Pixels are in [0, 1]; ``sigma`` is the scale of the edges in pixels. Strengths are multiplied by a map ``clear`` (H,
+    W), 0 to 1, of the clarity of edges.
 
-    Source: the zero crossings of a difference of Gaussians (Marr and Hildreth, 1980), kept with hysteresis (Canny,
-    1986): an outline ends where its strength falls below ``lowest``, and exceeds ``highest`` somewhere.
+    Source: zero crossings of a difference of Gaussians (Marr and Hildreth, 1980), thresholded with hysteresis (Canny,
+    1986): an outline ends where its strength falls below ``lowest``, and is kept if it exceeds ``highest`` somewhere.
     """
     from scipy.ndimage import gaussian_filter, gaussian_filter1d, gaussian_gradient_magnitude  # noqa: PLC0415  (slow)
     from skimage.measure import find_contours  # noqa: PLC0415  (slow to import)
@@ -46,9 +47,9 @@ def find_outlines(
 
 
 def strokes_over(points: Array, longest: float) -> tuple[Array, Array]:
-    """Cover an outline (k, 2) with overlapping curves (n, 3, 2); also return the index of each one's middle point (n,).
+    """Cover an outline (k, 2) with overlapping curves (n, 3, 2); also return the indices (n,) of their middle points.
 
-    Curves are quadratic, as long as they stay on the outline, and at most ``longest`` pixels long.
+    Each curve is quadratic, and as long as possible without leaving the outline, up to ``longest`` pixels.
     """
     most, last, first = max(2, round(longest / SPACING)), len(points) - 1, 0
     curves, middles = [], []
@@ -71,13 +72,13 @@ def strokes_over(points: Array, longest: float) -> tuple[Array, Array]:
 
 
 def _through(points: Array) -> Array:
-    """Find the quadratic curve (3, 2) through the first, middle and last of some points."""
+    """Find the quadratic curve (3, 2) through the first, middle and last point."""
     start, middle, end = points[0], points[len(points) // 2], points[-1]
     return np.array([start, 2 * middle - (start + end) / 2, end])
 
 
 def _evenly(line: Array, spacing: float) -> Array:
-    """Resample a line (k, 2) at equal distances along it."""
+    """Resample a line (k, 2) at points that are ``spacing`` apart along it."""
     way = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
     at = np.arange(0, way[-1], spacing)
     return np.stack([np.interp(at, way, line[:, axis]) for axis in (0, 1)], 1)

@@ -1,4 +1,4 @@
-"""Smooth pictures uniformly, along their edges, or up to their edges."""
+"""Smooth pictures uniformly, along their edges, or without crossing their edges."""
 
 import math
 
@@ -27,7 +27,7 @@ def luma_of(picture: Tensor) -> Tensor:
 
 
 def gaussian_blur(picture: Tensor, sigma: float) -> Tensor:
-    """Blur a picture (C, H, W) with a Gaussian of ``sigma`` pixels; edges are repeated."""
+    """Blur a picture (C, H, W) with a Gaussian of ``sigma`` pixels, repeating the pixels at its border."""
     reach = max(1, math.ceil(3 * sigma))
     weights = torch.exp(-0.5 * (torch.arange(-reach, reach + 1, dtype=torch.float64) / max(sigma, 1e-3)) ** 2)
     weights = (weights / weights.sum()).to(picture)
@@ -38,14 +38,14 @@ def gaussian_blur(picture: Tensor, sigma: float) -> Tensor:
 
 
 def direction_of_edges(picture: Tensor, sigma: float) -> Tensor:
-    """Compute the angle (H, W), in radians, along the edges of a picture (3, H, W), smoothed over ``sigma`` pixels."""
+    """Compute the direction (H, W), in radians, of the edges in a picture (3, H, W), smoothed over ``sigma`` pixels."""
     return torch.from_numpy(along_edges(_tensor(picture, sigma))).float()
 
 
 def coherence_of_edges(picture: Tensor, sigma: float) -> Tensor:
-    """Compute the coherence (H, W), 0 to 1, of the edge directions in a picture (3, H, W), over ``sigma`` pixels.
+    """Compute the coherence (H, W), 0 to 1, of edge directions in a picture (3, H, W), over ``sigma`` pixels.
 
-    It is the ratio of the difference to the sum of the eigenvalues of the structure tensor (Bigun and Granlund, 1987).
+    It is the difference between the structure tensor's eigenvalues, divided by their sum (Bigun and Granlund, 1987).
     """
     return torch.from_numpy(anisotropy_of(_tensor(picture, sigma))).to(picture)
 
@@ -55,9 +55,9 @@ def _tensor(picture: Tensor, sigma: float) -> np.ndarray:
 
 
 def averaged_along(picture: Tensor, angle: Tensor, reach: float) -> Tensor:
-    """Average a picture (C, H, W) along straight lines of ``angle`` (H, W), in radians, ``reach`` pixels to each side.
+    """Average a picture (C, H, W) along lines at an ``angle`` (H, W) in radians, over ``reach`` pixels to each side.
 
-    Source: line integral convolution (Cabral and Leedom, 1993). Differs from the source: lines are straight.
+    Source: line integral convolution (Cabral and Leedom, 1993). Unlike in the source, lines are straight.
     """
     height, width = angle.shape
     row, column = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
@@ -70,12 +70,12 @@ def averaged_along(picture: Tensor, angle: Tensor, reach: float) -> Tensor:
 
 
 def parted(picture: Tensor, sigma: float, reach: int) -> Tensor:
-    """Sharpen a picture (3, H, W) at its edges: each colour becomes the darkest or lightest within ``reach``.
+    """Sharpen a picture's edges (3, H, W): each colour becomes the darkest or lightest within ``reach`` pixels.
 
     Pixels darker than their surroundings, blurred by ``sigma`` pixels, take the darkest colour, and all others the
-    lightest.
+    lightest. Pixels that hardly differ from their surroundings change less.
 
-    Source: the shock filter of Kyprianidis and Kang (2011). Differs from the source: whole colours are moved, by luma.
+    Source: the shock filter of Kyprianidis and Kang (2011). Unlike in the source, whole colours are chosen by luma.
     """
     luma = luma_of(picture)
     once = gaussian_blur(luma, sigma)
@@ -90,14 +90,14 @@ def parted(picture: Tensor, sigma: float, reach: int) -> Tensor:
 
 
 def with_clean_edges(picture: Tensor, sigma: float, reach: float) -> Tensor:
-    """Smooth a picture (3, H, W) along its edges, ``reach`` pixels to each side, without blurring the edges.
+    """Smooth a picture (3, H, W) along its edges, over ``reach`` pixels to each side, without blurring the edges.
 
-    ``sigma`` is the scale in pixels at which directions and sides of edges are determined; smaller forms are rounded.
-    Where edges have no common direction, as in foliage and eyes, the picture stays unchanged.
+    The directions and sides of edges are determined at the scale of ``sigma`` pixels; smaller forms become rounded.
+    Where edges have no common direction, as in foliage and eyes, the picture is unchanged.
 
-    Source: coherence-enhancing filtering (Kyprianidis and Kang, 2011). Differs from the source: a single round, along
-    straight lines, weighted by coherence. Directions and sides are treated as constant: gradients flow only through
-    colours.
+    Source: coherence-enhancing filtering (Kyprianidis and Kang, 2011). Unlike in the source, there is a single round,
+    along straight lines, weighted by coherence. Directions and sides are treated as constant, so that gradients flow
+    only through colours.
     """
     even = averaged_along(picture, direction_of_edges(picture, sigma), reach)
     sharp = parted(even, sigma, max(1, round(sigma)))

@@ -1,1 +1,1 @@
-"""Predict the strokes of a picture: the network, its decoded output, levels from large to small cells, and colours."""
+"""Predict a picture's strokes: the network, decoding of its output, levels from large to small cells, and colours."""

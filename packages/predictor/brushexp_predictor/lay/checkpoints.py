@@ -1,4 +1,4 @@
-"""List and check the trained weights."""
+"""Check which trained weights a key names."""
 
 from dataclasses import replace
 
@@ -6,7 +6,7 @@ from brushexp.contracts import Rule
 
 
 def check_weights(checkpoint: str, option: str) -> None:
-    """Raise UserError unless a value is the name of shipped weights or the path of a weights file."""
+    """Raise UserError unless ``checkpoint`` is the name of shipped weights or the path of a weights file."""
     from brushexp_predictor.lay.network import PREDICTORS  # noqa: PLC0415  (``--help`` needs no compiled kernels)
 
     replace(PREDICTORS, key=option).path_of(checkpoint)

@@ -1,4 +1,4 @@
-"""Find the best colours for strokes of fixed shape by least squares, because a painting is linear in its colours."""
+"""Find the best colours for strokes of fixed shape by least squares; a painting is affine in its stroke colours."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,16 +14,16 @@ Paint = Callable[[Strokes], Tensor]  # function that draws strokes as a picture 
 
 
 def best_colors(strokes: Strokes, target: Tensor, draw: Paint, rounds: int) -> Strokes:
-    """Lower the squared error of stroke colours by conjugate gradients (Hestenes and Stiefel, 1952).
+    """Optimise stroke colours for the squared error by conjugate gradients (Hestenes and Stiefel, 1952).
 
-    Each round draws the strokes forward and backward and costs about as much as a gradient step. Rounds are
-    preconditioned by each stroke's visible area. Colours are clamped to [0, 1] at the end.
+    Each round needs one forward and one backward pass through the renderer, and so costs about as much as a gradient
+    step. Rounds are preconditioned by each stroke's visible area. Colours are clamped to [0, 1] at the end.
 
     Args:
         strokes: N strokes, whose shapes stay fixed.
         target: picture (3, H, W).
         draw: function that draws strokes; affine in their colours.
-        rounds: number of rounds; 0 changes nothing.
+        rounds: number of rounds; 0 leaves the colours unchanged.
     """
     if not rounds:
         return strokes
@@ -34,7 +34,7 @@ def best_colors(strokes: Strokes, target: Tensor, draw: Paint, rounds: int) -> S
     painted = picture.detach()
 
     def pulled(residual: Tensor) -> Tensor:
-        """Sum the pixels (3, H, W), weighted by each colour's contribution, which does not depend on the colours."""
+        """Sum pixels (3, H, W), weighted by each stroke's contribution to them, which does not depend on its colour."""
         return torch.autograd.grad(picture, color, residual, retain_graph=True)[0]
 
     inverse = 1 / pulled(torch.ones_like(painted)).clamp_min(LEAST_SEEN)

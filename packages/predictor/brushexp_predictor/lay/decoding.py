@@ -20,7 +20,7 @@ FIRST_OPACITY = 3.0  # log-odds for an output of 0
 
 @dataclass(frozen=True)
 class Form:
-    """Lengths, widths and windows of a network's strokes, in sides of a cell."""
+    """Lengths, widths and windows of a network's strokes, relative to the side of a cell."""
 
     half_length: float  # half length for an output of 0
     width: float
@@ -33,14 +33,14 @@ FORMS = {"plain": Form(0.7, 1.2, 1.6, 2.2, False), "brushed": Form(1.5, 1.0, 0.7
 
 
 def strokes_of(form: Form, numbers: Tensor, mean: Tensor, middle: Tensor, cell: float) -> Strokes:
-    """Decode the strokes of N cells.
+    """Decode the network's output for N cells into strokes.
 
     Args:
-        form: form of the network's strokes.
+        form: lengths, widths and windows of the network's strokes.
         numbers: the network's output (N, 11).
-        mean: mean colours (N, 3) of the target in the cells.
-        middle: centres (N, 2) of the cells (x, y) in pixels.
-        cell: side of a cell in pixels.
+        mean: mean colours (N, 3) of the target within the cells.
+        middle: centres (N, 2) of the cells, as x and y in pixels.
+        cell: side of a cell, in pixels.
     """
     place, turn, shape = numbers[:, 0:2], numbers[:, 2:4], torch.tanh(numbers[:, 4:7])
     angle = 0.5 * torch.atan2(turn[:, 1], turn[:, 0] + 1e-3)
@@ -67,7 +67,7 @@ def areas_of(strokes: Strokes) -> Tensor:
 
 
 def draw(form: Form, strokes: Strokes, size: tuple[int, int], background: Tensor) -> Tensor:
-    """Draw strokes, bottom to top, as a picture (3, H, W), with the renderer used to train networks of a form."""
+    """Draw strokes, bottom to top, as a picture (3, H, W), with the renderer used to train networks of this form."""
     renderer = BRUSHED if form.brushed else PLAIN
     front_to_back = torch.arange(len(strokes) - 1, -1, -1, device=strokes.position.device)
     return BLEND(renderer(strokes), front_to_back, size, background).image

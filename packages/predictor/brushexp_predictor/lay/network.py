@@ -1,4 +1,4 @@
-"""The network that predicts a stroke for each cell from a picture and the canvas so far."""
+"""The network that predicts a stroke for each cell of a picture, given the canvas so far."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -49,10 +49,10 @@ class Block(nn.Module):
 
 
 class StrokePredictor(nn.Module):
-    """Predict the stroke for each cell of `CELL` pixels from a target and a canvas.
+    """Predict a stroke for each cell of `CELL` pixels from a target and a canvas.
 
     Args:
-        form: form of the strokes, a key of `FORMS`.
+        form: form of the strokes, as a key of `FORMS`.
         width: number of features per cell.
         blocks: number of ConvNeXt blocks; each extends the receptive field by two cells.
     """
@@ -69,7 +69,7 @@ class StrokePredictor(nn.Module):
             self.tell.bias.zero_()
 
     def forward(self, target: Tensor, canvas: Tensor) -> CellPredictions:
-        """Predict the strokes of pictures (B, 3, `CELL` H, `CELL` W)."""
+        """Predict strokes from targets and canvases (B, 3, `CELL` H, `CELL` W)."""
         seen = torch.cat([target, canvas, torch.ones_like(target[:, :1])], 1)
         looked = conv2d(seen, self._look_weight(), self.look.bias, self.look.stride, self.look.padding)
         features = gelu(self.gather(gelu(looked).contiguous(memory_format=torch.channels_last)))
@@ -78,14 +78,14 @@ class StrokePredictor(nn.Module):
         return CellPredictions(told[..., :NUMBERS], deviations, told[..., -1])
 
     def _look_weight(self) -> Tensor:
-        """Fold the weights of `INPUTS` into weights of target, canvas and 1, halving the work for the same sums."""
+        """Fold the weights of all `INPUTS` into weights of target, canvas and 1, halving the work for the same sums."""
         target, canvas, difference, inside = self.look.weight.split((3, 3, 3, 1), 1)
         middle = 0.5 * (target + canvas).sum(1, keepdim=True)
         return torch.cat([target + 3 * difference, canvas - 3 * difference, inside - middle], 1)
 
 
 def load_predictor(checkpoint: str = SHIPPED_NAME) -> StrokePredictor:
-    """Load a trained network from a .safetensors file or by the name of shipped weights."""
+    """Load a trained network from a .safetensors file, or from shipped weights by name."""
     path = PREDICTORS.path_of(checkpoint)
     form = PREDICTORS.read_recipe(path)["options"].get("form", SHIPPED_NAME)
     if form not in FORMS:

@@ -1,4 +1,4 @@
-"""Paint pictures of any size with a network that processes them in parts, using an exact number of strokes."""
+"""Paint pictures of any size with a network, which processes them in parts, and with an exact number of strokes."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -34,15 +34,15 @@ def predict(
     temperature: float = 0.0,
     focus: Tensor | None = None,
 ) -> Iterator[Strokes]:
-    """Paint a target (3, H, W) with ``n`` strokes on its mean colour; return the strokes so far after each level.
+    """Paint a target (3, H, W) with ``n`` strokes on its mean colour; yield the strokes so far after each level.
 
     Args:
         network: frozen network.
         target: picture in [0, 1].
-        n: number of strokes after the last level.
+        n: total number of strokes.
         generator: source of all randomness.
-        temperature: spread of the strokes' numbers, in the deviations that the network predicts; 0 = none.
-        focus: weights of the pixels (H, W), of mean 1, that attract strokes.
+        temperature: random variation in the strokes' parameters, in the deviations that the network predicts; 0 = none.
+        focus: pixel weights (H, W) with a mean of 1; high weights attract strokes.
     """
     in_parts = in_tiles(network)
     levels = levels_of((target.shape[1], target.shape[2]), n)
@@ -51,7 +51,7 @@ def predict(
 
 
 def with_best_colors(network: StrokePredictor, strokes: Strokes, target: Tensor, rounds: int) -> Strokes:
-    """Give strokes their best colours for a target (3, H, W) with the network's renderer."""
+    """Replace the strokes' colours by the best colours for a target (3, H, W), with the network's renderer."""
     size, background = (target.shape[1], target.shape[2]), target.mean((1, 2))
     return best_colors(strokes, target, lambda drawn: draw(network.form, drawn, size, background), rounds)
 
@@ -59,7 +59,7 @@ def with_best_colors(network: StrokePredictor, strokes: Strokes, target: Tensor,
 def paint_samples(
     network: StrokePredictor, target: Tensor, n: int, count: int, seed: int = 0, temperature: float = TEMPERATURE
 ) -> Iterator[Sample]:
-    """Paint a target (3, H, W) ``count`` times with ``n`` strokes and different random numbers."""
+    """Paint a target (3, H, W) ``count`` times with ``n`` strokes each and different random numbers."""
     for number in range(count):
         generator = torch.Generator().manual_seed(1_000_003 * seed + number)
         *_, strokes = predict(network, target, n, generator, temperature)
@@ -68,13 +68,13 @@ def paint_samples(
 
 @torch.no_grad()
 def sample_of(form: Form, strokes: Strokes, target: Tensor) -> Sample:
-    """Draw strokes on the mean colour of a target (3, H, W), and measure the PSNR."""
+    """Draw strokes on the mean colour of a target (3, H, W), and measure the painting's PSNR."""
     painting = draw(form, strokes, (target.shape[1], target.shape[2]), target.mean((1, 2)))
     return Sample(strokes, painting, psnr_of(float((painting - target).square().mean())))
 
 
 def in_tiles(network: StrokePredictor) -> Look:
-    """Wrap a network to process large pictures part by part, with the same output as for the whole."""
+    """Wrap a network so that it processes large pictures part by part, with the same output as in a single pass."""
 
     def look(target: Tensor, canvas: Tensor) -> CellPredictions:
         rows, columns = target.shape[2] // CELL, target.shape[3] // CELL
@@ -94,7 +94,7 @@ def in_tiles(network: StrokePredictor) -> Look:
 
 
 def _spans(first: int) -> tuple[slice, slice]:
-    """Return the pixels needed for the part that begins at cell ``first``, and the part's own cells among them."""
+    """Return the pixels needed for the part that begins at cell ``first``, and the part's own cells within them."""
     begin = max(0, first - RECEPTIVE_FIELD)
     end = first + TILE_CELLS + RECEPTIVE_FIELD
     return slice(CELL * begin, CELL * end), slice(first - begin, first - begin + TILE_CELLS)

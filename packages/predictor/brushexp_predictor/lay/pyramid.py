@@ -1,4 +1,4 @@
-"""Place strokes in levels from large to small cells, where the error of the canvas so far is largest."""
+"""Place strokes in levels, from large to small cells, where the error of the canvas so far is largest."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -29,7 +29,7 @@ class Level(NamedTuple):
 
 
 class Cells(NamedTuple):
-    """Data on cells: a lattice (B, rows, columns, ...), or K cells of one picture (K, ...)."""
+    """Data about cells: a lattice in each of B pictures (B, rows, columns, ...), or K cells of one picture (K, ...)."""
 
     numbers: Tensor  # (..., 11), predicted or sampled
     deviations: Tensor  # (..., 11), logarithms
@@ -41,7 +41,7 @@ class Cells(NamedTuple):
 
 @dataclass(frozen=True)
 class Laid:
-    """The canvas of one picture after a level."""
+    """A picture's canvas after a level."""
 
     form: Form
     strokes: Strokes  # bottom to top, in pixels of the target
@@ -53,7 +53,7 @@ class Laid:
 
     @cached_property
     def canvas(self) -> Tensor:
-        """Draw the strokes as a picture (3, h, w)."""
+        """The strokes, drawn as a picture (3, h, w)."""
         strokes = self.strokes.moved(zoom=self.zoom) if self.zoom < 1 else self.strokes
         return draw(self.form, strokes, self.size, self.background)
 
@@ -81,10 +81,10 @@ def lay(
     temperature: float = 0.0,
     focus: Tensor | None = None,
 ) -> Iterator[list[Laid]]:
-    """Place the strokes of targets (3, H, W) in the same levels; yield every canvas after each level.
+    """Place strokes for several targets (3, H, W) in the same levels; yield all canvases after each level.
 
-    ``focus`` (H, W) weights the pixels when cells are chosen for strokes. Gradients of a level's canvas flow into the
-    strokes of that level and earlier levels, but not through the canvases that the network receives.
+    ``focus`` (H, W) weights the pixels when cells are chosen for strokes. Gradients flow from a level's canvas to the
+    strokes in that level and earlier levels, but not through the canvases that the network receives.
     """
     done = [blank_canvas(target, form, levels[0]) for target in targets]
     for level, following in zip(levels, [*levels[1:], None], strict=True):
@@ -109,13 +109,13 @@ def lay(
 
 
 def blank_canvas(target: Tensor, form: Form, first: Level) -> Laid:
-    """Start with a canvas in the mean colour of the target (3, H, W)."""
+    """Make an empty canvas in the mean colour of a target (3, H, W)."""
     none = target.new_empty(0)
     return Laid(form, Strokes.none(target), target.mean((1, 2)), *view_of(target, first), none, Cells(*6 * [none]))
 
 
 def with_level(laid: Laid, target: Tensor, level: Level, following: Level | None, cells: Cells) -> Laid:
-    """Place a level's strokes where the expected gain is largest, with large strokes below small ones."""
+    """Add a level's strokes where the expected gain is largest, with large strokes below small ones."""
     places = cells.gains.topk(level.keep).indices.sort().values
     own = Cells(*(values[places] for values in cells))
     height, width = target.shape[1] / level.rows, target.shape[2] / level.columns
@@ -127,19 +127,19 @@ def with_level(laid: Laid, target: Tensor, level: Level, following: Level | None
 
 
 def view_of(target: Tensor, level: Level | None) -> tuple[tuple[int, int], float]:
-    """Return the size and zoom of a level's input canvas; after the last level, those of the target."""
+    """Return the size and zoom of a level's input canvas or, after the last level, of the target."""
     height, width = target.shape[1:]
     zoom = 1.0 if level is None else min(1.0, CELL * math.sqrt(level.rows * level.columns / (height * width)))
     return (max(1, round(height * zoom)), max(1, round(width * zoom))), zoom
 
 
 def errors_of(seen: Tensor, canvas: Tensor) -> Tensor:
-    """Compute the mean squared errors of cells (B, H, W) from pictures (B, 3, `CELL` H, `CELL` W)."""
+    """Compute the squared error in each cell (B, H, W), averaged over its pixels, between pictures and canvases."""
     return avg_pool2d((seen - canvas).square().sum(1), CELL)
 
 
 def resize_picture(picture: Tensor, size: tuple[int, int]) -> Tensor:
-    """Resize a picture (3, H, W)."""
+    """Resample a picture (3, H, W) to a size, bilinearly and with antialiasing."""
     if tuple(picture.shape[1:]) == size:
         return picture
     return interpolate(picture[None], size, mode="bilinear", antialias=True, align_corners=False)[0]

@@ -1,4 +1,4 @@
-"""``task=calibrate``: measure the coverage of the samples' intervals, and scale the intervals to 90 % coverage."""
+"""``task=calibrate``: measure the coverage of sample intervals, and scale the intervals to 90 % coverage."""
 
 import logging
 import time
@@ -70,7 +70,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def _compare(reports: Sequence[Report], by: str) -> list[dict[str, Any]]:
-    """Tabulate the coverage of intervals before and after a fit to other pictures, one row per measure."""
+    """Tabulate, for each measure, the coverage of intervals before and after scalings fitted to other pictures."""
     test, after, rows = join(reports), join(leave_one_out(reports)), []
     for (of, name), kind in KINDS.items():
         plain, fitted = (coverage_of(report[of, name], kind) for report in (test, after))
@@ -83,7 +83,7 @@ def _compare(reports: Sequence[Report], by: str) -> list[dict[str, Any]]:
 
 
 def leave_one_out(reports: Sequence[Report]) -> list[Report]:
-    """Scale the intervals of each picture's paintings by a fit to the paintings of all other pictures."""
+    """Scale the intervals for each picture's paintings by scalings fitted to the paintings of all other pictures."""
     apart = []
     for picture in range(min(len(PICTURES), len(reports))):
         own = reports[picture :: len(PICTURES)]
@@ -93,9 +93,9 @@ def leave_one_out(reports: Sequence[Report]) -> list[Report]:
 
 
 def restart(target: Tensor, n: int, seconds: float, seed: int = 0, steps: int = RESTART_STEPS) -> Iterator[Sample]:
-    """Paint a target (3, H, W) by ``steps`` from ``init=layers``, with new seeds until CPU ``seconds`` have passed.
+    """Paint a target (3, H, W) by ``steps`` from ``init=layers``, with new seeds until the CPU ``seconds`` are used.
 
-    Only the placement of strokes and the steps count, not Lightning's start-up.
+    Only the time for placing strokes and for the steps is counted, not Lightning's start-up.
     """
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
     used, number = 0.0, 0

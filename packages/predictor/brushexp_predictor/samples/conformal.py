@@ -1,10 +1,10 @@
-"""Calibrate intervals: shift and stretch the samples' intervals until they have the right coverage on known paintings.
+"""Calibrate intervals: shift and stretch sample intervals so that they have the desired coverage on known paintings.
 
-This is cross-conformal prediction (Vovk, 2015), with the distance from the middle, in spreads of the samples, as the
-score. A line for the middle is fitted to one half of the known paintings, and the distances of the other half from it
-are measured, and vice versa; the factor of the spread is the quantile of all distances. No painting is therefore
-measured against a line that was fitted to it, and all paintings count. The strokes of a painting are not independent
-samples, so each painting counts once, regardless of its number of strokes (Lee, Barber and Willett, 2023).
+This is cross-conformal prediction (Vovk, 2015), whose score is the distance from the middle in units of the samples'
+spread. A line for the middle is fitted to one half of the known paintings, and the distances between it and the other
+half are measured, and vice versa; the factor for the spread is a quantile of all these distances. Thus no painting is
+compared with a line that was fitted to it, and all paintings are used. The strokes of a painting are not independent
+samples, so each painting has the same weight, regardless of its number of strokes (Lee, Barber and Willett, 2023).
 """
 
 import json
@@ -31,7 +31,7 @@ RIGHT = 90.0  # degrees; the maximum distance between two directions
 
 
 class Doubt(NamedTuple):
-    """Summary of S samples of (...) quantities; NaN where no sample has a value."""
+    """Summary of S samples of each quantity (...), with NaN where no sample has a value."""
 
     middle: Array  # median, or mean direction in degrees in [0, 180)
     spread: Array  # mean distance of the samples from the middle
@@ -40,13 +40,13 @@ class Doubt(NamedTuple):
 
 
 def deviation_from(values: Array, middle: Array, axial: bool) -> Array:
-    """Subtract the middle; for directions in degrees, return the smaller turn, in [-90, 90)."""
+    """Subtract the middle from values; for directions, return the smaller turn in degrees, in [-90, 90)."""
     away = values - middle
     return (away + HALF_TURN / 2) % HALF_TURN - HALF_TURN / 2 if axial else away
 
 
 def summarise_samples(values: Array, axial: bool) -> Doubt:
-    """Summarise samples (S, ...), NaN where undefined; the interval excludes 5 % of them at each end."""
+    """Summarise samples (S, ...), which are NaN where undefined; intervals exclude 5 % of the samples at each end."""
     flat = values.reshape(len(values), -1)
     said = np.isfinite(flat).any(0)
     parts = np.full((4, flat.shape[1]), np.nan)
@@ -60,14 +60,14 @@ def summarise_samples(values: Array, axial: bool) -> Doubt:
 
 
 def holds(truth: Array, doubt: Doubt, axial: bool) -> Array:
-    """Check which intervals (...) contain the truth; undefined intervals do not."""
+    """Check which intervals (...) contain the true value; undefined intervals do not."""
     away = deviation_from(truth, doubt.middle, axial)
     return (away >= doubt.low) & (away <= doubt.high)
 
 
 @dataclass(frozen=True)
 class Scaling:
-    """A mapping from the middle and spread of samples to an interval."""
+    """A mapping from the samples' middle and spread to an interval."""
 
     offset: float  # added to the middle
     slope: float
@@ -75,7 +75,7 @@ class Scaling:
     factor: float  # multiplies spread plus floor
 
     def __call__(self, doubt: Doubt, kind: Kind) -> Doubt:
-        """Compute intervals from the summary of samples, on the scale of `Kind.inner`."""
+        """Compute intervals from summaries of samples, on the scale of `Kind.inner`."""
         middle, half = self.offset + self.slope * doubt.middle, self.factor * (doubt.spread + self.floor)
         if kind.axial:
             return Doubt(middle % HALF_TURN, doubt.spread, -np.minimum(half, RIGHT), np.minimum(half, RIGHT))
@@ -87,12 +87,12 @@ Scalings = Mapping[tuple[str, str], Scaling]  # keyed by "strokes" or "paintings
 
 
 def fit_scaling(truth: Array, doubt: Doubt, painting: Array, axial: bool) -> Scaling:
-    """Fit the scaling of one measure.
+    """Fit the scaling for one measure.
 
     Args:
         truth: true values (T,) on the scale of `kinds.Kind.inner`.
         doubt: summary (T,) of the samples of each value.
-        painting: number (T,) of the painting of each value; even and odd numbers form the two halves.
+        painting: number (T,) of each value's painting; even and odd numbers form the two halves.
         axial: whether the values are directions.
     """
     known = np.isfinite(truth) & np.isfinite(doubt.middle)
@@ -121,14 +121,14 @@ def fit_scaling(truth: Array, doubt: Doubt, painting: Array, axial: bool) -> Sca
 
 
 def weights_of(painting: Array) -> Array:
-    """Give each painting a weight of 1, divided among its values (T,)."""
+    """Compute weights (T,) of values that sum to 1 for each painting."""
     _, inverse, count = np.unique(painting, return_inverse=True, return_counts=True)
     shares: Array = 1 / count[inverse]
     return shares
 
 
 def line_through(x: Array, y: Array, weight: Array) -> tuple[float, float]:
-    """Fit offset and slope by weighted least squares, with a slope in [0, `STEEPEST`], or 1 if x hardly varies."""
+    """Fit offset and slope by weighted least squares; the slope is in [0, `STEEPEST`], or 1 if x hardly varies."""
     mean_x, mean_y = np.average(x, weights=weight), np.average(y, weights=weight)
     square = np.average((x - mean_x) ** 2, weights=weight)
     slope = np.average((x - mean_x) * (y - mean_y), weights=weight) / square if square > 1e-9 else 1.0
@@ -137,7 +137,7 @@ def line_through(x: Array, y: Array, weight: Array) -> tuple[float, float]:
 
 
 def weighted_quantile(values: Array, weight: Array, level: float) -> float:
-    """Find the smallest value whose cumulative weight reaches the share ``level``; the largest if ``level`` >= 1."""
+    """Find the smallest value at which the cumulative weight reaches ``level`` of the total, or the largest value."""
     order = values.argsort()
     above = np.cumsum(weight[order]) >= min(level, 1.0) * weight.sum() * (1 - 1e-12)
     return float(values[order[int(above.argmax())]])
@@ -152,7 +152,7 @@ def write_scalings(path: Path, scalings: Scalings, about: Mapping[str, object]) 
 
 
 def read_scalings(path: Path, needs: Mapping[str, object], kinds: Iterable[tuple[str, str]]) -> Scalings:
-    """Read scalings; raise UserError unless they match ``needs`` and include all ``kinds``."""
+    """Read scalings; raise UserError unless the file agrees with ``needs`` and includes all ``kinds``."""
     cure = "fit them with task=calibrate"
     with explaining(path, cure):
         data = check_plain(json_of(read_text(path, cure)))

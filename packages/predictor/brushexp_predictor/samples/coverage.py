@@ -27,7 +27,7 @@ AT_ONCE = 512  # number of places per batch
 
 
 class Evidence(NamedTuple):
-    """True values of one measure and the samples' summaries, on the scale of `Kind.inner`."""
+    """True values of one measure, and summaries of the samples for each, on the scale of `Kind.inner`."""
 
     truth: Array  # (T,)
     doubt: Doubt  # summary of the samples of T values
@@ -39,7 +39,7 @@ Report = Mapping[tuple[str, str], Evidence]  # evidence under the keys of `KINDS
 
 @dataclass(frozen=True)
 class Coverage:
-    """Quality of the intervals of one measure."""
+    """Quality of one measure's intervals."""
 
     share: float  # share of the truths that the intervals contain, with equal weight for each painting
     error: float  # standard error of the share over paintings
@@ -48,7 +48,7 @@ class Coverage:
 
 
 def examine(known: Known, number: int, samples: Sequence[Sample]) -> Report:
-    """Compare the strokes of samples with the visible known strokes, and compare the measures of whole paintings."""
+    """Compare the samples' strokes with visible known strokes, and the measures of samples and known painting."""
     strokes = [sample.strokes for sample in samples]
     size, pitch = known.size, math.sqrt(known.size[0] * known.size[1] / known.told)
     which, places = seen_places(known.strokes, size)
@@ -67,10 +67,10 @@ def examine(known: Known, number: int, samples: Sequence[Sample]) -> Report:
 
 @torch.no_grad()
 def topmost(strokes: Strokes, places: Tensor) -> Tensor:
-    """Find the top stroke (P,) at positions (P, 2: x, y in pixels), or -1 if there is none.
+    """Find the index (P,) of the top stroke at positions (P, 2: x, y in pixels), or -1 where there is none.
 
-    Strokes are ordered bottom to top. Each is a line of its width with round ends; strokes fainter than `SEEN` are
-    ignored.
+    Strokes are ordered bottom to top. Each stroke is treated as a round-ended line of its width; strokes with an
+    opacity below `SEEN` are ignored.
     """
     curve, half = curve_of(strokes), half_width_of(strokes)
     low, high = curve.amin(1) - half[:, None], curve.amax(1) + half[:, None]
@@ -85,14 +85,14 @@ def topmost(strokes: Strokes, places: Tensor) -> Tensor:
 
 
 def lattice(size: tuple[int, int], step: float) -> Tensor:
-    """Make points (rows, columns, 2: x, y), centres of equal cells about ``step`` pixels wide, on a canvas (H, W)."""
+    """Return the centres (rows, columns, 2: x, y) of equal cells, about ``step`` pixels wide, on a canvas (H, W)."""
     rows, columns = (max(1, round(length / step)) for length in size)
     y, x = (torch.arange(rows) + 0.5) * size[0] / rows, (torch.arange(columns) + 0.5) * size[1] / columns
     return torch.stack(torch.meshgrid(x, y, indexing="xy"), 2)
 
 
 def seen_places(strokes: Strokes, size: tuple[int, int]) -> tuple[Array, Tensor]:
-    """Find the visible strokes (K,), and for each the point (K, 2) nearest to the centre of its visible part."""
+    """Find the visible strokes (K,), and for each a visible point (K, 2) near the centre of its visible part."""
     grid = lattice(size, STEP).flatten(0, 1)
     top, points = topmost(strokes, grid).numpy(), grid.numpy()
     which = np.flatnonzero(np.bincount(top[top >= 0], minlength=len(strokes)) >= FEWEST_PIXELS)
@@ -104,7 +104,7 @@ def seen_places(strokes: Strokes, size: tuple[int, int]) -> tuple[Array, Tensor]
 
 
 def measure_at(samples: Iterable[Strokes], places: Tensor) -> dict[str, Array]:
-    """Measure the top strokes of S samples at points (P, 2): (S, P) for each measure, NaN where there is no stroke."""
+    """Measure the top strokes in S samples at points (P, 2); measures are (S, P), with NaN where there is no stroke."""
     rows: dict[str, list[Array]] = {name: [] for name in STROKE_KINDS}
     for strokes in samples:
         top, each = topmost(strokes, places).numpy(), measure_each(strokes)
@@ -114,7 +114,7 @@ def measure_at(samples: Iterable[Strokes], places: Tensor) -> dict[str, Array]:
 
 
 def join(reports: Sequence[Report]) -> Report:
-    """Concatenate the results of several paintings."""
+    """Concatenate the evidence from several paintings."""
 
     def joined(parts: list[Evidence]) -> Evidence:
         doubt = Doubt(*(np.concatenate(values) for values in zip(*(part.doubt for part in parts), strict=True)))
@@ -125,17 +125,17 @@ def join(reports: Sequence[Report]) -> Report:
 
 
 def fit(report: Report) -> Scalings:
-    """Fit the scalings of all measures."""
+    """Fit the scalings for all measures."""
     return {key: fit_scaling(*report[key], axial=kind.axial) for key, kind in KINDS.items()}
 
 
 def scaled(report: Report, scalings: Scalings) -> Report:
-    """Replace the samples' intervals with scaled intervals."""
+    """Replace the intervals derived from samples by scaled intervals."""
     return {key: report[key]._replace(doubt=scalings[key](report[key].doubt, kind)) for key, kind in KINDS.items()}
 
 
 def coverage_of(evidence: Evidence, kind: Kind) -> Coverage:
-    """Count the true values that the intervals contain, ignoring undefined values."""
+    """Measure how many of the true values the intervals contain, ignoring undefined values, and how wide they are."""
     known = np.isfinite(evidence.truth)
     right = holds(evidence.truth, evidence.doubt, kind.axial)[known]
     numbers = evidence.painting[known]

@@ -1,4 +1,4 @@
-"""Draw maps of the certainty of strokes next to the picture and its paintings."""
+"""Draw maps that show how certain strokes are, with the picture and its paintings."""
 
 from pathlib import Path
 from typing import Any
@@ -27,14 +27,14 @@ TITLES = {
 
 
 def certainty_of(brushwork: SampledBrushwork, name: str) -> Array:
-    """Compute half the interval (rows, columns) at each point, in degrees, or for sizes as a factor of at least 1."""
+    """Compute half the interval's width (rows, columns), in degrees for directions, as a factor >= 1 for sizes."""
     one = brushwork.strokes[name]
     half: Array = 0.5 * (one.high - one.low) if name == "direction" else np.sqrt(one.high / one.low)
     return half
 
 
 def write_figure(path: Path, brushwork: SampledBrushwork, name: str) -> Path:
-    """Write the sheet as PNG: the picture, its best and its worst painting above three maps."""
+    """Write a sheet, as PNG, of the picture and its best and worst paintings above three maps."""
     height, width = brushwork.picture.shape[1:]
     figure = new_figure(2 * PANEL * height / width + 1.0)
     pictures, maps = figure.subplots(2, 3)
@@ -61,7 +61,7 @@ def _frame(axes: Any, title: str) -> None:
 
 
 def _map(figure: Figure, axes: Any, half: Array, is_direction: bool, size: tuple[int, int]) -> None:
-    """Draw the width of intervals, with light colours where strokes are certain."""
+    """Draw a map of interval widths, with light colours where strokes are certain."""
     finite = half[np.isfinite(half)]
     widest = RIGHT if is_direction else max(TWICE, float(np.quantile(finite, 0.98)) if len(finite) else TWICE)
     place = (0, size[1], size[0], 0)
@@ -71,7 +71,7 @@ def _map(figure: Figure, axes: Any, half: Array, is_direction: bool, size: tuple
 
 
 def _dashes(axes: Any, brushwork: SampledBrushwork) -> None:
-    """Draw lines along the directions, longer where directions are certain."""
+    """Draw lines in the directions of strokes, which are longer where directions are more certain."""
     step = max(1, round(max(brushwork.places.shape[:2]) / DASHES))
     places: Tensor = brushwork.places[::step, ::step]
     way = np.radians(brushwork.strokes["direction"].value[::step, ::step])

@@ -1,4 +1,4 @@
-"""Measure strokes and paintings, each measure on a scale on which its errors are additive."""
+"""Measure strokes and paintings; each measure has a scale on which its errors are additive."""
 
 import math
 from dataclasses import dataclass
@@ -31,16 +31,16 @@ class Kind:
     high: float = math.inf  # largest possible value; the smallest is 0
 
     def inner(self, values: Array, pitch: float) -> Array:
-        """Convert measures to the scale of their errors; ``pitch`` is the stroke spacing in pixels."""
+        """Convert values to the scale on which errors are additive; ``pitch`` is the stroke spacing in pixels."""
         values = values / pitch**self.power
         return np.log(np.maximum(values, SMALLEST_SIZE)) if self.is_factor else values
 
     def outer(self, values: Array, pitch: float) -> Array:
-        """Convert measures back to their unit."""
+        """Convert values from the scale of errors back to their unit."""
         return (np.exp(values) if self.is_factor else values) * pitch**self.power
 
     def limited(self, values: Array) -> Array:
-        """Clamp values on the scale of errors to the possible range."""
+        """Clamp values, on the scale of errors, to their possible range."""
         return values if self.is_factor or self.axial else np.clip(values, 0, self.high)
 
 
@@ -75,10 +75,10 @@ def measure_each(strokes: Strokes) -> dict[str, Array]:
 
 
 def measure_painting(strokes: Strokes, size: tuple[int, int]) -> dict[str, float]:
-    """Measure the brushwork `PAINTING_KINDS` of a painting (H, W) from its strokes, ordered bottom to top.
+    """Compute the measures in `PAINTING_KINDS` of a painting (H, W) from its strokes, ordered bottom to top.
 
-    Strokes count if a share of at least `SHOWN` is visible. The spread of colours is their root mean square distance
-    from the mean in CIELAB. Measures are NaN if no stroke counts.
+    Strokes are included if a fraction of at least `SHOWN` is visible. The spread of colours is the root mean square
+    distance between a stroke's colour and the mean in CIELAB. Measures are NaN if no stroke is included.
     """
     from skimage.color import rgb2lab  # noqa: PLC0415  (slow to import)
 
@@ -115,7 +115,7 @@ class AxialMean(NamedTuple):
 
 
 def axial_mean(degrees: Array) -> AxialMean:
-    """Average directions over the first axis, ignoring NaN."""
+    """Average directions in degrees over the first axis, ignoring NaN."""
     doubled = np.exp(2j * np.radians(degrees))
     count = np.isfinite(degrees).sum(0)
     mean = np.where(np.isfinite(degrees), doubled, 0).sum(0) / np.where(count, count, np.nan)

@@ -1,7 +1,8 @@
-"""Make paintings with known strokes for calibration, each determined by a seed and its number.
+"""Make paintings with known strokes for calibration, each determined by a seed and a number.
 
 ``init=layers`` places strokes with random options; then each stroke is randomly rotated, lengthened, widened and
-recoloured. In some paintings all strokes run in one direction. Strokes are drawn plain or with brush textures.
+recoloured. In some paintings, all strokes have about the same direction. Strokes are drawn plain or with brush
+textures.
 """
 
 import math
@@ -45,7 +46,7 @@ class Known:
 
 
 def known_painting(seed: int, number: int, side: int) -> Known:
-    """Make painting ``number``, ``side`` pixels long."""
+    """Make the painting with this number; its longer side has ``side`` pixels."""
     random = np.random.default_rng([seed, number])
     target = part_of(PICTURES[number % len(PICTURES)], side, random)
     size = (target.shape[1], target.shape[2])
@@ -61,7 +62,7 @@ def known_painting(seed: int, number: int, side: int) -> Known:
 
 
 def part_of(name: str, side: int, random: Random) -> Tensor:
-    """Cut a part (3, H, W) out of a picture, rotate it by right angles, and resize its longer side to ``side``."""
+    """Crop a random part of a picture, rotate it by right angles, and resample its longer side to ``side`` pixels."""
     whole = load_picture(name, None)
     cut = [max(1, int(extent * random.uniform(0.5, 1))) for extent in whole.shape[1:]]
     top, left = (int(random.integers(extent - part + 1)) for extent, part in zip(whole.shape[1:], cut, strict=True))
@@ -72,7 +73,7 @@ def part_of(name: str, side: int, random: Random) -> Tensor:
 
 
 def random_hand(random: Random) -> InLayers:
-    """Choose random options for placing strokes."""
+    """Choose random options for ``init=layers``."""
     return InLayers(
         layers=int(random.integers(1, 5)),
         ratio=float(random.uniform(0.4, 0.75)),

@@ -1,4 +1,4 @@
-"""Measure a picture's brushwork with intervals derived from several paintings: ``brushexp.sample_brushwork``."""
+"""Measure a picture's brushwork, with intervals derived from several paintings: ``brushexp.sample_brushwork``."""
 
 import logging
 import math
@@ -32,7 +32,7 @@ log = logging.getLogger(__name__)
 
 
 class Interval(NamedTuple):
-    """A measure and its interval, as numbers or arrays; NaN is unknown, and ends of directions may exceed [0, 180)."""
+    """A measure and its interval, as numbers or arrays; NaN = unknown; the ends for directions may exceed [0, 180)."""
 
     value: Any
     low: Any
@@ -65,14 +65,14 @@ def sample_brushwork(
     """Paint a picture many times with a network, and measure its brushwork with intervals, as ``task=sample`` does.
 
     Args:
-        image: path, name of a sample, or picture: an (H, W, 3) or (3, H, W) tensor, uint8 or floats in [0, 1].
+        image: path, name of a sample, or picture as an (H, W, 3) or (3, H, W) tensor, uint8 or floats in [0, 1].
         samples: number of paintings, at least two.
         strokes: approximate number of strokes in the picture; None = one per 100 pixels.
         resolution: longer side in pixels to which the picture is resampled; None = unchanged.
         checkpoint: weights: a .safetensors file, or the name of shipped weights.
         intervals: file written by task=calibrate; None = the file next to the weights.
-        temperature: variation of strokes between samples, in the deviations that the network predicts.
-        seed: seed of this variation.
+        temperature: variation in strokes between samples, in the deviations that the network predicts.
+        seed: random seed for this variation.
 
     Raises:
         UserError: the picture, the weights, the intervals or another argument is invalid.
@@ -83,7 +83,7 @@ def sample_brushwork(
 
 
 def sample_with(cfg: DictConfig) -> SampledBrushwork:
-    """Sample brushwork like `sample_brushwork`, given the checked keys of ``task=sample``."""
+    """Sample brushwork as `sample_brushwork` does, given the checked keys of ``task=sample``."""
     picture = load_picture(cfg.image, cfg.resolution)
     scalings = scalings_for(cfg.checkpoint, cfg.intervals, cfg.temperature)
     if scalings is None:
@@ -99,7 +99,7 @@ def sample_with(cfg: DictConfig) -> SampledBrushwork:
 
 
 def scalings_for(checkpoint: str, intervals: str | None, temperature: float) -> Scalings | None:
-    """Read the intervals fitted for weights; return None if no file is named and none lies next to the weights."""
+    """Read the intervals fitted for weights; return None if no file is given and there is none next to the weights."""
     weights = PREDICTORS.path_of(checkpoint)
     path = weights.with_suffix(".intervals.json") if intervals is None else find_path(intervals)
     if intervals is None and not path.is_file():
@@ -109,7 +109,7 @@ def scalings_for(checkpoint: str, intervals: str | None, temperature: float) -> 
 
 
 def brushwork_of(picture: Tensor, samples: list[Sample], n: int, scalings: Scalings | None) -> SampledBrushwork:
-    """Measure samples of a picture (3, H, W), each of ``n`` strokes."""
+    """Measure the brushwork of a picture (3, H, W) from samples with ``n`` strokes each."""
     size = (picture.shape[1], picture.shape[2])
     pitch, places = math.sqrt(size[0] * size[1] / n), lattice(size, max(size) / CELLS)
     told = measure_at([sample.strokes for sample in samples], places.flatten(0, 1))

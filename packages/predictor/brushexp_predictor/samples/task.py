@@ -18,7 +18,7 @@ log = logging.getLogger(__name__)
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Write the measures with their intervals, the maps and the best painting into the run's folder."""
+    """Write the measures with their intervals, the maps and the best painting to the run's folder."""
     brushwork = sample_with(cfg)
     best = max(brushwork.samples, key=lambda sample: sample.psnr)
     write_picture(folder / "painting.png", best.painting)
@@ -40,7 +40,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def data_of(brushwork: SampledBrushwork, image: str) -> dict[str, object]:
-    """Collect measures as plain data."""
+    """Return the measures as data for JSON."""
     return {
         "image": image,
         "samples": len(brushwork.samples),
@@ -57,7 +57,7 @@ def data_of(brushwork: SampledBrushwork, image: str) -> dict[str, object]:
 
 
 def text_of(brushwork: SampledBrushwork, name: str) -> str:
-    """Write the measures and their explanation as Markdown."""
+    """Return the measures and an explanation as Markdown."""
     rows = [{"measure": PAINTING_KINDS[key].name, **texts_of(key, one)} for key, one in brushwork.measures.items()]
     scaled = (
         f"Intervals are scaled so that {COVERAGE:.0%} of them contain the truth in paintings with known strokes."
@@ -73,7 +73,7 @@ def text_of(brushwork: SampledBrushwork, name: str) -> str:
 
 
 def texts_of(name: str, one: Interval) -> dict[str, str]:
-    """Write a measure and the ends of its interval; an undetermined direction has no ends."""
+    """Format a measure and the ends of its interval, which are "any" for an undetermined direction."""
     kind = PAINTING_KINDS[name]
     texts = {key: f"{value:.3g}" if np.isfinite(value) else MISSING for key, value in one._asdict().items()}
     if kind.axial and one.high - one.low >= HALF_TURN - 1e-6:

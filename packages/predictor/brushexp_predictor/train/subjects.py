@@ -1,4 +1,4 @@
-"""Make training pictures: recoloured crops of photographs, and random strokes, determined by number and seed."""
+"""Make training pictures, determined by number and seed: recoloured crops of photographs, and random strokes."""
 
 import logging
 import math
@@ -33,7 +33,7 @@ log = logging.getLogger(__name__)
 
 
 def load_subjects(names: Sequence[str] | None) -> dict[str, Tensor]:
-    """Load pictures (3, H, W) from files and folders; None loads the pictures shipped with packages."""
+    """Load pictures (3, H, W) from files and folders or, for None, the pictures in scikit-image and scikit-learn."""
     if names is None:
         return {Path(name).stem: load_picture(name, None) for name in (*SAMPLES, *_photographs())}
     if not names:
@@ -59,7 +59,7 @@ class Subjects:
         self.palette = np.concatenate([picture.flatten(1).T.numpy()[::PALETTE] for picture in self.photographs])
 
     def __call__(self, number: int, side: int) -> Tensor:
-        """Make picture ``number``, (3, side, side) in [0, 1]."""
+        """Make the picture (3, side, side), in [0, 1], with this number."""
         random = np.random.default_rng([self.seed, number])
         if random.random() < GENERATED:
             return self._of_strokes(side, random)
@@ -75,7 +75,7 @@ class Subjects:
         return crop.flip(2) if random.random() < 0.5 else crop
 
     def _of_strokes(self, side: int, random: Random) -> Tensor:
-        """Draw overlapping random strokes of all sizes, like the dead leaves of Lee, Mumford and Huang (2001)."""
+        """Draw overlapping random strokes of all sizes, as in the dead leaves model (Lee, Mumford and Huang, 2001)."""
         n = round(math.exp(random.uniform(*np.log(STROKES))))
         half_width = 0.008 * side + (random.pareto(1.3, n) * 0.012 * side).clip(0, side / 3)
         angle = random.uniform(0, math.pi) + random.normal(0, random.choice([0.2, 0.6, 3.0]), n)
@@ -99,7 +99,7 @@ class Subjects:
         return grain(lit(render(strokes, side, background=background, soft=soft), random), random)
 
     def _colors(self, n: int, random: Random) -> tuple[Array, Array]:
-        """Choose colours (n, 3) near a few palette colours, and the colour of the ground."""
+        """Sample colours (n, 3) near a few palette colours, and the colour of the ground."""
         if random.random() < 0.6:
             few = self.palette[random.integers(len(self.palette), size=random.integers(3, 20))]
         else:
@@ -123,14 +123,14 @@ def recolored(picture: Tensor, random: Random) -> Tensor:
 
 
 def lit(picture: Tensor, random: Random) -> Tensor:
-    """Apply a gradual fall-off of light across a picture."""
+    """Apply a random linear gradient of light across a picture."""
     across = torch.linspace(-0.5, 0.5, picture.shape[1])
     down, right = random.normal(0, 0.25, 2)
     return picture * (1 + down * across[:, None] + right * across)
 
 
 def grain(picture: Tensor, random: Random) -> Tensor:
-    """Add photographic noise to half of the pictures."""
+    """Add noise to half of the pictures, as in photographs."""
     if random.random() < 0.5:
         channels = 1 if random.random() < 0.5 else 3
         noise = random.normal(0, random.uniform(0.005, 0.06), (channels, *picture.shape[1:]))

@@ -1,4 +1,4 @@
-"""``task=train_predictor``: train the network that predicts strokes."""
+"""``task=train_predictor``: train the network that predicts strokes for ``init=predicted``."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from brushexp_predictor.train.training import PredictorData, PredictorModule
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Train, write weights and figures into the run's folder, and return the values of metrics.json."""
+    """Train a network, write weights and figures to the run's folder, and return the values of metrics.json."""
     return train_network(PredictorJob, cfg, folder, start)
 
 

@@ -1,4 +1,4 @@
-"""Train the network through the renderer on the errors of its paintings, without labels."""
+"""Train the network, through the renderer and without labels, to reduce the errors of its paintings."""
 
 import math
 from collections import deque
@@ -39,14 +39,14 @@ VALIDATED = 4  # number of validation batches
 
 
 class Batch(NamedTuple):
-    """Square pictures of different sizes, and the levels in which they are painted."""
+    """Square target pictures of different sizes, and the levels in which they are painted."""
 
     targets: list[Tensor]  # (3, S, S)
     levels: list[Level]
 
 
 class PredictorData(L.LightningDataModule):
-    """Pictures generated during training, each determined by seed and number."""
+    """Training pictures that are generated on demand, each determined by seed and number."""
 
     def __init__(self, subjects: Subjects, batch_size: int) -> None:
         super().__init__()
@@ -59,12 +59,12 @@ class PredictorData(L.LightningDataModule):
         return StrokeLoader(lambda _epoch, _first: map(self.held_out, range(VALIDATED)), VALIDATED)
 
     def held_out(self, number: int) -> Batch:
-        """Make a validation batch with the levels used for paintings."""
+        """Make a validation batch, with the levels that are used for paintings."""
         first = HELD_OUT + number * self.batch_size
         return Batch(self._pictures(first), levels_of((CELLS, CELLS), (CELLS // 2) ** 2))
 
     def _training(self, epoch: int, first: int) -> Iterator[Batch]:
-        """Make each batch in a separate thread while the network learns from the previous batch."""
+        """Yield an epoch's batches from step ``first`` on, made ahead in a thread while the network learns."""
         with ThreadPoolExecutor(1) as maker:
             waiting = deque[Future[Batch]]()
             for step in range(epoch * EPOCH_STEPS + first, (epoch + 1) * EPOCH_STEPS):
@@ -89,11 +89,11 @@ class PredictorData(L.LightningDataModule):
 
 
 class PredictorModule(NetworkModule):
-    """Trains the weights of the network until its strokes look like the pictures.
+    """Trains the network so that paintings made of its strokes match the pictures.
 
-    After a share `VARIED` of the training, every other step paints a sample: numbers vary by the predicted deviations,
-    and large deviations are rewarded (the bound of Kingma and Welling, 2014, with an error relative to the painting's
-    error instead of a fixed one).
+    After a fraction `VARIED` of the training, every other step paints a sample: the output numbers vary by the
+    predicted deviations, and large deviations are rewarded (the bound of Kingma and Welling, 2014, with an error that
+    is relative to the painting's error instead of fixed).
     """
 
     title = "learning to paint"
@@ -138,18 +138,18 @@ class PredictorModule(NetworkModule):
 
 
 def mean_of(measure: Callable[[Laid, Tensor], Tensor], done: Sequence[Laid], targets: Sequence[Tensor]) -> Tensor:
-    """Average a measure over the canvases of a level."""
+    """Average a measure over the canvases after a level."""
     return torch.stack([measure(laid, target) for laid, target in zip(done, targets, strict=True)]).mean()
 
 
 def log_error(laid: Laid, target: Tensor) -> Tensor:
-    """Compute the logarithm of a canvas's mean squared error, which gives all pictures the same weight."""
+    """Compute the logarithm of a canvas's mean squared error, so that all pictures have the same weight."""
     small = resize_picture(target, (laid.canvas.shape[1], laid.canvas.shape[2]))
     return torch.log((laid.canvas - small).square().mean() + FLOOR)
 
 
 def worth_error(laid: Laid, target: Tensor, level: Level) -> Tensor:
-    """Compare the share of a cell's error that its stroke removed with the predicted share."""
+    """Compute the error in the predicted fraction of each cell's error that its stroke removes."""
     shape = (CELL * level.rows, CELL * level.columns)
     after = errors_of(resize_picture(target, shape)[None], resize_picture(laid.canvas.detach(), shape)[None]).flatten()[
         laid.places
@@ -160,7 +160,7 @@ def worth_error(laid: Laid, target: Tensor, level: Level) -> Tensor:
 
 
 def refine(strokes: Strokes, target: Tensor, draw: Callable[[Strokes], Tensor], steps: int) -> Strokes:
-    """Optimise strokes for a target (3, H, W) by ``steps`` of the default optimiser, with a fixed order."""
+    """Optimise strokes for a target (3, H, W) by ``steps`` of the default optimiser, keeping their order."""
     plan = build_named("optimizer", "torch", {"options": {"betas": [0.9, 0.95], "eps": 1e-15}})
     with torch.inference_mode(False), torch.enable_grad():  # Lightning's validation disables gradients
         catalogue, target = Catalogue(strokes.map(Tensor.clone), plan.units), target.clone()
@@ -176,7 +176,7 @@ def refine(strokes: Strokes, target: Tensor, draw: Callable[[Strokes], Tensor], 
 
 
 def psnr_after(laid: Laid, target: Tensor, steps: int) -> float:
-    """Compute the PSNR in dB of strokes on the whole canvas after ``steps`` of the optimiser."""
+    """Compute the PSNR in dB of the strokes' painting after ``steps`` of the optimiser."""
 
     def drawn(strokes: Strokes) -> Tensor:
         return draw(laid.form, strokes, laid.size, laid.background)

@@ -1,1 +1,1 @@
-"""Score the strokes that any method finds in paintings with known strokes, and report the scores."""
+"""Score the strokes that a method finds in paintings with known strokes, and report the scores."""

@@ -22,7 +22,7 @@ BRUSHES = ("knife", "dry")
 
 
 def draw_with(brush: str, layout: StrokeLayout, random: np.random.Generator) -> StrokeWindows:
-    """Draw strokes with the ``knife`` or the ``dry`` brush, each in a window of its own size, one texel per pixel."""
+    """Draw strokes with a palette knife or a dry brush, each in a window of its own size with one texel per pixel."""
     low, high = layout.curve.min(1) - layout.width[:, None], layout.curve.max(1) + layout.width[:, None]
     position, extent = 0.5 * (low + high), (high - low).max(1) + 2 * MARGIN
     side = np.ceil(extent).astype(int)
@@ -34,7 +34,7 @@ def draw_with(brush: str, layout: StrokeLayout, random: np.random.Generator) -> 
 
 
 def _draw_window(brush: str, curve: Array, width: float, color: Array, side: int, random: np.random.Generator) -> Array:
-    """Draw one stroke along a curve (3, 2): texels (side * side, len(Texel))."""
+    """Draw one stroke along a curve (3, 2), and return its texels (side * side, len(Texel))."""
     along, across = coordinates(curve, side)
     inside = np.clip((0.5 * width - np.abs(across)) / EDGE_WIDTH + 0.5, 0, 1)
     ends = np.clip(np.minimum(along, 1 - along) * _chord_length(curve) / EDGE_WIDTH + 0.5, 0, 1)
@@ -51,7 +51,7 @@ def _draw_window(brush: str, curve: Array, width: float, color: Array, side: int
 
 
 def coordinates(curve: Array, side: int) -> tuple[Array, Array]:
-    """Compute each pixel's (side, side) position along a curve (3, 2), 0 to 1, and its offset across in pixels."""
+    """Compute each pixel's position along a curve (3, 2), 0 to 1, and offset across it in pixels, both (side, side)."""
     x, y = np.meshgrid(np.arange(side) + 0.5, np.arange(side) + 0.5)
     places, points = np.stack([x, y], -1), points_on(curve[None], POINTS)[0]
     nearest = ((places[:, :, None] - points) ** 2).sum(-1).argmin(-1)
@@ -64,12 +64,12 @@ def coordinates(curve: Array, side: int) -> tuple[Array, Array]:
 
 
 def _chord_length(curve: Array) -> float:
-    """Measure the chord of a curve (3, 2)."""
+    """Compute the chord length of a curve (3, 2)."""
     (chord,) = chords_of(curve[None])
     return float(np.linalg.norm(chord))
 
 
 def draw_streaks(random: np.random.Generator) -> Array:
-    """Draw a texture (`SAMPLES`, `TRACKS`) of streaks along the brush with mean 0 and standard deviation 1."""
+    """Generate a texture (`SAMPLES`, `TRACKS`) of streaks along a stroke, with mean 0 and standard deviation 1."""
     noise = gaussian_filter1d(random.normal(size=(SAMPLES, TRACKS)), 8, axis=0) + 0.2 * random.normal(size=TRACKS)
     return (noise - noise.mean()) / noise.std()

@@ -1,9 +1,9 @@
 """Match predicted strokes with known strokes.
 
 A known and a predicted stroke match if the intersection over union of their visible regions is at least `MATCH_IOU`;
-each has at most one partner. A known or predicted stroke counts if at least 30 % of its area and 12 pixels are visible
-(`Truth.counts`). A predicted stroke that lies mostly on bare ground, or whose partner does not count, counts neither as
-right nor as wrong.
+each stroke has at most one partner. A stroke, known or predicted, is scored if at least 30 % of its area and 12 pixels
+are visible (`Truth.counts`). A predicted stroke that is mostly on bare ground, or whose partner is not scored, is
+considered neither correct nor wrong.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ BARE_SHARE = 0.5  # share of a predicted stroke on bare ground, above which it i
 
 @dataclass(frozen=True)
 class Matches:
-    """M pairs of known and predicted strokes, and which of the N predicted strokes are scored."""
+    """M matching pairs of known and predicted strokes, and a mask of the N predicted strokes that are scored."""
 
     truth: Array  # (M,) known strokes that count
     prediction: Array  # (M,) their partners
@@ -33,7 +33,7 @@ class Matches:
 
 
 def match(truth: Truth, prediction: Prediction, overlaps: Overlaps, least_iou: float) -> Matches:
-    """Pair strokes one to one, best pairs first, with an intersection over union of at least ``least_iou``."""
+    """Pair strokes one to one, best pairs first, if their intersection over union is at least ``least_iou``."""
     known, partner, ious = pair_best(overlaps, least_iou)
     counts = truth.counts[known]
     neutral, hit = np.zeros(len(prediction), bool), np.zeros(len(prediction), bool)
@@ -44,7 +44,7 @@ def match(truth: Truth, prediction: Prediction, overlaps: Overlaps, least_iou: f
 
 
 def on_ground(truth: Truth, prediction: Prediction) -> Array:
-    """Mark the predicted strokes (N,) that lie mostly where the truth has no stroke."""
+    """Mark the predicted strokes (N,) that are mostly on ground where there is no known stroke."""
     bare = count_pixels(np.where(truth.labels < 0, prediction.labels, -1), len(prediction))
     mostly: Array = bare > BARE_SHARE * count_pixels(prediction.labels, len(prediction))
     return mostly

@@ -1,7 +1,7 @@
-"""Compute errors of mean direction, length and width in neighbourhoods, without matching strokes.
+"""Compute errors in the mean direction, length and width of neighbouring strokes, without matching strokes.
 
-Around each known stroke that counts, the mean direction, coherence, mean length and mean width of the nearest known
-strokes are compared with those of the nearest predicted strokes.
+Around each scored known stroke, the mean direction, coherence, mean length and mean width of the nearest known strokes
+are compared with those of the nearest predicted strokes.
 """
 
 from dataclasses import dataclass
@@ -32,14 +32,15 @@ class Neighbourhoods:
 
     @property
     def coherence(self) -> Array:
-        """Agreement of the directions, 0 to 1."""
+        """Agreement between the directions, 0 to 1."""
         return np.abs(self.direction)
 
 
 def field_errors(truth: Truth, prediction: Prediction, known: Array, judged: Array) -> dict[str, float]:
-    """Compute the median errors of neighbourhoods; ``known`` and ``judged`` (N,) mark the strokes that count.
+    """Compute median errors over neighbourhoods; ``known`` and ``judged`` (N,) are masks of the scored strokes.
 
-    Errors of direction are in degrees, of coherence absolute, and of length and width relative to the truth.
+    Errors in direction are in degrees, errors in coherence absolute, and errors in length and width relative to the
+    truth.
     """
     if not known.any() or not judged.any():
         return dict.fromkeys(ERRORS, float("nan"))
@@ -57,7 +58,7 @@ def field_errors(truth: Truth, prediction: Prediction, known: Array, judged: Arr
 
 
 def neighbourhoods_at(places: torch.Tensor, curve: Array, width: Array) -> Neighbourhoods:
-    """Average the strokes, with curves (N, 3, 2) and widths (N,), that are nearest to points (Q, 2)."""
+    """Average the strokes nearest to points (Q, 2), given all curves (N, 3, 2) and widths (N,)."""
     lines = torch.from_numpy(curve.astype(float))
     near = nearest_strokes(places, centre_of(lines), NEIGHBOURS, exclude_self=False)
     index = near.numpy()

@@ -1,4 +1,4 @@
-"""Draw plots and examples of the benchmark."""
+"""Draw the benchmark's plots and examples."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,7 +14,7 @@ from brushexp_recovery.raster.labels import color_labels
 
 
 def plot_scores(path: Path, rows: Sequence[Row]) -> Path:
-    """Plot the F1 of every picture by method, with clean and hard pictures side by side."""
+    """Plot the F1 score on every picture for each method, with clean and difficult pictures side by side."""
     figure = new_figure(4.6)
     looks = [look for look in ("clean", "hard") if any(row["look"] == look for row in rows)]
     for axes, look in zip(figure.subplots(1, len(looks), sharey=True, squeeze=False)[0], looks, strict=True):
@@ -31,7 +31,7 @@ def plot_scores(path: Path, rows: Sequence[Row]) -> Path:
 
 
 def plot_reliability(path: Path, reliability: Mapping[str, list[ReliabilityBin]]) -> Path:
-    """Plot the share of correct strokes against their confidence."""
+    """Plot the fraction of correct strokes against the confidence."""
     figure = new_figure(5)
     axes = figure.subplots()
     tidy(axes)
@@ -48,9 +48,9 @@ def plot_reliability(path: Path, reliability: Mapping[str, list[ReliabilityBin]]
 
 
 def draw_examples(path: Path, paintings: Path, rows: Sequence[Row]) -> Path:
-    """Draw, for each kind, a clean painting, its true regions and those of the first method, in random colours.
+    """Draw a clean painting of each kind, with its true regions and the first method's regions in random colours.
 
-    ``paintings`` is the folder with the pictures, their ground truth and the regions found.
+    The folder ``paintings`` contains the pictures, their ground truth and the predicted regions.
     """
     method = rows[0]["method"]
     first = {row["kind"]: row["scene"] for row in reversed(clean_rows(rows)) if row["method"] == method}

@@ -21,7 +21,7 @@ TIPS = (0.02, 0.98)  # quantiles of a region's pixels that define its extent
 
 @dataclass(frozen=True)
 class Prediction:
-    """N strokes that a method predicts, bottom to top; pixels, x to the right, y down."""
+    """The N strokes that a method predicts, bottom to top, in pixels, with x to the right and y down."""
 
     labels: Array  # (H, W) int32, the visible stroke, or -1 for the ground
     curve: Array  # (N, 3, 2)
@@ -44,15 +44,15 @@ class Prediction:
 def prediction_from_curves(
     curve: Array, width: Array, color: Array, opacity: Array, size: tuple[int, int]
 ) -> Prediction:
-    """Make a prediction of round-ended lines, bottom to top, on a canvas (H, W)."""
+    """Make a prediction from round-ended lines, bottom to top, on a canvas (H, W)."""
     labels, area = visible_labels(cover_strokes(curve, width, size), opacity, size)
     return Prediction(labels, curve, width, color, area)
 
 
 def prediction_from_labels(labels: Array, image: Array | None = None) -> Prediction:
-    """Make an unordered prediction from a label image (H, W), in which -1 is the ground.
+    """Make an unordered prediction from a label image (H, W), in which the ground is -1.
 
-    Each stroke becomes a straight line along its principal axis, in the mean colour of an ``image`` (H, W, 3), or grey.
+    Each region becomes a straight line along its principal axis, in its mean colour in ``image`` (H, W, 3), or in grey.
     """
     numbers, flat = np.unique(labels[labels >= 0], return_inverse=True)
     compact = np.full(labels.shape, -1, np.int32)
@@ -64,7 +64,7 @@ def prediction_from_labels(labels: Array, image: Array | None = None) -> Predict
 
 
 def lines_of(labels: Array, count: int) -> tuple[Array, Array]:
-    """Fit a straight line (count, 3, 2) along each region, with a width (count,) that gives the same area."""
+    """Fit straight lines (count, 3, 2) along regions, with widths (count,) that give the same areas."""
     curve, width = np.zeros((count, 3, 2)), np.zeros(count)
     for number, pixels in enumerate(group_pixels(labels, count)):
         y, x = np.divmod(pixels, labels.shape[1])
@@ -73,7 +73,7 @@ def lines_of(labels: Array, count: int) -> tuple[Array, Array]:
 
 
 def line_along(places: Array) -> tuple[Array, float]:
-    """Fit a straight line (3, 2) along the pixels (P, 2) of a region, with a width that gives the same area."""
+    """Fit a straight line (3, 2) along a region's pixels (P, 2), with a width that gives the same area."""
     middle = places.mean(0)
     offset = places - middle
     _, axes = np.linalg.eigh(offset.T @ offset)
@@ -87,7 +87,7 @@ def line_along(places: Array) -> tuple[Array, float]:
 
 
 def prediction_from_catalogue(saved: Saved, size: tuple[int, int]) -> Prediction:
-    """Make a prediction from a catalogue, enlarged to the width of a canvas (H, W)."""
+    """Make a prediction from a catalogue, scaled to the width of a canvas (H, W)."""
     bottom_up, zoom = saved.depth.argsort().numpy(), size[1] / saved.size[1]
     strokes = saved.strokes
     curve = curve_of(strokes).numpy()[bottom_up] * zoom

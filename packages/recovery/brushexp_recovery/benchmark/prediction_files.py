@@ -1,4 +1,4 @@
-"""Read files of predicted strokes: labels (PNG, npy, npz), curves (npz) and catalogues."""
+"""Read predicted strokes from files: labels (PNG, npy, npz), curves (npz) and catalogues."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -31,9 +31,10 @@ BASE = np.array([65536, 256, 1])  # factors that combine red, green and blue int
 def read_prediction(path: Path, size: tuple[int, int], image: Array | None = None, key: str = "strokes") -> Prediction:
     """Read predicted strokes for a canvas (H, W); raise a UserError that describes a valid file.
 
-    Labels: .npy or .npz (``labels``) with -1 for the ground, or .png, in which black is the ground and each grey level
-    or colour is a stroke. Curves: .npz with ``curve`` (N, 3, 2) and ``width`` (N,), bottom to top, with or without
-    labels, and optionally ``color``, ``opacity``, ``area``, ``confidence`` and ``ordered``. Catalogues: any format.
+    Labels: .npy or .npz (``labels``) with -1 for the ground, or .png, in which black is the ground and every other grey
+    level or colour is a stroke. Curves: .npz with ``curve`` (N, 3, 2) and ``width`` (N,), bottom to top, with or
+    without labels, and optionally ``color``, ``opacity``, ``area``, ``confidence`` and ``ordered``. Catalogues: any
+    format.
     """
     suffix = path.suffix.lower()
     if suffix in catalogue_suffixes():
@@ -50,7 +51,7 @@ def read_prediction(path: Path, size: tuple[int, int], image: Array | None = Non
 
 
 def is_recovered(path: Path) -> bool:
-    """Check whether a catalogue has regions and confidences of recovered strokes."""
+    """Check whether a catalogue contains the visible regions and confidences of recovered strokes."""
     if path.suffix.lower() != ".h5":
         return False
     with opened(path, "give another one") as file:
@@ -60,7 +61,7 @@ def is_recovered(path: Path) -> bool:
 def _prediction_from_arrays(
     path: Path, values: dict[str, Array], size: tuple[int, int], image: Array | None
 ) -> Prediction:
-    """Make a prediction from the curves in an npz, or from its labels if it has no curves."""
+    """Make a prediction from the curves in an npz file, or from its labels if it contains no curves."""
     if "width" not in values or "curve" not in values:
         if "labels" not in values:
             raise UserError(f"{path} has neither labels nor curve and width; add one of them")
@@ -88,7 +89,7 @@ def _read_npy(path: Path) -> Array:
 
 
 def _read_png(path: Path) -> Array:
-    """Read a PNG whose colours or grey levels are strokes; black is the ground."""
+    """Read a label image from a PNG in which black is the ground and every other colour or grey level is a stroke."""
     try:
         with Image.open(path) as picture:
             pixels = np.asarray(picture.convert("RGB") if picture.mode in ("P", "RGBA", "LA") else picture).astype(int)
@@ -98,7 +99,7 @@ def _read_png(path: Path) -> Array:
 
 
 def _check_labels(path: Path, labels: Array, size: tuple[int, int]) -> Array:
-    """Return labels; raise UserError unless they are integers for a canvas (H, W)."""
+    """Return labels if they are integers of the shape (H, W); raise UserError otherwise."""
     if labels.shape != size or labels.dtype.kind not in "iu":
         raise UserError(
             f"{path}: labels are {labels.dtype} of shape {labels.shape}; give whole numbers of shape {size}, "

@@ -1,4 +1,4 @@
-"""Write the report of the benchmark: files with tables, plots and examples."""
+"""Write the benchmark report as files with tables, plots and examples."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -40,7 +40,7 @@ def write_figures(folder: Path, rows: Sequence[Row]) -> None:
 
 
 def write_report(folder: Path, rows: Sequence[Row]) -> list[Path]:
-    """Write ``summary.md``, ``summary.tex``, ``reliability.json`` and plots; nothing if there are no rows."""
+    """Write ``summary.md``, ``summary.tex``, ``reliability.json`` and plots, or nothing if there are no rows."""
     if not rows:
         return []
     by_group, errors, reliability = f1_table(rows), error_table(rows), reliability_of(rows)

@@ -1,4 +1,4 @@
-"""Make tables of the scores of many pictures and methods."""
+"""Tabulate the scores of several methods on many pictures."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple, TypeAlias
@@ -17,7 +17,7 @@ RESAMPLES = 2000  # number of bootstrap resamples
 
 
 class Column(NamedTuple):
-    """A column of the table of errors."""
+    """A column of the error table."""
 
     heading: str
     digits: int
@@ -47,7 +47,7 @@ ERRORS = {
 
 
 def mean_text(rows: Iterable[Row], figure: str, digits: int) -> str | None:
-    """Format the mean of a figure over the rows where it is defined."""
+    """Format the mean of a score over the rows in which it is defined, or return None if there are none."""
     values = [row[figure] for row in rows if figure in row and np.isfinite(row[figure])]
     return f"{np.mean(values):.{digits}f}" if values else None
 
@@ -61,12 +61,12 @@ def by_method(rows: Iterable[Row]) -> dict[str, list[Row]]:
 
 
 def clean_rows(rows: Iterable[Row]) -> list[Row]:
-    """Keep the rows of clean paintings."""
+    """Keep the rows of clean paintings, without degraded photographs."""
     return [row for row in rows if row["look"] == "clean"]
 
 
 def f1_table(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Average F1 by method over seen and unseen kinds, clean and hard."""
+    """Average F1 by method, separately for seen and unseen kinds and for clean paintings and degraded photographs."""
     table = []
     for name, own in by_method(rows).items():
         line: dict[str, Any] = {"method": name}
@@ -77,7 +77,7 @@ def f1_table(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def kind_table(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Average F1 of clean paintings by kind and number of strokes, with a column per method."""
+    """Average F1 over clean paintings by kind and number of strokes, with a column for each method."""
     clean = clean_rows(rows)
     methods = by_method(clean)
     table = []
@@ -90,10 +90,10 @@ def kind_table(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def interval_table(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Average F1 by method and kind, and over the kinds, each with a 95 % interval over paintings.
+    """Average F1 by method and kind, and over all kinds, each with a 95 % confidence interval over paintings.
 
     The bounds are percentiles of `RESAMPLES` means over resampled paintings of every kind (bootstrap; Efron, 1979). A
-    kind with one painting has no interval; the mean of all kinds has an interval if every kind has one.
+    kind with one painting has no interval; the mean over all kinds has an interval only if every kind has one.
     """
     table = []
     for name, own in by_method(rows).items():
@@ -118,13 +118,13 @@ def interval_table(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def _resample_mean(values: Array, random: np.random.Generator) -> Array:
-    """Resample values (n,) and average them, `RESAMPLES` times."""
+    """Return the means of `RESAMPLES` bootstrap resamples of values (n,)."""
     mean: Array = random.choice(values, (RESAMPLES, len(values))).mean(1)
     return mean
 
 
 def _with_interval(mean: float, means: Array, is_known: bool) -> str:
-    """Write a mean with the interval that contains 95 % of resampled means."""
+    """Format a mean; if ``is_known``, add the interval that contains 95 % of the resampled means."""
     low, high = np.quantile(means, [0.025, 0.975])
     return f"{mean:.2f} ({low:.2f} to {high:.2f})" if is_known else f"{mean:.2f}"
 
@@ -148,7 +148,7 @@ def reliability_of(rows: Sequence[Row]) -> Reliability:
 
 
 def confidence_table(reliability: Mapping[str, list[ReliabilityBin]]) -> list[dict[str, Any]]:
-    """Compare the mean confidence in each group, and in clean and hard pictures, with the share of correct strokes."""
+    """Compare mean confidence with the fraction of correct strokes, by group and for clean or degraded pictures."""
     groups = dict(reliability)
     for look in ("clean", "hard"):
         alike = [bins for name, bins in reliability.items() if name.endswith(look)]

@@ -40,7 +40,7 @@ KINDS = (*SEEN, *UNSEEN)
 
 @dataclass(frozen=True)
 class Scene:
-    """A painting of the benchmark."""
+    """A benchmark painting, specified by its kind, number of strokes and number."""
 
     kind: str
     count: int  # requested number of strokes
@@ -48,13 +48,13 @@ class Scene:
 
     @property
     def name(self) -> str:
-        """Name of the scene's files."""
+        """File name of the scene, without a suffix."""
         return f"{self.kind}-{self.count}" + f"-{self.number}" * (self.number > 0)
 
 
 @dataclass(frozen=True)
 class ScenePainting:
-    """A painting and its ground truth, as a clean picture and a hard photograph, both (H, W, 3) in [0, 1]."""
+    """A painting with its ground truth, as a clean picture and a degraded photograph, both (H, W, 3) in [0, 1]."""
 
     truth: Truth
     clean: Array
@@ -62,13 +62,13 @@ class ScenePainting:
 
 
 def list_scenes(kinds: Sequence[str], counts: Sequence[int], repeats: int) -> list[Scene]:
-    """List each kind at each density ``repeats`` times, except densities that take the simulator too long."""
+    """List ``repeats`` scenes for each kind and density, but omit densities that would take the simulator too long."""
     pairs = [(kind, count) for kind in kinds for count in counts if kind != "fluid" or count <= MOST_FLUID]
     return [Scene(kind, count, number) for kind, count in pairs for number in range(repeats)]
 
 
 def paint_scene(scene: Scene, side: int, seed: int = SEED) -> ScenePainting:
-    """Paint a scene of ``side`` x ``side`` pixels, determined only by scene, side and seed."""
+    """Paint a scene of ``side`` x ``side`` pixels that depends only on the scene, the side and the seed."""
     random = np.random.default_rng([seed, _number_of(scene.kind), scene.count, scene.number])
     subject = make_subject(side, random)
     if scene.kind in find_families():
@@ -91,17 +91,17 @@ def paint_scene(scene: Scene, side: int, seed: int = SEED) -> ScenePainting:
 
 
 def photograph(image: Array, random: np.random.Generator) -> Array:
-    """Simulate a hard photograph of a painting (H, W, 3): canvas weave, blur, noise and JPEG."""
+    """Simulate a degraded photograph of a painting (H, W, 3), with canvas weave, blur, noise and JPEG artefacts."""
     return compress_as_jpeg(np.clip(weather(image, random), 0, 1), HARD_QUALITY)
 
 
 def _number_of(kind: str) -> int:
-    """Derive a number from a kind for its seeds, independent of other kinds."""
+    """Return the number that represents a kind in seeds: its index in `KINDS`, or a checksum of its name."""
     return KINDS.index(kind) if kind in KINDS else crc32(kind.encode())
 
 
 def lay_scene(kind: str, subject: Array, count: int, random: np.random.Generator) -> StrokeLayout:
-    """Place about ``count`` strokes, in layers along edges or with one of the painters."""
+    """Place about ``count`` strokes, either in layers along edges or with one of the painters."""
     if kind not in PAINTERS:
         return lay_strokes(subject.astype(np.float32), count, Hand(), random)
     import brushexp  # noqa: PLC0415

@@ -21,13 +21,13 @@ VISIBLE_SHARES = {"little": (0.3, 0.6), "most": (0.6, 0.9), "whole": (0.9, np.in
 
 
 def score(truth: Truth, prediction: Prediction) -> dict[str, Any]:
-    """Compute all figures; undefined figures are NaN.
+    """Compute all scores of a prediction; undefined scores are NaN.
 
-    Keys: ``f1``, ``recall``, ``precision`` (and ``_soft``, at `SOFT_IOU`), ``best_iou``, ``split`` and ``joined``,
-    ``recall_little``, ``_most`` and ``_whole`` by the visible share, medians over matched strokes ``direction_deg``,
-    ``length_rel``, ``width_rel``, ``width_bias``, ``color_de00`` (CIEDE2000) and mean ``iou``, ``order_agreement``,
-    ``order_tau`` and ``order_pairs``, errors of neighbourhoods ``field_...``, and with confidence ``auc``, ``ece`` and
-    ``reliability``.
+    Keys: ``f1``, ``recall``, ``precision`` (and ``_soft``, at `SOFT_IOU`), ``best_iou``, ``split`` and ``joined``;
+    ``recall_little``, ``_most`` and ``_whole`` by visible fraction; over matched strokes, the medians
+    ``direction_deg``, ``length_rel``, ``width_rel``, ``width_bias`` and ``color_de00`` (CIEDE2000) and the mean
+    ``iou``; ``order_agreement``, ``order_tau`` and ``order_pairs``; neighbourhood errors ``field_...``; and, for
+    predictions with confidences, ``auc``, ``ece`` and ``reliability``.
     """
     overlaps = overlaps_between(truth.labels, prediction.labels, len(truth), len(prediction))
     soft, matches = (match(truth, prediction, overlaps, least) for least in (SOFT_IOU, MATCH_IOU))
@@ -57,7 +57,7 @@ def rates_of(truth: Truth, prediction: Prediction, matches: Matches) -> dict[str
 
 
 def recall_by_share(truth: Truth, matches: Matches) -> dict[str, float]:
-    """Compute the recall of known strokes by their visible share."""
+    """Compute the recall of known strokes, grouped by their visible fraction."""
     is_matched = np.isin(np.arange(len(truth)), matches.truth)
     groups = {
         name: truth.counts & (truth.share >= low) & (truth.share < high) for name, (low, high) in VISIBLE_SHARES.items()
@@ -66,9 +66,9 @@ def recall_by_share(truth: Truth, matches: Matches) -> dict[str, float]:
 
 
 def parts_of(a: Array, b: Array, chosen: Array) -> float:
-    """Compute the median number of regions of ``b`` into which a chosen region of ``a`` is split.
+    """Compute into how many regions of ``b`` a chosen region of ``a`` is split, as the median over regions.
 
-    The number is 1 / (sum of squared shares).
+    The number of parts is 1 / (sum of squared fractions), so small parts contribute little.
     """
     inside = a >= 0
     most = int(b.max(initial=-1)) + 2
@@ -78,7 +78,7 @@ def parts_of(a: Array, b: Array, chosen: Array) -> float:
 
 
 def errors_of(truth: Truth, prediction: Prediction, matches: Matches) -> dict[str, float]:
-    """Compute the median errors of matched strokes."""
+    """Compute the median errors of matched strokes and their mean intersection over union."""
     from skimage.color import deltaE_ciede2000, rgb2lab  # noqa: PLC0415
 
     known, partner = matches.truth, matches.prediction
@@ -98,7 +98,7 @@ def errors_of(truth: Truth, prediction: Prediction, matches: Matches) -> dict[st
 
 
 def order_of(truth: Truth, prediction: Prediction, matches: Matches) -> dict[str, float]:
-    """Compute the share of overlapping matched pairs in the right order, and Kendall's tau, from -1 to 1."""
+    """Compute the fraction of overlapping matched pairs in the correct order, and Kendall's tau, from -1 to 1."""
     if not prediction.ordered:
         return {"order_tau": float("nan"), "order_agreement": float("nan"), "order_pairs": 0}
     rank = np.full(len(truth), -1)
@@ -109,7 +109,7 @@ def order_of(truth: Truth, prediction: Prediction, matches: Matches) -> dict[str
 
 
 def angles_of(curve: Array) -> Array:
-    """Return the angles (N,) in radians of curves (N, 3, 2) from start to end."""
+    """Return the directions (N,), in radians, of the chords of curves (N, 3, 2)."""
     x, y = chords_of(curve).T
     return np.arctan2(y, x)
 
@@ -120,10 +120,10 @@ def angle_between(a: Array, b: Array) -> Array:
 
 
 def median_of(values: Array) -> float:
-    """Return the median, or NaN for no values."""
+    """Return the median, or NaN if there are no values."""
     return float(np.median(values)) if len(values) else float("nan")
 
 
 def mean_of(values: Array) -> float:
-    """Return the mean, or NaN for no values."""
+    """Return the mean, or NaN if there are no values."""
     return float(np.mean(values)) if len(values) else float("nan")

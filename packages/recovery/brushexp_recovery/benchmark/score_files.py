@@ -1,4 +1,4 @@
-"""Score strokes from Python: ``brushexp.score_strokes``."""
+"""Provide ``brushexp.score_strokes``, which scores strokes from Python."""
 
 from os import PathLike
 from typing import Any
@@ -11,7 +11,7 @@ from brushexp_recovery.benchmark.truth import read_truth
 
 
 def score_strokes(truth: str | PathLike[str], strokes: str | PathLike[str]) -> dict[str, Any]:
-    """Score any strokes against the known strokes of a painting, as ``task=score`` does.
+    """Score strokes from any method against the known strokes of a painting, as ``task=score`` does.
 
     Args:
         truth: NAME.npz of task=benchmark; the painting next to it, NAME.png, supplies the colours of labels without
@@ -20,7 +20,7 @@ def score_strokes(truth: str | PathLike[str], strokes: str | PathLike[str]) -> d
             in pixels, bottom to top) or a catalogue; recovered strokes keep their labels and confidence.
 
     Returns:
-        Figures defined in `brushexp_recovery.benchmark.score.score`.
+        The scores that `brushexp_recovery.benchmark.score.score` defines.
 
     Raises:
         UserError: a file is not valid.

@@ -33,7 +33,7 @@ def make_subject(side: int, random: np.random.Generator) -> Array:
 
 
 def prime_canvas(subject: Array, random: np.random.Generator) -> Array:
-    """Prime a canvas (H, W, 3) in a random colour, with a trace of the subject and grain."""
+    """Prime a canvas (H, W, 3) in a random colour, with a faint wash of the subject and some grain."""
     bare = random.uniform(0.35, 0.9, 3) if random.random() < 0.7 else np.full(3, random.uniform(0.5, 0.95))
     wash = gaussian_filter(subject, (WASH_BLUR, WASH_BLUR, 0))
     grain = gaussian_filter(random.normal(size=subject.shape[:2]), 2)

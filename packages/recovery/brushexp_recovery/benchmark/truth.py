@@ -21,7 +21,7 @@ OVERLAP = 0.05  # minimum overlap of two strokes with an order, as a share of th
 
 @dataclass(frozen=True)
 class Truth:
-    """N known strokes of a painting, bottom to top unless ``depth`` says otherwise; pixels, x to the right, y down."""
+    """N known strokes of a painting in pixels, x to the right and y down; ``depth`` gives their order."""
 
     labels: Array  # (H, W) int32, the visible stroke, or -1 for the ground
     curve: Array  # (N, 3, 2) control points of the part that carries paint
@@ -43,12 +43,12 @@ class Truth:
 
     @property
     def counts(self) -> Array:
-        """Mark the strokes (N,) that are visible enough to count."""
+        """Mark the strokes (N,) that are visible enough to be scored."""
         return (self.share >= VISIBLE_SHARE) & (self.visible >= VISIBLE_PIXELS)
 
 
 def truth_from(labels: Array, area: Array, curve: Array, width: Array, color: Array, image: Array) -> Truth:
-    """Compute the complete ground truth for N strokes, bottom to top; ``image`` (H, W, 3) in [0, 1] is the painting."""
+    """Compute the full ground truth for N strokes, bottom to top, given the painting ``image`` (H, W, 3) in [0, 1]."""
     count = len(width)
     return Truth(
         labels=labels.astype(np.int32),
@@ -64,7 +64,7 @@ def truth_from(labels: Array, area: Array, curve: Array, width: Array, color: Ar
 
 
 def draw_truth(curve: Array, width: Array, color: Array, size: tuple[int, int], ground: Array) -> tuple[Truth, Array]:
-    """Draw opaque strokes, bottom to top, on a plain canvas (H, W); return the ground truth and image (H, W, 3)."""
+    """Draw opaque strokes, bottom to top, on a plain canvas (H, W); return the ground truth and the image (H, W, 3)."""
     covers = cover_strokes(curve, width, size)
     labels, area = visible_labels(covers, np.ones(len(width)), size)
     image = np.broadcast_to(ground, (*size, 3)).copy()
@@ -75,7 +75,7 @@ def draw_truth(curve: Array, width: Array, color: Array, size: tuple[int, int], 
 
 
 def write_truth(path: Path, truth: Truth) -> None:
-    """Write a ground truth as a compressed npz."""
+    """Write a ground truth to a compressed npz file."""
     write_npz(path, **{item.name: getattr(truth, item.name) for item in fields(truth)})
 
 

@@ -1,1 +1,1 @@
-"""Compute features of regions for predicting confidence, and measure the calibration of confidences."""
+"""Compute region features from which confidence is predicted, and measure how well confidences are calibrated."""

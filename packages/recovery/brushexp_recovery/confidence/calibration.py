@@ -1,4 +1,4 @@
-"""Measure the calibration of confidences: of strokes with a confidence of 0.8, 80 % should be correct."""
+"""Measure how well confidences are calibrated: 80 % of the strokes with a confidence of 0.8 should be correct."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
@@ -12,7 +12,7 @@ BINS = 10  # number of bins of equal width
 
 
 class ReliabilityBin(NamedTuple):
-    """A bin of strokes of similar confidence."""
+    """A bin of strokes with similar confidence."""
 
     confidence: float  # mean confidence
     right: float  # share of correct strokes
@@ -23,9 +23,9 @@ def calibration_of(confidence: Array, hit: Array) -> dict[str, Any]:
     """Compare confidences (N,) in [0, 1] with the correctness (N,) of the strokes.
 
     Returns:
-        ``auc``, the probability that a correct stroke has higher confidence than an incorrect one (NaN if either is
-        missing); ``ece``, the expected calibration error; ``reliability``, a `ReliabilityBin` for each bin with
-        strokes.
+        ``auc``, the probability that a correct stroke has higher confidence than an incorrect one (NaN without correct
+        or without incorrect strokes); ``ece``, the expected calibration error; ``reliability``, a `ReliabilityBin` for
+        each bin that contains strokes.
     """
     place = np.minimum((confidence * BINS).astype(int), BINS - 1)
     reliability = [
@@ -42,9 +42,10 @@ def calibration_of(confidence: Array, hit: Array) -> dict[str, Any]:
 
 
 def ece_of(reliability: Sequence[ReliabilityBin]) -> float:
-    """Compute the expected calibration error (Naeini et al., 2015), or NaN for no strokes.
+    """Compute the expected calibration error (Naeini et al., 2015), or NaN if there are no strokes.
 
-    For few strokes it is large even if the confidence is well calibrated, so pool the reliability of paintings first.
+    With few strokes the error is large even if the confidence is well calibrated, so pool the reliability of several
+    paintings first.
     """
     total = sum(one.strokes for one in reliability)
     gap = sum(one.strokes * abs(one.confidence - one.right) for one in reliability)

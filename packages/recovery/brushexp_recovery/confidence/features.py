@@ -1,4 +1,4 @@
-"""Compute features of regions that predict whether they are strokes."""
+"""Compute the region features from which a model predicts whether a region is a stroke."""
 
 from typing import Any
 
@@ -16,7 +16,7 @@ DOUBT = 1e-3  # minimum distance of a probability from 0 and 1
 
 
 def confidence_features(regions: Regions) -> Array:
-    """Compute the features of N regions: (N, len(ConfidenceFeature))."""
+    """Compute the confidence features (N, len(ConfidenceFeature)) of N regions."""
     chance = np.clip(regions.chance, DOUBT, 1 - DOUBT)
     area = count_pixels(regions.labels, len(chance))
     features = np.empty((len(chance), len(ConfidenceFeature)))

@@ -1,4 +1,4 @@
-"""Fit quadratic Bezier curves with a width to regions, first individually, then all curves jointly.
+"""Fit a quadratic Bezier curve with a width to each region, then refine all curves jointly.
 
 The folder also computes the coverage of round-ended lines along such curves, for drawing and comparing strokes.
 """

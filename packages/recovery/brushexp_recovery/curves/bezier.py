@@ -1,4 +1,4 @@
-"""Compute points, arc lengths, parts and chords of quadratic Bezier curves."""
+"""Compute points, arc lengths, segments and chords of quadratic Bezier curves."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ LENGTH_POINTS = 65  # number of points between which an arc is measured
 
 
 def points_on(curve: Array, count: int) -> Array:
-    """Return ``count`` points (N, count, 2) on curves (N, 3, 2), at even steps of the parameter."""
+    """Return ``count`` points (N, count, 2) on curves (N, 3, 2), at evenly spaced parameters."""
     t = np.linspace(0, 1, count)[:, None]
     start, control, end = (curve[:, k, None] for k in range(3))
     return (1 - t) ** 2 * start + 2 * t * (1 - t) * control + t**2 * end
@@ -23,7 +23,7 @@ def arc_lengths(curve: Array) -> Array:
 
 
 def part_of(curve: Array, low: Array, high: Array) -> Array:
-    """Cut curves (N, 3, 2) to the parts between parameters ``low`` and ``high`` (N,), which may lie outside [0, 1]."""
+    """Cut curves (N, 3, 2) to the segments between parameters ``low`` and ``high`` (N,), possibly outside [0, 1]."""
     start, control, end = (curve[:, k] for k in range(3))
 
     def blossom(a: Array, b: Array) -> Array:

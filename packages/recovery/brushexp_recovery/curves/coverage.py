@@ -1,4 +1,4 @@
-"""Compute the coverage of round-ended lines along quadratic Bezier curves, and the visible line at each pixel."""
+"""Compute the coverage of round-ended lines along quadratic Bezier curves, and which line is visible at each pixel."""
 # mypy: allow-untyped-defs
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ COVERED = 0.5  # minimum covered share of a pixel that belongs to a stroke
 
 
 class Cover(NamedTuple):
-    """The pixels of a canvas that a stroke covers, all of which lie in a box."""
+    """A stroke's coverage of the pixels in a box on the canvas; all pixels outside the box are uncovered."""
 
     box: Box
     share: Array  # (h, w) covered share of each pixel in the box, 0 to 1
@@ -33,7 +33,7 @@ NO_COVER = Cover(Box(0, 0, 0, 0), np.empty((0, 0)))
 
 
 def cover_strokes(curve: Array, width: Array, size: tuple[int, int]) -> list[Cover]:
-    """Compute the coverage of each of N strokes alone on a canvas (H, W); strokes off the canvas get `NO_COVER`."""
+    """Compute the coverage of each of N strokes alone on a canvas (H, W); strokes off the canvas have `NO_COVER`."""
     height, canvas_width = size
     covers: list[Cover] = []
     for points, half in zip(points_on(curve, PIECES + 1), 0.5 * width, strict=True):
@@ -53,7 +53,7 @@ def cover_strokes(curve: Array, width: Array, size: tuple[int, int]) -> list[Cov
 
 @function
 def _lower_to_distance(points, left, top, squared):
-    """Lower ``squared`` (h, w) to the squared distance of pixel centres from a line through ``points``."""
+    """Lower ``squared`` (h, w) to the squared distance between each pixel centre and a polyline through ``points``."""
     for k in range(len(points) - 1):
         ax, ay = points[k, 0], points[k, 1]
         dx, dy = points[k + 1, 0] - ax, points[k + 1, 1] - ay
@@ -93,9 +93,10 @@ def visible_labels(covers: Sequence[Cover], opacity: Array, size: tuple[int, int
 
 
 def overlapping_pairs(covers: Sequence[Cover], least_pixels: int, least_share: float) -> Array:
-    """List pairs (P, 2) int32, lower and upper, of strokes that share pixels.
+    """List the pairs (P, 2) int32 of overlapping strokes, lower stroke first.
 
-    They share at least ``least_pixels``, and at least ``least_share`` of the smaller stroke.
+    The strokes of a pair share at least ``least_pixels`` pixels, and at least a fraction ``least_share`` of the smaller
+    stroke.
     """
     masks = [cover.mask for cover in covers]
     area = [int(mask.sum()) for mask in masks]

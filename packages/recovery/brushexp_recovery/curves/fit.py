@@ -1,4 +1,4 @@
-"""Fit a stroke with a quadratic curve, a width and a colour to each region."""
+"""Fit a stroke to each region: a quadratic curve, a width and a colour."""
 
 from typing import Any, NamedTuple
 
@@ -20,7 +20,7 @@ FLATNESS = 0.3  # regularisation of a middle line towards a straight line
 
 
 class StrokeCurves(NamedTuple):
-    """N strokes."""
+    """N strokes, each with a curve, a width and a colour."""
 
     curve: Array  # (N, 3, 2) pixels
     width: Array  # (N,)
@@ -28,7 +28,7 @@ class StrokeCurves(NamedTuple):
 
 
 def fit_curves(regions: Regions, image: Array) -> StrokeCurves:
-    """Fit a stroke in the region's median colour to each region of a picture (H, W, 3)."""
+    """Fit a stroke to each region of a picture (H, W, 3), in the region's median colour."""
     count = len(regions.chance)
     curve, width, color = np.zeros((count, 3, 2)), np.zeros(count), np.zeros((count, 3))
     for number, pixels in enumerate(group_pixels(regions.labels, count)):
@@ -39,7 +39,7 @@ def fit_curves(regions: Regions, image: Array) -> StrokeCurves:
 
 
 def fit_curve(points: Array, attributes: Array) -> tuple[Array, float]:
-    """Fit a curve (3, 2) and a width to points (P, 2) of a region and to its predicted `StrokeAttribute`s."""
+    """Fit a curve (3, 2) and a width to the points (P, 2) of a region and its predicted `StrokeAttribute`s."""
     middle = points.mean(0)
     axes = main_axes(points - middle, attributes)
     along, across = ((points - middle) @ axes.T).T
@@ -61,7 +61,7 @@ def fit_curve(points: Array, attributes: Array) -> tuple[Array, float]:
 
 
 def main_axes(points: Array, attributes: Array) -> Array:
-    """Find the axes (2, 2), along and across, of points (P, 2) around 0 from their shape and predicted direction."""
+    """Find the axes (2, 2), along and across, of centred points (P, 2) from their shape and predicted direction."""
     xx, yy = (points**2).mean(0) + 1 / 12
     xy = points.prod(1).mean()
     x, y = np.array([xx - yy, 2 * xy]) / (xx + yy) + DIRECTION_WEIGHT * attributes[DIRECTION]
@@ -70,7 +70,7 @@ def main_axes(points: Array, attributes: Array) -> Array:
 
 
 def middle_line(along: Array, across: Array, width: float) -> Array:
-    """Fit a parabola with coefficients (3,) to points (P,), regularised more strongly for wider strokes."""
+    """Fit a parabola with coefficients (3,) to points (P,), with stronger regularisation for wider strokes."""
     powers = np.stack([np.ones_like(along), along, along * along], 1)
     ridge = np.diag([0, STRAIGHTNESS, FLATNESS * (0.25 * width) ** 2]) * len(along) + 1e-6 * np.eye(3)
     return np.linalg.solve(powers.T @ powers + ridge, powers.T @ across)

@@ -1,4 +1,4 @@
-"""Find the point on a line that is nearest to a pixel (compiled)."""
+"""Find the nearest point on a polyline to a pixel (compiled)."""
 # mypy: allow-untyped-defs
 
 import numpy as np
@@ -16,7 +16,7 @@ def unit(value):
 
 @inline
 def length_of_line(points):
-    """Measure the length of a line through points (P, 2)."""
+    """Measure the length of a polyline through points (P, 2)."""
     length = F(0)
     for k in range(len(points) - 1):
         length += np.hypot(points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1])
@@ -25,10 +25,10 @@ def length_of_line(points):
 
 @inline
 def nearest_place(points, x, y):
-    """Find the point on a line through points (P, 2) that is nearest to a pixel.
+    """Find the nearest point on a polyline through points (P, 2) to a pixel.
 
-    Returns the squared distance, the distance along the line, which is extended straight beyond its ends, and the
-    distance across it.
+    Returns the pixel's squared distance from the polyline, and its position along and across the polyline, which is
+    extended straight beyond its ends.
     """
     pieces = len(points) - 1
     best, along, across, before = F(1e9), F(0), F(0), F(0)

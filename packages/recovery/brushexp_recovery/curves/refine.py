@@ -1,4 +1,4 @@
-"""Refine curves by gradient descent until the drawn strokes reproduce the regions."""
+"""Refine curves by gradient descent until the rendered strokes reproduce the regions."""
 
 from typing import Any
 
@@ -31,9 +31,10 @@ UNKNOWN, EMPTY = -2, -1  # labels of pixels of strokes in other tiles, and of pi
 def refine_curves(
     strokes: StrokeCurves, labels: Array, order: Array, *, show: Progress, steps: int = REFINEMENT_STEPS
 ) -> StrokeCurves:
-    """Refine strokes, ordered bottom to top by ``order`` (N,), to fit the regions (H, W) with the same numbers.
+    """Refine strokes to fit their regions (H, W); ``order`` (N,) lists the strokes bottom to top.
 
-    A large picture is fitted tile by tile; a stroke belongs to the tile whose core contains its middle.
+    Stroke k is fitted to the region with the label k. A large picture is fitted tile by tile; a stroke belongs to the
+    tile whose core contains the stroke's middle.
     """
     curve, width = strokes.curve.copy(), strokes.width.copy()
     middle = strokes.curve.mean(1)
@@ -59,17 +60,17 @@ def refine_curves(
 
 
 def _lies_in(places: Array, box: Box, size: tuple[int, ...]) -> Array:
-    """Mark the positions (N, 2) in a box; positions off the picture count as lying on its border."""
+    """Mark the positions (N, 2) that are inside a box; positions off the picture are first clamped to its border."""
     x, y = places.T
     x, y = x.clip(0, size[1] - 1e-3), y.clip(0, size[0] - 1e-3)
     return (y >= box.top) & (y < box.bottom) & (x >= box.left) & (x < box.right)
 
 
 def _fit_to_regions(curve: Array, width: Array, labels: Array, steps: int) -> tuple[Array, Array]:
-    """Fit curves (N, 3, 2) and widths (N,), bottom to top, to their regions; `EMPTY` and `UNKNOWN` mark no region.
+    """Fit curves (N, 3, 2) and widths (N,), bottom to top, to regions; pixels labelled `EMPTY` or `UNKNOWN` have none.
 
-    The loss is the squared difference, over pixels and strokes, between a stroke's visible part and its region. For an
-    unbiased estimate, strokes are drawn in codes: random colours of 0 or 1, drawn anew at every step.
+    The loss is the squared difference between a stroke's visible part and its region, over pixels and strokes. To
+    estimate it without bias, strokes are rendered in random binary colours that are sampled anew at every step.
     """
     generator, count = torch.Generator().manual_seed(0), len(curve)
     start_curve, start_width = (torch.as_tensor(value, dtype=torch.float32) for value in (curve, width))
@@ -99,12 +100,12 @@ def _fit_to_regions(curve: Array, width: Array, labels: Array, steps: int) -> tu
 
 
 def _move(curve: Tensor, width: Tensor, move: Tensor, log_gain: Tensor) -> tuple[Tensor, Tensor]:
-    """Move control points by multiples of the stroke's width, and multiply widths by the exponential of their gain."""
+    """Move control points by multiples of the stroke's width, and multiply widths by ``exp(log_gain)``."""
     return curve + width[:, None, None] * move, width * log_gain.exp()
 
 
 def _pixel_weights(regions: Tensor, count: int) -> Tensor:
-    """Weight each pixel (H, W) by its region: 0 is unknown and has no weight, 1 is empty, and k + 2 is stroke k."""
+    """Weight each pixel (H, W) by its region: 0 is unknown and gets no weight, 1 is empty, and k + 2 is stroke k."""
     area = torch.bincount(regions.flatten(), minlength=count + 2).clamp_min(1).float()
     weight = (area[2:].mean() / area) ** AREA_POWER
     weight[:2] = torch.tensor([0.0, EMPTY_WEIGHT])

@@ -1,4 +1,4 @@
-"""Find round-ended lines with the same area of paint as a stroke."""
+"""Find round-ended lines that cover the same area as a stroke's paint."""
 
 from typing import Any
 
@@ -15,16 +15,16 @@ LEAST_EXTENT = 0.05  # minimum share of a curve that carries paint
 
 
 def width_of_line(area: Any, extent: Any) -> Any:
-    """Find the width of round-ended lines, numbers or arrays (N,), from area and length from tip to tip in pixels."""
+    """Find the width of round-ended lines, scalar or (N,), from their area and tip-to-tip length in pixels."""
     width = np.minimum(area / extent, extent)
     return np.minimum(area / np.maximum(extent - ROUND_LOSS * width, 1), extent)
 
 
 def trim_to_paint(curve: Array, low: Array, high: Array, area: Array) -> tuple[Array, Array]:
-    """Cut curves (N, 3, 2) to the parts that carry paint, and find widths (N,) that give the same area of paint.
+    """Cut curves (N, 3, 2) to the segments that carry paint, and find widths (N,) that preserve the area of paint.
 
-    Paint lies between the parameters ``low`` and ``high`` (N,); ``area`` (N,) is its area in pixels. The cut curves end
-    where the round ends of the lines begin.
+    Paint is present between the parameters ``low`` and ``high`` (N,); ``area`` (N,) is its area in pixels. The cut
+    curves end where the round ends of the lines begin.
     """
     length = np.maximum(arc_lengths(curve), 1e-6)
     width = width_of_line(area, np.maximum(high - low, LEAST_EXTENT) * length)

@@ -1,1 +1,1 @@
-"""Find the regions of the strokes in a photograph of any size by the agreement of several looks at each part."""
+"""Find the regions of strokes in a photograph of any size, by comparing several predictions (looks) for each part."""

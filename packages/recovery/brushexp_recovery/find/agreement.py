@@ -1,4 +1,4 @@
-"""Measure the agreement of several looks at a part of a picture; regions that most looks share are most reliable."""
+"""Measure the agreement between several looks at a part of a picture; regions that most looks share are reliable."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -19,11 +19,11 @@ Array = NDArray[Any]
 
 
 def agreement_of(looks: Sequence[Look]) -> list[Array]:
-    """Compute how well all looks agree on the regions (N,) that each look has chosen, 0 to 1.
+    """Compute how well all looks agree on the regions (N,) chosen by each look, from 0 to 1.
 
-    A look's agreement with a region is that of its best node: the intersection over union of node and region, times the
-    node's worth. The node need not be one that the look itself has chosen. Regions are compared at the pixels of the
-    first look.
+    A look's agreement with a region is the maximum, over the look's nodes, of the intersection over union between node
+    and region, times the node's worth. The best node need not be one that the look has chosen. Regions are compared on
+    the pixel grid of the first look.
     """
     size = looks[0].superpixels.shape
     pixels = [look.pixels_for(size) for look in looks]
@@ -39,14 +39,14 @@ def agreement_of(looks: Sequence[Look]) -> list[Array]:
 
 
 def _best_node(look: Look, superpixels: Array, regions: Array, count: int) -> Array:
-    """Find how well the best node of a look agrees with each of ``count`` regions (H, W)."""
+    """Compute how well the best-matching node of a look agrees with each of ``count`` regions (H, W)."""
     agreement = node_overlaps(look.tree, superpixels, regions, count) * look.worth[:, None]
     best: Array = agreement.max(0)
     return best
 
 
 def find_candidates(looks: Sequence[Look], tile: Tile) -> list[Candidate]:
-    """Choose candidates from the regions of several looks at a tile, if their centres lie in its core."""
+    """Select candidates from the regions of several looks at a tile, if their centres are in the tile's core."""
     candidates: list[Candidate] = []
     for look, chance in zip(looks, agreement_of(looks), strict=True):
         candidates += _candidates_of(look, chance, tile)
@@ -55,7 +55,7 @@ def find_candidates(looks: Sequence[Look], tile: Tile) -> list[Candidate]:
 
 
 def _candidates_of(look: Look, chance: Array, tile: Tile) -> list[Candidate]:
-    """List the regions chosen by a look whose centres lie in the core of the tile."""
+    """List the regions that a look has chosen and whose centres are in the core of the tile."""
     box, core = tile
     candidates = []
     attributes = attributes_of(look.tree.moments[look.nodes], np.array(look.regions.shape) / box.size, box)
@@ -71,9 +71,9 @@ def _candidates_of(look: Look, chance: Array, tile: Tile) -> list[Candidate]:
 
 
 def attributes_of(moments: Array, scale: Array, box: Box) -> Array:
-    """Compute the `StrokeAttribute`s (N, 7) of regions, in pixels of the picture, from moments within one of its boxes.
+    """Compute the `StrokeAttribute`s (N, 7) of regions, in pixels of the picture, from moments in an enlarged box.
 
-    ``scale`` (2,) is the factor by which the rows and columns of the box were enlarged.
+    ``scale`` (2,) holds the factors by which the rows and columns of the box were enlarged.
     """
     mean = moments / moments[:, [Moment.AREA]]
     log_zoom = np.log(scale).mean()

@@ -1,4 +1,4 @@
-"""Look at part of a picture once: merge its superpixels in a tree, and choose the nodes that are strokes."""
+"""Look at part of a picture once: merge its superpixels into a tree, and choose the nodes that are strokes."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -26,7 +26,7 @@ NODE_PRICE = 0.42  # worth above which a node is chosen
 
 @dataclass(frozen=True)
 class Look:
-    """The result of one look at part of a picture."""
+    """The result of one look at part of a picture: its superpixels, their merge tree and the chosen regions."""
 
     superpixels: Array  # (h, w) int32, the leaf of the tree at each pixel of the part
     tree: MergeTree
@@ -35,7 +35,7 @@ class Look:
     regions: Array  # (h, w) int32, the index in ``nodes`` at each pixel; -1 for none
 
     def pixels_for(self, size: tuple[int, ...]) -> tuple[Array, ...]:
-        """Return the rows and columns that resample this look to another picture size (H, W)."""
+        """Return the row and column indices that resample this look to another picture size (H, W)."""
         return np.ix_(*(nearest_pixels(side, own) for side, own in zip(size, self.superpixels.shape, strict=True)))
 
 
@@ -45,7 +45,7 @@ def look_at(maps: StrokeMaps, image: Array, classifiers: Classifiers) -> Look:
 
 
 def join_superpixels(superpixels: Superpixels, classifiers: Classifiers) -> Look:
-    """Merge superpixels, and choose the nodes that are strokes."""
+    """Merge superpixels into a tree, and choose the nodes that are strokes."""
     tree = grow_tree(superpixels, classifiers.pairs)
     score = classifiers.nodes(node_features(tree))
     area, paint = tree.moments[:, Moment.AREA], tree.moments[:, Moment.PAINT]

@@ -1,4 +1,4 @@
-"""Check the size of a photograph, which must be large enough to distinguish strokes."""
+"""Check that a photograph is large enough to distinguish strokes, and small enough to process."""
 
 from brushexp.contracts import UserError
 from brushexp.contracts.pictures import sides_of_picture
@@ -10,8 +10,8 @@ MOST_PIXELS = 100_000_000  # because the photograph is read in full
 def size_of_photograph(path: str, key: str = "image") -> tuple[int, int]:
     """Return the height and width of a photograph; raise a UserError if it has too few or too many pixels.
 
-    The whole photograph is read, so a size that exceeds memory raises a UserError. Its advice suits these tasks, which
-    have no ``resolution=``.
+    The photograph is read at full size, so there is an upper limit too. The advice in the error applies to these tasks,
+    which have no ``resolution=``.
     """
     height, width = sides_of_picture(path, key)
     if height * width > MOST_PIXELS:

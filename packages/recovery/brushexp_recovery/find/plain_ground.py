@@ -21,9 +21,10 @@ FEWEST_POINTS = 5  # smallest number of points on the centre lines of strokes
 def width_on_plain_ground(image: Array) -> float | None:
     """Measure the median width in pixels of strokes on a plain ground in a picture (H, W, 3).
 
-    The ground is the most frequent colour. A stroke's width is twice the distance of its centre line (a skeleton) from
-    the ground; points of the centre lines are weighted by their width. Returns None if the ground covers less than 60 %
-    of the picture, or all of it. Where strokes overlap, the width is that of the overlapping shape.
+    The ground is the most frequent colour. A stroke's width is twice the distance between its centre line (a skeleton)
+    and the ground; points on the centre lines are weighted by their width. Returns None if the ground covers less than
+    60 % of the picture, or all of it, or if the strokes are too thin or too few. Where strokes overlap, the width is
+    that of the overlapping shape.
     """
     from scipy.ndimage import distance_transform_edt, gaussian_filter  # noqa: PLC0415  (slow to import)
     from skimage.color import rgb2lab  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""Find the regions of strokes in a picture of any size, tile by tile at two scales, keeping the most certain."""
+"""Find the regions of strokes in a picture of any size, tile by tile at two scales, and keep the most certain ones."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -27,7 +27,7 @@ OCCLUSION_STEPS = 16  # 8-bit steps per unit of log-odds
 
 
 class Change(NamedTuple):
-    """A transformation of a tile before a look."""
+    """A transformation of a tile that is applied before a look."""
 
     zoom: float  # relative to the scale of the picture
     blur: float  # standard deviation in pixels
@@ -37,7 +37,7 @@ CHANGES = (Change(1.0, 0.0), Change(1.4, 0.0), Change(0.7, 0.0), Change(1.0, 1.0
 
 
 class Search(NamedTuple):
-    """The settings of one search of the whole picture."""
+    """The settings of one search through the whole picture."""
 
     zoom: float  # relative to the scale of the picture
     worth: float  # factor on the probability of each region found
@@ -69,10 +69,11 @@ def find_regions(
 ) -> Regions:
     """Find the regions of strokes in a picture (H, W, 3) float32 in [0, 1].
 
-    Without a ``zoom``, the automatic scale is used. Each of the ``searches`` proposes regions, and each of its looks
-    averages ``copies`` rotated and mirrored copies. A region is kept if more certain regions leave enough of it free,
-    and if its probability is at least half the mean probability of the kept regions. This threshold maximises the
-    expected F1 if there are as many strokes as kept regions, and if each region is a stroke with its probability.
+    If ``zoom`` is None, the scale is chosen automatically. Each of the ``searches`` proposes regions, and each of its
+    looks averages predictions over ``copies`` rotated and mirrored copies. A region is kept if more certain regions
+    leave enough of it free, and if its probability is at least half the mean probability of the kept regions. This
+    threshold maximises the expected F1 if the picture has as many strokes as there are kept regions, and if each
+    region's probability of being a stroke is correct.
     """
     height, width = image.shape[:2]
     classifiers = model.classifiers()
@@ -107,7 +108,7 @@ def find_regions(
 
 
 def _move_to_picture(candidate: Candidate, tile: Tile, width: int, worth: float) -> Candidate:
-    """Map a candidate's pixel indices from a tile to a picture ``width`` pixels wide; scale its chance by ``worth``."""
+    """Map a candidate from a tile to a picture ``width`` pixels wide, and multiply its chance by ``worth``."""
     y, x = np.divmod(candidate.pixels, tile.box.size[1])
     pixels = (y + tile.box.top) * width + x + tile.box.left
     return replace(candidate, pixels=pixels, chance=worth * candidate.chance)

@@ -1,4 +1,4 @@
-"""Find the scale at which to search for the strokes of a picture."""
+"""Find the scale at which to search a picture for strokes."""
 
 from typing import Any
 
@@ -27,10 +27,10 @@ LEAST_PAINT = 0.02  # share of paint below which widths are ignored
 
 
 def find_zoom(model: RecoveryModel, classifiers: Classifiers, image: Array) -> float:
-    """Find the scale at which to search for the strokes of a picture (H, W, 3).
+    """Find the scale at which to search a picture (H, W, 3) for strokes.
 
-    On a plain ground, which is rare in training, the scale follows from the shapes of the strokes; otherwise the
-    network finds it.
+    On a plain ground, which is rare in training, the scale is computed from the shapes of the strokes; otherwise the
+    network estimates it.
     """
     width = width_on_plain_ground(image)
     if width is None:
@@ -41,8 +41,9 @@ def find_zoom(model: RecoveryModel, classifiers: Classifiers, image: Array) -> f
 def find_zoom_by_network(model: RecoveryModel, classifiers: Classifiers, image: Array) -> float:
     """Find the scale of a picture (H, W, 3) at which strokes have the width that suits the network best.
 
-    The picture's own scale, or the scale half-way to it, is used instead if it explains more: sufficiently enlarged,
-    grain and canvas look like strokes, but with low confidence.
+    The network estimates this scale. The picture's own scale, or the geometric mean of own and estimated scale, is used
+    instead if regions explain more of the picture there: in an enlarged picture, grain and canvas look like strokes,
+    but with low confidence.
     """
     guess = guess_zoom(model, image)
     if abs(np.log(guess)) < SETTLED:
@@ -55,7 +56,7 @@ def find_zoom_by_network(model: RecoveryModel, classifiers: Classifiers, image: 
 
 
 def explained_share(model: RecoveryModel, classifiers: Classifiers, parts: list[Array], zoom: float) -> float:
-    """Compute the share of parts of a picture that regions cover at a scale, each weighted by its probability."""
+    """Compute the fraction of a picture's parts that regions cover at a given scale, weighted by their probability."""
     total = 0.0
     for part in parts:
         box = Box(0, part.shape[0], 0, part.shape[1])
@@ -66,7 +67,7 @@ def explained_share(model: RecoveryModel, classifiers: Classifiers, parts: list[
 
 
 def guess_zoom(model: RecoveryModel, image: Array) -> float:
-    """Estimate, from predicted widths, the scale at which strokes have the width that suits the network best."""
+    """Estimate the scale at which strokes have the width that suits the network best, from predicted widths."""
     zoom = 1.0
     for _ in range(TRIALS):
         parts = cut_out_parts(image, PART_SIDE / zoom)
@@ -81,14 +82,14 @@ def guess_zoom(model: RecoveryModel, image: Array) -> float:
 
 
 def weighted_median(values: Array, weights: Array) -> float:
-    """Compute the median of values (N,) with weights (N,)."""
+    """Compute the weighted median of values (N,) with weights (N,)."""
     order = np.argsort(values)
     total = np.cumsum(weights[order])
     return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
 
 
 def cut_out_parts(image: Array, side: float) -> list[Array]:
-    """Crop up to four parts from the centres of a picture's quarters, or a single part from its centre."""
+    """Crop up to four parts of a picture, one per quarter, or a single part at the centre if the picture is small."""
     height, width = image.shape[:2]
     part_height, part_width = min(int(side) + 1, height), min(int(side) + 1, width)
     places = (0.5,) if max(height, width) < 2 * side else (0.25, 0.75)
@@ -98,7 +99,7 @@ def cut_out_parts(image: Array, side: float) -> list[Array]:
 
 
 def _widths_in(model: RecoveryModel, part: Array) -> Array:
-    """Predict, for each pixel with paint, its stroke's width and the reciprocal of that stroke's area: (2, P)."""
+    """Predict, for each painted pixel, the width of its stroke and the reciprocal of that stroke's area: (2, P)."""
     maps = predict_maps(model.network, part, 1)
     paint = maps.paint > 0
     paint &= paint.mean() > LEAST_PAINT

@@ -1,4 +1,4 @@
-"""Apply greedy non-maximum suppression: keep the most certain candidates first, and others where these leave room."""
+"""Apply greedy non-maximum suppression: accept candidates in order of certainty, if earlier ones leave enough room."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +12,7 @@ FREE_SHARE = 0.6  # share of a region that more certain regions must leave free
 
 @dataclass(frozen=True)
 class Candidate:
-    """A region as found by one look."""
+    """A candidate region found by one look."""
 
     pixels: Array  # int32 flat indices in the tile, later in the picture
     chance: float  # mean agreement of the looks with the region
@@ -20,10 +20,10 @@ class Candidate:
 
 
 def keep_surest(candidates: list[Candidate], labels: Array, least_share: float) -> list[Candidate]:
-    """Keep candidates that are sufficiently free, most certain first.
+    """Accept candidates in order of certainty, if enough of their pixels are still free.
 
-    Kept candidates are written into ``labels`` (P,), which are initially -1. A candidate is dropped if its probability
-    is below ``least_share`` times the mean probability of the candidates kept before it.
+    Accepted candidates are written into ``labels`` (P,), which are initially -1. Selection stops at the first candidate
+    with a probability below ``least_share`` times the mean probability of the accepted candidates.
     """
     surest = list[Candidate]()
     total = 0.0

@@ -1,1 +1,1 @@
-"""Merge superpixels into a tree of regions, and find its best cut into strokes."""
+"""Merge superpixels into a tree of regions, and find the best cut of the tree into strokes."""

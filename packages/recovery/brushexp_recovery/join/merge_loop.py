@@ -1,4 +1,4 @@
-"""The loop of `merge_tree.grow_tree`, which merges pairs of regions one by one, most likely pairs first."""
+"""The loop of `merge_tree.grow_tree`, which merges pairs of regions one by one, most probable pair first."""
 # mypy: allow-untyped-defs
 
 from heapq import heapify, heappop, heappush
@@ -18,7 +18,7 @@ LARGEST_REGION = 8.0  # area, in predicted areas of its stroke, above which a re
 
 @function
 def mean_affinity(row, mean, scale, layers, scratch):
-    """Return the mean affinity between two regions from their features, weighting the nearest pixels most."""
+    """Return the mean affinity between two regions from their features, with the most weight on the nearest pixels."""
     total, count = 0.0, 1e-9
     for k in range(DISTANCE_GROUPS):
         pairs = max(4 >> k, 1) * np.expm1(row[PairFeature.LOG_PAIRS_ADJACENT + k])
@@ -29,7 +29,7 @@ def mean_affinity(row, mean, scale, layers, scratch):
 
 @function
 def perceptron_chance(row, mean, scale, layers, scratch):
-    """Return the probability that a perceptron assigns to features (F,), like `Perceptron.forward`.
+    """Return the probability that a perceptron predicts from features (F,), as `PerceptronWeights` does.
 
     ``scratch`` (2, widest layer) is overwritten.
     """
@@ -53,11 +53,11 @@ def perceptron_chance(row, mean, scale, layers, scratch):
 def merge(
     moments, within, around, merge_chance, neighbour_chance, ends, between, children, least_chance, mean, scale, layers
 ):
-    """Merge pairs of regions until no pair has a probability of at least ``least_chance``; return the number of merges.
+    """Merge pairs of regions until no pair has a probability above ``least_chance``; return the number of merges.
 
-    The first S rows of ``moments`` (2 S, len(Moment)), ``within``, ``around``, ``merge_chance`` and
-    ``neighbour_chance`` belong to the S regions; rows of merged regions follow. In the first S rows, ``moments`` and
-    ``within`` are given; everything else is written. ``ends`` (P, 2) are the initial pairs and ``between``
+    Rows 0 to S - 1 of ``moments`` (2 S, len(Moment)), ``within``, ``around``, ``merge_chance`` and ``neighbour_chance``
+    belong to the S initial regions, and later rows to merged regions. The first S rows of ``moments`` and ``within``
+    are inputs; everything else is written. ``ends`` (P, 2) are the initial pairs and ``between``
     (P, len(AffinityColumn)) their affinities; both are overwritten. The two regions of each merge are written into
     ``children`` (S, 2).
     """
@@ -112,7 +112,7 @@ def merge(
 
 @function
 def _link_pairs(ends, count):
-    """Link the pairs (P, 2) of each of ``count`` regions: the region's first pair, and each pair's successor by end."""
+    """Build linked lists of the pairs (P, 2) of each of ``count`` regions: first pairs and their successors."""
     first, after = np.full(count, -1), np.full(ends.shape, -1)
     for pair in range(len(ends)):
         for side in range(2):
@@ -123,7 +123,7 @@ def _link_pairs(ends, count):
 
 @inline
 def _pass_on_pairs(old, new, first, after, ends, between, is_open, pair_with, seen_by):
-    """Transfer a region's open pairs to the new region that contains it; pairs with the same neighbour are merged."""
+    """Transfer a region's open pairs to the merged region that contains it; combine pairs with the same neighbour."""
     pair = first[old]
     while pair >= 0:
         side = 0 if ends[pair, 0] == old else 1
@@ -150,7 +150,7 @@ def _layer_scratch(layers):
 
 @inline
 def _is_too_large(moments):
-    """Check whether a region is so large that it would soon touch half a picture."""
+    """Check whether a region is so large, compared with its predicted stroke, that it should not grow further."""
     stroke_area = np.exp((moments[Moment.LOG_WIDTH] + moments[Moment.LOG_LENGTH]) / moments[Moment.AREA])
     return moments[Moment.AREA] > LARGEST_REGION * stroke_area
 

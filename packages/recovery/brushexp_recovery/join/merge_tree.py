@@ -1,4 +1,4 @@
-"""Grow a merge tree, whose leaves are superpixels and whose other nodes are merges of two regions."""
+"""Grow a merge tree, whose leaves are superpixels and whose other nodes each merge two regions."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -21,9 +21,9 @@ NO_PERCEPTRON = PerceptronWeights(
 
 @dataclass(frozen=True)
 class MergeTree:
-    """S superpixels, nodes 0 to S - 1, and M merges of them, nodes S, S + 1, ...
+    """A tree of S superpixels, which are nodes 0 to S - 1, and M merges of two nodes, which are nodes S to S + M - 1.
 
-    Arrays of nodes have S + M rows.
+    Arrays over nodes have S + M rows.
     """
 
     children: Array  # (M, 2) the two nodes that each merge combines
@@ -42,9 +42,9 @@ class MergeTree:
 def grow_tree(
     superpixels: Superpixels, perceptron: PerceptronWeights | None, least_chance: float = LEAST_CHANCE
 ) -> MergeTree:
-    """Repeatedly merge the pair most likely to be one stroke until no pair has a probability of ``least_chance``.
+    """Repeatedly merge the pair most likely to be one stroke until no pair's probability exceeds ``least_chance``.
 
-    Without a perceptron, the probability is the mean affinity.
+    Without a perceptron, a pair's mean affinity serves as its probability.
     """
     count = len(superpixels.moments)
     moments = np.concatenate([superpixels.moments, np.zeros_like(superpixels.moments)])

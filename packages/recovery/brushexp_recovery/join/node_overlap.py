@@ -1,4 +1,4 @@
-"""Compute the intersection over union of the nodes of a merge tree with the regions of a label image."""
+"""Compute the intersection over union between the nodes of a merge tree and the regions of a label image."""
 # mypy: allow-untyped-defs
 
 from typing import Any
@@ -13,9 +13,9 @@ Array = NDArray[Any]
 
 
 def node_overlaps(tree: MergeTree, superpixels: Array, regions: Array, count: int) -> Array:
-    """Compute the intersection over union (nodes, ``count``) float32 of nodes with ``count`` regions (H, W).
+    """Compute the intersection over union (nodes, ``count``) float32 between nodes and ``count`` regions (H, W).
 
-    ``superpixels`` (H, W) is the leaf of the tree at each pixel.
+    ``superpixels`` (H, W) holds the leaf of the tree at each pixel.
     """
     table = np.zeros((len(tree.moments), count + 1), np.float32)
     _write_overlaps(superpixels, regions, tree.children, table)
@@ -24,7 +24,10 @@ def node_overlaps(tree: MergeTree, superpixels: Array, regions: Array, count: in
 
 @function
 def _write_overlaps(superpixels, regions, children, table):
-    """Count the pixels that nodes share with regions, and in the last column all their pixels; divide by unions."""
+    """Count the pixels that each node shares with each region, and divide the counts by the areas of the unions.
+
+    The last column of ``table`` receives the area of each node.
+    """
     nodes, count = len(table), table.shape[1] - 1
     area = np.zeros(count, np.float32)
     for y in range(superpixels.shape[0]):

@@ -22,7 +22,7 @@ SCRATCH_ROWS = 4
 
 
 def pair_features(moments: Array, pairs: Array, between: Array) -> Array:
-    """Compute the features of pairs (P, 2) of regions (N, len(Moment)): (P, len(PairFeature)) float32.
+    """Compute the features (P, len(PairFeature)) float32 of pairs (P, 2) of regions with moments (N, len(Moment)).
 
     ``between`` (P, len(AffinityColumn)) holds the affinities between the two regions of each pair.
     """
@@ -41,7 +41,7 @@ def _write_all(moments, pairs, between, table):
 
 @function
 def write_pair_features(one, other, between, scratch, row):
-    """Write the features (len(PairFeature),) of two regions from their moments (len(Moment),).
+    """Write the features (len(PairFeature),) of a pair of regions, given the moments (len(Moment),) of each.
 
     ``scratch`` (SCRATCH_ROWS, DESCRIPTION) is overwritten.
     """
@@ -69,7 +69,7 @@ def write_pair_features(one, other, between, scratch, row):
 
 @inline
 def _write_affinities(between, smaller_area, row):
-    """Write the affinities between pixels of the two regions."""
+    """Write the affinities between the pixels of the two regions."""
     total, pairs = 0.0, 0.0
     for k in range(DISTANCE_GROUPS):
         affinity, number = between[AffinityColumn.SUM_ADJACENT + k], between[AffinityColumn.PAIRS_ADJACENT + k]
@@ -83,7 +83,7 @@ def _write_affinities(between, smaller_area, row):
 
 @inline
 def _write_colors(small, large, row):
-    """Write the difference of the colours in CIELAB, and the share of pixels that are paint."""
+    """Write the differences between the regions' colours in CIELAB, their colour variation and fractions of paint."""
     lightness = abs(small[Moment.LIGHTNESS] - large[Moment.LIGHTNESS])
     a, b = abs(small[Moment.A] - large[Moment.A]), abs(small[Moment.B] - large[Moment.B])
     row[PairFeature.LIGHTNESS_GAP] = lightness
@@ -109,7 +109,7 @@ def _color_spread(one):
 
 @inline
 def _write_centres(small, large, both, row):
-    """Write the distances between the regions and between the predicted centres of their strokes."""
+    """Write the distance between the regions, and the distance between the predicted centres of their strokes."""
     wide = np.exp(both[Moment.LOG_WIDTH])
     gap = np.hypot(small[Moment.CENTRE_X] - large[Moment.CENTRE_X], small[Moment.CENTRE_Y] - large[Moment.CENTRE_Y])
     distance = np.hypot(small[Moment.X] - large[Moment.X], small[Moment.Y] - large[Moment.Y])
@@ -122,7 +122,7 @@ def _write_centres(small, large, both, row):
 
 @inline
 def _write_directions(small, large, both, row):
-    """Write how well the predicted directions of their strokes agree."""
+    """Write how well the predicted directions of the regions' strokes agree."""
     coherence_small = np.hypot(small[Moment.COSINE], small[Moment.SINE]) + 1e-3
     coherence_large = np.hypot(large[Moment.COSINE], large[Moment.SINE]) + 1e-3
     product = small[Moment.COSINE] * large[Moment.COSINE] + small[Moment.SINE] * large[Moment.SINE]
@@ -134,7 +134,7 @@ def _write_directions(small, large, both, row):
 
 @inline
 def _write_sizes(small, large, both, area, larger_area, row):
-    """Write the sizes of the regions and of their union relative to the predicted sizes of their strokes."""
+    """Write the sizes of the regions and of their union relative to the predicted size of their stroke."""
     wide, long = np.exp(both[Moment.LOG_WIDTH]), np.exp(both[Moment.LOG_LENGTH])
     fill = np.log(area / (wide * long))
     row[PairFeature.LOG_PREDICTED_WIDTH] = both[Moment.LOG_WIDTH]

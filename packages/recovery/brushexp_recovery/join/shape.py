@@ -17,7 +17,7 @@ LEAST_SPREAD_SQUARED = 0.01  # squared pixels
 
 
 class Shape(IntEnum):
-    """Columns after the mean `Moment`s in the description of a region."""
+    """Columns that follow the mean `Moment`s in the description of a region."""
 
     LENGTH = len(Moment)  # length in pixels of the rectangle with the same moments
     WIDTH = len(Moment) + 1
@@ -29,7 +29,7 @@ DESCRIPTION = len(Moment) + len(Shape)  # number of columns
 
 
 class RegionShapes(NamedTuple):
-    """Means and shapes of N regions."""
+    """The mean moments and the shapes of N regions."""
 
     mean: Array  # (N, len(Moment))
     length: Array  # (N,) length in pixels of the rectangle with the same moments
@@ -39,7 +39,7 @@ class RegionShapes(NamedTuple):
 
 
 def shapes_of(moments: Array) -> RegionShapes:
-    """Compute the means and shapes of regions from their moments (N, len(Moment))."""
+    """Compute the mean moments and the shapes of regions from their summed moments (N, len(Moment))."""
     table = np.empty((len(moments), DESCRIPTION))
     _describe_all(moments, table)
     return RegionShapes(
@@ -59,7 +59,7 @@ def _describe_all(moments, table):
 
 @function
 def describe(moments, out):
-    """Write the mean moments and the shape (DESCRIPTION,) of a region, given its moments (len(Moment),)."""
+    """Write the mean moments and the shape (DESCRIPTION,) of a region, given its summed moments (len(Moment),)."""
     for k in range(len(Moment)):
         out[k] = moments[k] / moments[Moment.AREA]
     xx = out[Moment.XX] - out[Moment.X] * out[Moment.X] + 1 / 12  # 1 / 12 is the variance within a pixel

@@ -1,4 +1,4 @@
-"""Find the best cut of a merge tree, whose nodes are the strokes."""
+"""Find the best cut of a merge tree; the nodes of the cut are the strokes."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ Array = NDArray[Any]
 def best_cut(tree: MergeTree, value: Array) -> Array:
     """Choose the disjoint nodes whose values (nodes,) have the largest sum.
 
-    Only nodes with a positive value are chosen; superpixels in no chosen node stay empty.
+    Only nodes with a positive value are chosen; superpixels outside all chosen nodes stay empty.
 
     Returns:
         The chosen node of each superpixel (S,), or -1.

@@ -1,1 +1,1 @@
-"""Read marks drawn by people, find their regions, and compute the agreement of two sets of strokes."""
+"""Read marks drawn by people, find their regions, and compare them with strokes."""

@@ -26,7 +26,7 @@ SURE = 1.0  # confidence of a hand-drawn mark
 
 
 def check_marks(path: Path, size: tuple[int, int]) -> None:
-    """Raise UserError if a file has no marks, or if its marks are for a picture of a size other than (H, W)."""
+    """Raise UserError if a file contains no marks, or if its marks are for a picture whose size is not (H, W)."""
     marks = read_marks(path)
     if marks.size is not None and marks.size != size:
         raise UserError(
@@ -38,7 +38,7 @@ def check_marks(path: Path, size: tuple[int, int]) -> None:
 def correct(recovered: Recovered, marks: Marks, image: Array) -> Recovered:
     """Correct the strokes recovered from an image (H, W, 3) in [0, 1] according to a person's marks.
 
-    - A recovered stroke is removed if it matches a deleted stroke, or lies mostly on hand-drawn marks.
+    - A recovered stroke is removed if it matches a deleted stroke, or is mostly covered by hand-drawn marks.
     - Hand-drawn marks are added on top, because their order is unknown, with a confidence of 1.
     - All other strokes stay unchanged.
     """
@@ -79,7 +79,7 @@ def is_corrected(recovered: Recovered, deleted: Sequence[Array], hand: Sequence[
 
 
 def curves_of(marks: Sequence[Mark], regions: Sequence[Array]) -> StrokeCurves:
-    """Fit curves (N, 3, 2) to the lines of marks, with widths (N,) that give the areas of their regions."""
+    """Fit curves (N, 3, 2) to the lines of marks, with widths (N,) that match the areas of the marks' regions."""
     curve, width = np.empty((len(marks), 3, 2)), np.empty(len(marks))
     for number, (mark, region) in enumerate(zip(marks, regions, strict=True)):
         curve[number] = fit_line(mark.points)
@@ -90,7 +90,7 @@ def curves_of(marks: Sequence[Mark], regions: Sequence[Array]) -> StrokeCurves:
 
 
 def fit_line(points: Array) -> Array:
-    """Fit a quadratic Bezier curve (3, 2) with fixed ends to the points (P, 2) of a line by least squares."""
+    """Fit a quadratic Bezier curve (3, 2) from the first to the last of the points (P, 2) by least squares."""
     start, end = points[0], points[-1]
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
     t = np.append(0, np.cumsum(steps)) / max(float(steps.sum()), 1e-9)

@@ -38,7 +38,7 @@ def pixels_of_mark(mark: Mark, size: tuple[int, int]) -> Array:
 
 
 def _pixels_in(outlines: Sequence[Array], size: tuple[int, int]) -> Array:
-    """List the flat indices of the pixels that lie in any of several outlines."""
+    """List the flat indices of the pixels that are inside any of several outlines."""
     from skimage.draw import polygon  # noqa: PLC0415  (slow to import)
 
     parts = []
@@ -49,9 +49,10 @@ def _pixels_in(outlines: Sequence[Array], size: tuple[int, int]) -> Array:
 
 
 def overlaps_of_pixels(first: Sequence[Array], second: Sequence[Array], pixels: int) -> Overlaps:
-    """Find the pairs of regions in two lists that share some of ``pixels`` on a canvas, and count the shared pixels.
+    """Find pairs of regions from two lists that share pixels on a canvas of ``pixels`` pixels, and their overlap.
 
-    Unlike in `overlaps_between`, which compares label images, regions of one list may overlap.
+    Unlike in `overlaps_between`, which compares label images, regions in the same list may overlap. Regions are given
+    as flat indices.
     """
     from scipy.sparse import csr_matrix  # noqa: PLC0415  (slow to import)
 

@@ -1,9 +1,9 @@
-"""Measure the agreement of strokes with marks drawn by people: recall, precision and F1, with intervals.
+"""Measure how well strokes agree with marks drawn by people: recall, precision and F1, with confidence intervals.
 
 A mark and a stroke match if the intersection over union of their regions is large enough; each has at most one partner,
-and the best pairs are matched first. People seldom mark every stroke of a picture, so a stroke without a partner is an
-error only if it lies in the area that the file declares complete, or mostly on marks. All marks of a second person
-count.
+and the best pairs are matched first. People seldom mark every stroke of a picture, so an unmatched stroke is an error
+only if it is mostly in the area that the file declares complete, or mostly covered by marks. If the strokes are the
+marks of a second person, all unmatched strokes are errors.
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ BOUNDS = (0.025, 0.975)
 
 
 class State(StrEnum):
-    """The result for a mark or a stroke."""
+    """The result of the comparison for a mark or a stroke."""
 
     FOUND = "found"
     MISSED = "missed"
@@ -38,7 +38,7 @@ class State(StrEnum):
 
 @dataclass(frozen=True)
 class Counts:
-    """Numbers of marks and strokes by state, which can be added over pictures."""
+    """Numbers of marks and strokes by state; counts of several pictures can be added."""
 
     found: int
     missed: int
@@ -50,7 +50,7 @@ class Counts:
 
 @dataclass(frozen=True)
 class MarkScore:
-    """N marks and M strokes of one picture, compared at one intersection over union."""
+    """N marks and M strokes of one picture, compared at one threshold on the intersection over union."""
 
     partner: Array  # (N,) stroke of each mark, or -1 if it is missed
     marks: list[State]  # (N,)
@@ -63,7 +63,7 @@ class MarkScore:
 
 
 def judged_strokes(marks: Marks, regions: Sequence[Array], strokes: Sequence[Array], size: tuple[int, int]) -> Array:
-    """Mark the strokes (M,) that are errors without a partner; regions and strokes are lists of flat indices."""
+    """Mark the strokes (M,) that are errors if they have no partner; regions and strokes are lists of flat indices."""
     known = np.zeros(size, bool)
     for region in regions:
         known.flat[region] = True
@@ -77,7 +77,7 @@ def judged_strokes(marks: Marks, regions: Sequence[Array], strokes: Sequence[Arr
 
 
 def score_marks(overlaps: Overlaps, count: int, judged: Array, least_iou: float) -> MarkScore:
-    """Pair ``count`` marks with strokes; ``judged`` (M,) marks the strokes that are errors without a partner."""
+    """Pair ``count`` marks with strokes; ``judged`` (M,) marks the strokes that are errors if they have no partner."""
     pairs = pair_best(overlaps, least_iou)
     partner = np.full(count, -1)
     partner[pairs.first] = pairs.second
@@ -94,14 +94,14 @@ def score_marks(overlaps: Overlaps, count: int, judged: Array, least_iou: float)
 
 @dataclass(frozen=True)
 class Agreement:
-    """The agreement of N marks and M strokes of one picture."""
+    """The agreement between N marks and M strokes of one picture."""
 
     scores: dict[str, MarkScore]  # scores by the suffixes in `LEVELS`
     best_iou: Array  # (N,) best intersection over union of each mark with any stroke
 
 
 def compare_regions(marks: Sequence[Array], strokes: Sequence[Array], judged: Array, pixels: int) -> Agreement:
-    """Compare marks and strokes, lists of flat indices on a canvas of ``pixels``, at all `LEVELS`."""
+    """Compare marks with strokes, given as lists of flat indices on a canvas of ``pixels`` pixels, at all `LEVELS`."""
     overlaps = overlaps_of_pixels(marks, strokes, pixels)
     best = np.zeros(len(marks))
     np.maximum.at(best, overlaps.first, overlaps.iou)
@@ -112,8 +112,8 @@ def compare_regions(marks: Sequence[Array], strokes: Sequence[Array], judged: Ar
 def figures_of(counts: Counts, end: str, seed: int) -> dict[str, float]:
     """Compute recall, precision and F1 with the bounds of 95 % intervals, under keys with the suffix ``end``.
 
-    Undefined figures are NaN. The intervals are a bootstrap over strokes (Efron, 1979): pairs, missed marks and extra
-    strokes are drawn with replacement, so their numbers in each draw are multinomial.
+    Undefined values are NaN. The intervals are computed by a bootstrap over strokes (Efron, 1979): pairs, missed marks
+    and extra strokes are resampled with replacement, so their numbers in each resample are multinomial.
     """
     values = np.array([counts.found, counts.missed, counts.extra], float)
     figures = dict(zip(("recall", "precision", "f1"), _rates(values[None])[:, 0].tolist(), strict=True))
@@ -130,7 +130,7 @@ def figures_of(counts: Counts, end: str, seed: int) -> dict[str, float]:
 
 
 def _rates(counts: Array) -> Array:
-    """Compute recall, precision and F1 (3, D) of draws (D, 3) of found, missed and extra; NaN where undefined."""
+    """Compute recall, precision and F1 (3, D) from D counts (D, 3) of found, missed and extra; NaN where undefined."""
     found, missed, extra = counts.T.astype(float)
     with np.errstate(invalid="ignore"):
         return np.stack([found / (found + missed), found / (found + extra), 2 * found / (2 * found + missed + extra)])

@@ -1,4 +1,4 @@
-"""Read files of marks, which are strokes drawn over a picture or corrected by a person, as JSON."""
+"""Read JSON files of marks, which are strokes that a person has drawn over a picture or corrected."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +21,7 @@ LARGEST_PLACE = 1e6  # largest coordinate in pixels; no picture is wider
 
 @dataclass(frozen=True)
 class Mark:
-    """A stroke drawn by a person, or recovered and left unchanged, in pixels, x to the right, y down."""
+    """A stroke drawn by a person, or recovered and left unchanged, in pixels (x to the right, y down)."""
 
     name: str
     points: Array  # (P, 2) points along the middle
@@ -42,7 +42,7 @@ class Marks:
 
 
 def is_marks(path: Path) -> bool:
-    """Check whether a JSON file has marks rather than a catalogue."""
+    """Check whether a JSON file contains marks rather than a catalogue."""
     if path.suffix.lower() != MARKS_SUFFIX or not path.is_file():
         return False
     values = _values_of(path)
@@ -53,7 +53,7 @@ def is_marks(path: Path) -> bool:
 
 
 def read_marks(path: Path) -> Marks:
-    """Read a file of marks; raise a UserError that describes any fault."""
+    """Read marks from a file; raise a UserError that describes any fault."""
     values = _values_of(path)
     with explaining(path, CURE):
         check_format_version(values.get("version", MARKS_VERSION), MARKS_VERSION)
@@ -71,7 +71,7 @@ def read_marks(path: Path) -> Marks:
 
 
 def _values_of(path: Path) -> dict[str, Any]:
-    """Read a mapping from a JSON file; return an empty one if there is none."""
+    """Read a JSON file as a mapping; return an empty mapping if it contains anything else."""
     text = read_text(path, CURE, LARGEST_FILE)
     with explaining(path, CURE):
         values = json_of(text)
@@ -79,7 +79,7 @@ def _values_of(path: Path) -> dict[str, Any]:
 
 
 def _mark_from(values: Any, place: str) -> Mark:
-    """Read one mark."""
+    """Convert the JSON values of one mark; ``place`` names it in errors."""
     if not isinstance(values, dict):
         raise UserError(f"{place} is {type(values).__name__}, not a stroke with points and width")
     name = str(values.get("name", place))
@@ -100,7 +100,7 @@ def _mark_from(values: Any, place: str) -> Mark:
 
 
 def _places_from(values: Any, what: str, least: int) -> Array:
-    """Read points (P, 2); require at least ``least`` of them."""
+    """Convert JSON values to points (P, 2), of which there must be at least ``least``."""
     places = _numbers_from(values, what)
     if places.ndim != 2 or places.shape[1] != 2 or len(places) < least:
         raise UserError(f"{what} must be at least {least} pairs [x, y]")
@@ -108,7 +108,7 @@ def _places_from(values: Any, what: str, least: int) -> Array:
 
 
 def _numbers_from(values: Any, what: str) -> Array:
-    """Read finite numbers."""
+    """Convert JSON values to an array of finite numbers."""
     try:
         numbers = np.array(values, float)
     except (TypeError, ValueError):
@@ -119,7 +119,7 @@ def _numbers_from(values: Any, what: str) -> Array:
 
 
 def _size_from(values: Any) -> tuple[int, int]:
-    """Read width and height, and return height and width."""
+    """Convert a width and a height to (height, width)."""
     size = _numbers_from(values, "size")
     if size.shape != (2,) or not (size >= 1).all():
         raise UserError("size must be the width and the height of the picture in pixels")
@@ -127,7 +127,7 @@ def _size_from(values: Any) -> tuple[int, int]:
 
 
 def _complete_from(values: Any) -> bool | tuple[float, float, float, float]:
-    """Read the area in which all strokes are marked: True for the whole picture, False for none, or a rectangle."""
+    """Convert the area in which all strokes are marked: True for the whole picture, False for none, or a rectangle."""
     if isinstance(values, bool):
         return values
     rectangle = _numbers_from(values, "complete")

@@ -1,1 +1,1 @@
-"""Measure the brushwork of recovered strokes: figures with intervals, tables, drawings and files."""
+"""Measure the brushwork of recovered strokes, and write the measures with intervals as tables, drawings and files."""

@@ -1,4 +1,4 @@
-"""Define the areas of a photograph to measure."""
+"""Define the areas of a photograph in which strokes are measured."""
 
 import re
 from pathlib import Path
@@ -18,9 +18,10 @@ BRIGHT = 0.5  # minimum brightness of a mask's pixel in the area
 
 
 def areas_of(texts: list[str] | None, size: tuple[int, int]) -> dict[str, Array]:
-    """Make masks (H, W) of the areas of a photograph by name: the ``whole`` and each of ``texts``.
+    """Make masks (H, W) of areas of a photograph, keyed by name: the ``whole`` photograph and each of ``texts``.
 
-    A text is a rectangle, left,top,width,height in pixels, or a picture that is bright in the area.
+    A text is either a rectangle, left,top,width,height in pixels, or the path of a mask picture that is bright in the
+    area.
     """
     areas = {WHOLE: np.ones(size, bool)}
     for text in texts or []:

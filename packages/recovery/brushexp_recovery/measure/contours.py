@@ -11,7 +11,10 @@ TOLERANCE = 0.45  # tolerance in pixels when outlines are simplified
 
 
 def outlines_of(labels: Array, count: int) -> list[Array]:
-    """Trace the largest part of each of ``count`` regions (H, W) as points x, y (P, 2), empty for an empty region."""
+    """Trace the outline of the largest part of each of ``count`` regions (H, W) as points x, y (P, 2).
+
+    The outline of an empty region has no points.
+    """
     from scipy.ndimage import find_objects  # noqa: PLC0415  (slow to import)
     from skimage.measure import approximate_polygon, find_contours  # noqa: PLC0415
 

@@ -1,4 +1,4 @@
-"""Draw histograms of recovered strokes and a rose of their directions as vector graphics on a page."""
+"""Draw histograms of recovered strokes and a rose diagram of their directions as vector graphics on one page."""
 
 import io
 import math
@@ -20,7 +20,7 @@ TAIL = 0.99  # quantile at which the axis of a histogram ends
 
 
 def write_drawings(path: Path, strokes: StrokeTable) -> None:
-    """Draw histograms weighted by confidence and the rose into a PDF."""
+    """Draw confidence-weighted histograms and the rose diagram of directions, and write them to a PDF."""
     from matplotlib.backends.backend_pdf import FigureCanvasPdf  # noqa: PLC0415  (slow to import)
 
     figure = new_figure(4.6)
@@ -37,7 +37,7 @@ def write_drawings(path: Path, strokes: StrokeTable) -> None:
 
 
 def draw_histogram(axes: Any, strokes: StrokeTable, name: str) -> None:
-    """Draw a histogram of the strokes' length, width or another column."""
+    """Draw a histogram of one column of the stroke table, such as length or width."""
     tidy(axes)
     values, unit = strokes.columns[name], UNITS.get(name, "")
     if strokes.mm is not None and unit == "px":
@@ -49,7 +49,7 @@ def draw_histogram(axes: Any, strokes: StrokeTable, name: str) -> None:
 
 
 def draw_rose(axes: Any, strokes: StrokeTable) -> None:
-    """Draw the share of each direction in the strokes' total length, clockwise, as the area of two opposite bars."""
+    """Draw each direction's fraction of the total stroke length, clockwise, as the area of two opposite bars."""
     weight = strokes.columns["length"] * strokes.columns["confidence"]
     share = np.sqrt(direction_shares(strokes.columns["direction"], weight))
     middle = np.arange(DIRECTION_BINS) * math.pi / DIRECTION_BINS

@@ -1,4 +1,4 @@
-"""Sample the strokes of each view at random, with their confidence as the probability."""
+"""Sample the strokes of each view at random, each with its confidence as its probability."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ Draws: TypeAlias = dict[str, Array]  # (views, draws) for each of the `MEASURES`
 
 @dataclass(frozen=True)
 class Sighting:
-    """The N strokes of one view, on the canvas of the photograph."""
+    """The N strokes found in one view, in the coordinates of the photograph."""
 
     curve: torch.Tensor  # (N, 3, 2) float64, pixels of the photograph
     width: Array  # (N,)
@@ -31,7 +31,7 @@ class Sighting:
 
 
 def sight(image: Array, view: View, recover: Recover) -> Sighting:
-    """Recover the strokes of a view and map them back to the photograph."""
+    """Recover the strokes of a view, and map them back to the photograph."""
     size = image.shape[:2]
     recovered = recover(view.of(image))
     strokes = recovered.saved.strokes
@@ -41,7 +41,10 @@ def sight(image: Array, view: View, recover: Recover) -> Sighting:
 
 
 def draw_figures(sightings: Iterable[Sighting], areas: Mapping[str, Array], draws: int, seed: int) -> dict[str, Draws]:
-    """Sample the strokes of each view ``draws`` times, and measure them in each area (H, W); return `Draws` by area."""
+    """Sample the strokes of each view ``draws`` times, and measure each sample in each area (H, W).
+
+    Returns `Draws` keyed by the area's name.
+    """
     random = np.random.default_rng(seed)
     of_views: dict[str, list[Draws]] = {name: [] for name in areas}
     for sighting in sightings:  # one at a time, because sightings of a large photograph fill the memory
@@ -54,7 +57,7 @@ def draw_figures(sightings: Iterable[Sighting], areas: Mapping[str, Array], draw
 
 
 def _draw_in(sighting: Sighting, mask: Array, draws: int, random: np.random.Generator) -> Draws:
-    """Sample the strokes of a view in an area (H, W), and return figures (draws,)."""
+    """Sample the strokes of a view in an area (H, W), and return each measure of every sample (draws,)."""
     centre, direction = ruler.centre_of(sighting.curve), ruler.direction_of(sighting.curve)
     inside = _lies_in(centre.numpy(), mask)
     strokes = measure_strokes(sighting.curve, sighting.width)
@@ -72,7 +75,7 @@ def _draw_in(sighting: Sighting, mask: Array, draws: int, random: np.random.Gene
 
 
 def _lies_in(centre: Array, mask: Array) -> Array:
-    """Mark the positions (N, 2) that lie in a mask (H, W)."""
+    """Mark the positions (N, 2) that are inside a mask (H, W)."""
     x, y = np.floor(centre).astype(int).T
     height, width = mask.shape
     on_picture = (x >= 0) & (x < width) & (y >= 0) & (y < height)

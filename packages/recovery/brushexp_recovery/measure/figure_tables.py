@@ -1,4 +1,4 @@
-"""Convert figures and differences to rows of tables and to plain data."""
+"""Convert measured values and differences to table rows and to plain data."""
 
 import math
 from collections.abc import Mapping
@@ -20,12 +20,12 @@ APART = "The first painting minus the second: a figure is apart if the interval 
 
 
 def figure_rows(figures: Figures, mm: float | None) -> list[dict[str, Any]]:
-    """List the figures of all areas with their intervals and spreads, one per row; ``of`` names the area."""
+    """List the measures of all areas, one per row, with intervals and standard deviations; ``of`` names the area."""
     return [{"of": of, **row} for of, intervals in figures.items() for row in interval_rows(intervals, mm)]
 
 
 def interval_rows(intervals: Mapping[str, Interval], mm: float | None) -> list[dict[str, Any]]:
-    """List the figures of one area with their intervals and spreads, one per row."""
+    """List the measures of one area, one per row, with intervals and standard deviations."""
     return [
         {
             "measure": MEASURES[name].name,
@@ -42,7 +42,7 @@ def interval_rows(intervals: Mapping[str, Interval], mm: float | None) -> list[d
 
 
 def difference_rows(differences: Mapping[str, Interval], mm: float | None) -> list[dict[str, Any]]:
-    """List the differences between two paintings, and whether their intervals exclude 0."""
+    """List the differences between two paintings, and whether the interval of each difference excludes 0."""
     return [
         {
             "measure": MEASURES[name].name,
@@ -57,7 +57,7 @@ def difference_rows(differences: Mapping[str, Interval], mm: float | None) -> li
 
 
 def format_number(value: float) -> str | None:
-    """Write a number with three digits and at most five decimals; return None if it is undefined."""
+    """Format a number with three digits and at most five decimals; return None if it is not finite."""
     if not math.isfinite(value):
         return None
     if abs(value) >= 1000:
@@ -66,7 +66,7 @@ def format_number(value: float) -> str | None:
 
 
 def plain_data(figures: Figures, differences: Mapping[str, Interval] | None, mm: float | None) -> dict[str, Any]:
-    """Collect figures as plain data for JSON."""
+    """Collect measured values, intervals and differences as plain data for JSON."""
     data: dict[str, Any] = {"mm_per_px": mm, "directions": DIRECTIONS, "interval": LEVEL}
     for of, intervals in figures.items():
         data.setdefault("measures", {})[of] = {

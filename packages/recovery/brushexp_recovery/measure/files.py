@@ -1,4 +1,4 @@
-"""Write measurements as files: CSV, XLSX, JSON, Markdown, LaTeX and PDF."""
+"""Write measurements to CSV, XLSX, JSON, Markdown, LaTeX and PDF files."""
 
 import io
 import logging
@@ -30,7 +30,7 @@ def write_measures(
     differences: Mapping[str, Interval] | None,
     both_mm: float | None,
 ) -> list[Path]:
-    """Write all tables and drawings, and return their paths; ``both_mm`` is set if differences are in millimetres."""
+    """Write all tables and drawings, and return their paths; differences are in millimetres if ``both_mm`` is set."""
     tables = {"measures": figure_rows(figures, strokes.mm)}
     if differences is not None:
         tables["differences"] = difference_rows(differences, both_mm)
@@ -69,7 +69,7 @@ def _write_sheets(folder: Path, strokes: Mapping[str, Any], tables: Mapping[str,
 
 
 def _number_or_text(value: Any) -> Any:
-    """Convert text to a number if possible, so that spreadsheets can calculate."""
+    """Convert text to a number if possible, so that spreadsheets can calculate with it."""
     try:
         return float(value)
     except (TypeError, ValueError):

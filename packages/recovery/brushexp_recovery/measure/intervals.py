@@ -1,8 +1,9 @@
-"""Compute intervals for the figures of a painting's brushwork.
+"""Compute intervals for the measures of a painting's brushwork.
 
-Strokes are recovered from the photograph and from small changes of it (`views`); in each view, strokes are sampled many
-times by their confidence (`draws`), and combined with the errors that recovery makes in every view (`recovery_error`).
-A figure is the median of the draws, and its interval contains 90 % of them.
+Strokes are recovered from the photograph and from slightly altered copies (`views`). In each view, strokes are sampled
+many times by their confidence (`draws`), and the measures of each sample are combined with the errors that recovery
+makes in every view (`recovery_error`). The reported value is the median over the samples, and its interval contains
+90 % of them.
 """
 
 from dataclasses import dataclass, replace
@@ -23,7 +24,7 @@ PAIRS = 4000  # number of pairs of draws of two paintings whose differences are 
 
 @dataclass(frozen=True)
 class Interval:
-    """A figure: the median of its draws and the bounds of 90 % of them, NaN if undefined."""
+    """A measured value: the median of its samples and the bounds of the central 90 % of them, NaN if undefined."""
 
     value: float
     low: float
@@ -37,9 +38,9 @@ UNDEFINED = Interval(np.nan, np.nan, np.nan, np.nan, np.nan, np.nan)
 
 
 def intervals_of(draws: Draws, mm: float | None = None, corrected: Draws | None = None) -> dict[str, Interval]:
-    """Compute the interval of each measure, in pixels, or in millimetres given ``mm`` per pixel.
+    """Compute the interval of each measure, in pixels, or in millimetres if ``mm`` per pixel is given.
 
-    Given ``corrected`` draws of `RecoveryError.correct`, values and bounds are theirs.
+    If ``corrected`` samples from `RecoveryError.correct` are given, the values and bounds are computed from them.
     """
     intervals = {}
     for name, measure in MEASURES.items():
@@ -53,7 +54,7 @@ def intervals_of(draws: Draws, mm: float | None = None, corrected: Draws | None 
 
 
 def interval_of(values: Array, axial: bool) -> Interval:
-    """Compute the interval of draws (views, draws); axial draws are degrees in which 180 equals 0."""
+    """Compute the interval of samples (views, draws); axial samples are degrees, with 180 equivalent to 0."""
     finite = values[np.isfinite(values)]
     if not len(finite):
         return UNDEFINED
@@ -75,7 +76,7 @@ def interval_of(values: Array, axial: bool) -> Interval:
 
 
 def difference_of(one: Draws, other: Draws, mm: tuple[float | None, float | None], seed: int) -> dict[str, Interval]:
-    """Compute the differences (first minus second) of two paintings, in millimetres if both scales are known."""
+    """Compute the differences between two paintings (first minus second), in millimetres if both scales are known."""
     random, differences = np.random.default_rng(seed), {}
     mm = (None, None) if None in mm else mm
     for name, measure in MEASURES.items():

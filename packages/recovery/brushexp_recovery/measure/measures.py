@@ -1,4 +1,4 @@
-"""Define and compute the measures of strokes, with names, units and scales."""
+"""Define and compute the measures of strokes, with their names, units and scales."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -17,7 +17,7 @@ NARROWEST = 1e-6  # lower bound in pixels of widths used as divisors
 
 @dataclass(frozen=True)
 class Measure:
-    """A figure of the strokes of a painting."""
+    """A quantity that is measured for all strokes of a painting together."""
 
     name: str
     unit: str = ""
@@ -28,11 +28,11 @@ class Measure:
     share: bool = False  # whether the figure lies between 0 and 1
 
     def factor(self, mm: float | None) -> float:
-        """Return the factor for a number in pixels; ``mm`` is millimetres per pixel."""
+        """Return the factor that converts a value in pixels to the unit `unit_in`; ``mm`` is millimetres per pixel."""
         return self.times[0] if mm is None else self.times[1] * mm**self.power
 
     def unit_in(self, mm: float | None) -> str:
-        """Return the unit that results from `factor`."""
+        """Return the unit of values that are multiplied by `factor`."""
         return self.unit if mm is None else self.mm_unit or self.unit
 
 
@@ -60,12 +60,13 @@ QUARTILES = ("length", "width")
 
 
 def measure_strokes(curve: torch.Tensor, width: Array) -> dict[str, Array]:
-    """Measure each of N strokes, curves (N, 3, 2) with widths (N,), in pixels, and clockwise degrees in [0, 180).
+    """Measure each of N strokes with curves (N, 3, 2) and widths (N,), in pixels and clockwise degrees in [0, 180).
 
-    Length is measured from tip to tip, as with a ruler on the painting: the arc of the curve and both round ends, which
-    add one width. Elongatedness is this length divided by the width; a round dab has 1.
+    Length is measured from tip to tip, as with a ruler on the painting: the arc length of the curve plus both round
+    ends, which add one width. Elongatedness is this length divided by the width; it is 1 for a round dab.
 
-    Differs from `brushexp.strokes.measures`, in which length is only the arc of the curve.
+    Unlike in `brushexp.strokes.measures`, where length is only the arc length of the curve, the round ends are
+    included.
     """
     arc, broad = length_of(curve), torch.from_numpy(width)
     direction = ruler.direction_of(curve)
@@ -82,9 +83,9 @@ def measure_strokes(curve: torch.Tensor, width: Array) -> dict[str, Array]:
 
 
 def summarise(strokes: dict[str, Array], pixels: int, covered: float) -> dict[str, float]:
-    """Compute the figures of strokes that do not depend on neighbours, from columns (N,) of `measure_strokes`.
+    """Compute the measures that do not depend on neighbouring strokes, from columns (N,) of `measure_strokes`.
 
-    ``pixels`` is the area in which the strokes lie, and ``covered`` is the share of it that they cover.
+    ``pixels`` is the size of the measured area, and ``covered`` is the fraction of that area covered by strokes.
     """
     count = len(strokes["length"])
     figures = {"strokes": count, "density": count / pixels, "covered": covered}
@@ -98,7 +99,10 @@ def summarise(strokes: dict[str, Array], pixels: int, covered: float) -> dict[st
 
 
 def summarise_neighbours(centre: torch.Tensor, direction: torch.Tensor, width: torch.Tensor) -> dict[str, float]:
-    """Compute the similarity of the nearest strokes from centres (N, 2), doubled directions (N, 2) and widths (N,)."""
+    """Compute the coherence and homogeneity of strokes, which measure their similarity to the nearest strokes.
+
+    Strokes are given by their centres (N, 2), doubled directions (N, 2) and widths (N,).
+    """
     if len(centre) < 2:
         return {"coherence": np.nan, "homogeneity": np.nan}
     near = ruler.nearest_strokes(centre, centre, exclude_self=True)

@@ -1,4 +1,4 @@
-"""Write the order of strokes as a graph with probabilities for Gephi, networkx and igraph (GraphML, Brandes, 2002)."""
+"""Write the order of strokes as a GraphML graph with probabilities, for Gephi, networkx and igraph (Brandes, 2002)."""
 
 from pathlib import Path
 from typing import Any
@@ -15,10 +15,10 @@ OF_EDGES = ("chance",)
 
 
 def write_order_graph(path: Path, strokes: StrokeTable, recovered: Any) -> None:
-    """Write strokes as nodes, and for each touching pair an edge from the lower to the upper, with its probability.
+    """Write each stroke as a node, and each touching pair as an edge from the lower to the upper stroke.
 
-    Nodes are named by the stroke's number in the catalogue. Probabilities are 0.5 to 1, because edges point in the more
-    likely direction.
+    A node is named by the stroke's number in the catalogue. An edge carries the probability of its direction, which is
+    0.5 to 1 because edges point in the more likely direction.
     """
     root = ElementTree.Element("graphml", {"xmlns": NAMESPACE})
     for kind, names in (("node", OF_NODES), ("edge", OF_EDGES)):

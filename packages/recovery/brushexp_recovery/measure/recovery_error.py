@@ -1,9 +1,10 @@
-"""Correct figures for the error of recovery, known from paintings whose strokes are known.
+"""Correct measures for the errors of recovery, which are estimated on paintings with known strokes.
 
-Recovery loses short strokes, cuts hidden ends and rounds widths, in every view alike. `RecoveryError` holds how far the
-true figures of known paintings lay from the measured ones. Two predictors explain part of it: the confidence of
-recovery in its strokes, and their elongatedness. Each draw of a figure is combined with errors of the known paintings,
-so that the median of the draws is corrected for the mean error and their spread includes its variation.
+Recovery misses short strokes, cuts off hidden ends and distorts widths, similarly in every view. `RecoveryError` stores
+the differences between true and measured values for paintings with known strokes. Two predictors explain part of these
+errors: the mean confidence of the recovered strokes and their median elongatedness. Each sample of a measure is
+combined with the errors in the known paintings, so that the median of the samples is corrected for the mean error and
+their spread includes its variation.
 
 `brushexp_recovery.train.errors_of_measures` fits the errors.
 """
@@ -30,16 +31,16 @@ SAMPLES = 100  # number of errors with which each draw is combined
 
 @dataclass(frozen=True)
 class ErrorOfMeasure:
-    """True minus measured figures: ratios in logarithms, shares in log-odds, directions in degrees."""
+    """True minus measured values of a measure: log ratios, log-odds differences of fractions, or degrees."""
 
     mean: float
     slopes: Array  # (2,) change of the mean by standardised `predictors_of`
     rest: Array  # (P,) error of each known painting minus the mean fitted to the other kinds of paintings
 
     def sample(self, at: Array) -> Array:
-        """List equally probable errors (`SAMPLES`,) for standardised predictors (2,).
+        """List equally probable errors (`SAMPLES`,), given standardised predictors (2,).
 
-        With a probability of 1 / (P + 1) on each side, the error of a new painting exceeds that of all P known ones.
+        On either side, a new painting's error exceeds those of all P known paintings with probability 1 / (P + 1).
         """
         chances = (np.arange(SAMPLES) + 0.5) / SAMPLES
         errors: Array = self.mean + at @ self.slopes + np.quantile(self.rest, chances, method="weibull")
@@ -48,7 +49,7 @@ class ErrorOfMeasure:
 
 @dataclass(frozen=True)
 class RecoveryError:
-    """The errors of all measures in P known paintings, for one set of weights."""
+    """The errors of all measures in P paintings with known strokes, for one set of weights."""
 
     weights: str  # hash of the weights
     paintings: tuple[str, ...]  # (P,) names
@@ -56,10 +57,10 @@ class RecoveryError:
     errors: Mapping[str, ErrorOfMeasure]  # by name in `MEASURES`
 
     def correct(self, draws: Draws, confidence: Array) -> Draws:
-        """Combine draws (views, draws) with all errors to draws (views, draws * `SAMPLES`).
+        """Combine samples (views, draws) with every error, which gives samples (views, draws * `SAMPLES`).
 
-        ``confidence`` (N,) is that of the strokes found in the photograph. Figures that are undefined stay so, and
-        predictors beyond those of the known paintings count as the nearest of these.
+        ``confidence`` (N,) holds the confidences of the strokes found in the photograph. Undefined values stay
+        undefined, and predictors are clamped to the range of the known paintings.
         """
         elongatedness = draws["elongatedness"][np.isfinite(draws["elongatedness"])]
         if not len(confidence) or not len(elongatedness):
@@ -74,24 +75,24 @@ class RecoveryError:
 
 
 def predictors_of(confidence: Any, elongatedness: Any) -> Array:
-    """Compute the predictors of errors (..., 2): the mean confidence and median elongatedness of the found strokes."""
+    """Compute the predictors (..., 2) of errors from the mean confidence and median elongatedness of found strokes."""
     return np.stack([log_odds(np.clip(confidence, *SURE)), np.log(elongatedness)], -1)
 
 
 def standardise(values: Array, known: Array) -> Array:
-    """Scale predictors (..., 2) so that the known ones (P, 2) have a mean of 0 and a standard deviation of 1."""
+    """Standardise predictors (..., 2) by the mean and standard deviation of the known paintings' predictors (P, 2)."""
     scaled: Array = (values - known.mean(0)) / known.std(0)
     return scaled
 
 
 def log_odds(share: Any) -> Any:
-    """Compute the log-odds of shares in [0, 1]; infinite at the ends."""
+    """Compute the log-odds of fractions in [0, 1], which are infinite at 0 and 1."""
     with np.errstate(divide="ignore"):
         return np.log(share) - np.log1p(-share)
 
 
 def move(values: Array, error: Array, measure: Measure) -> Array:
-    """Add errors to the values of a measure, on the scale of `ErrorOfMeasure`."""
+    """Add errors to the values of a measure, on the scale defined in `ErrorOfMeasure`."""
     if measure.axial:
         return (values + error) % 180
     if measure.share:
@@ -101,7 +102,7 @@ def move(values: Array, error: Array, measure: Measure) -> Array:
 
 @cache
 def read_errors(path: Path = FILE) -> RecoveryError:
-    """Read the errors of the shipped weights."""
+    """Read the errors of recovery with the shipped weights."""
     data = json.loads(path.read_text(encoding="utf-8"))
     errors = {
         name: ErrorOfMeasure(one["mean"], np.array(one["slopes"]), np.array(one["rest"]))

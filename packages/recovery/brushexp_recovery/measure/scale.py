@@ -1,4 +1,4 @@
-"""Find the scale of a photographed painting in millimetres per pixel."""
+"""Find the scale of a photograph of a painting, in millimetres per pixel."""
 
 import csv
 import re
@@ -14,11 +14,11 @@ SIDES_APART = 0.03  # maximum relative difference of the scales from width and h
 def millimetres_per_pixel(
     size: tuple[int, int], width_cm: float | None, size_cm: str | None, prefix: str = ""
 ) -> float | None:
-    """Compute the millimetres per pixel of a photograph (H, W); None if no size of the painting is given.
+    """Compute the millimetres per pixel of a photograph (H, W), or return None if no size of the painting is given.
 
-    ``width_cm`` is the width of the painting from edge to edge of the photograph; ``size_cm`` is its width and height,
-    92x73. Raises UserError if both are given, or if they do not have the photograph's aspect ratio. Keys begin with
-    ``prefix``.
+    ``width_cm`` is the width of the part of the painting that the photograph shows; ``size_cm`` is its width and
+    height, such as 92x73. Raises UserError if both are given, or if ``size_cm`` does not have the photograph's aspect
+    ratio. In errors, keys begin with ``prefix``.
     """
     if width_cm is not None and size_cm is not None:
         raise UserError(f"{prefix}width_cm and {prefix}size_cm say the same; give one of them")
@@ -39,9 +39,9 @@ def millimetres_per_pixel(
 
 
 def width_in_table(path: Path, image: str) -> float:
-    """Look up the width of a photograph in centimetres by its name in a table (.csv) with file and width_cm.
+    """Look up a photograph's width in centimetres by its file name in a table (.csv) with columns file and width_cm.
 
-    Raises UserError if the table is missing, or if it has no valid width for the photograph.
+    Raises UserError if the table is missing, or if it contains no valid width for the photograph.
     """
     lines = read_text(path, "give a table with the columns file and width_cm").splitlines()
     rows = list(csv.DictReader(lines))

@@ -1,8 +1,8 @@
-"""Compare several measured paintings in a table with intervals, and test for differences between groups.
+"""Tabulate several measured paintings with their intervals, and test for differences between groups.
 
-A painting belongs to the group named by its folder. Groups are compared measure by measure with a permutation test of
-the difference of their means, with one value per painting, and the p-values of all tests are corrected together (Holm,
-1979).
+A painting belongs to the group named by the folder of its photograph. Groups are compared measure by measure, using a
+permutation test of the difference between their means with one value per painting; the p-values of all tests are
+corrected together (Holm, 1979).
 """
 
 import json
@@ -41,7 +41,7 @@ MEANING = (
 
 @dataclass(frozen=True)
 class Painting:
-    """The figures of one painting."""
+    """The measured values of one painting."""
 
     name: str
     group: str
@@ -49,7 +49,7 @@ class Painting:
 
 
 def paintings_of(frame: "DataFrame") -> list[Painting]:
-    """Read the figures of all runs of ``task=measure`` in a frame of runs."""
+    """Read the measured values of all ``task=measure`` runs in a data frame of runs."""
     if ("setting", "image") not in frame.columns:
         return []
     paintings = []
@@ -64,7 +64,7 @@ def paintings_of(frame: "DataFrame") -> list[Painting]:
 
 
 def figure_rows(paintings: Sequence[Painting]) -> list[dict[str, Any]]:
-    """List all figures of all paintings, one per row."""
+    """List all measured values of all paintings, one per row."""
     return [
         {
             "painting": painting.name,
@@ -79,7 +79,7 @@ def figure_rows(paintings: Sequence[Painting]) -> list[dict[str, Any]]:
 
 
 def painting_rows(paintings: Sequence[Painting]) -> list[dict[str, Any]]:
-    """List the paintings, one per row, with the most informative figures and their intervals in words."""
+    """List the paintings, one per row, with the most informative values and their intervals as text."""
     rows = []
     for painting in paintings:
         row: dict[str, Any] = {"painting": painting.name, "group": painting.group}
@@ -94,7 +94,7 @@ def painting_rows(paintings: Sequence[Painting]) -> list[dict[str, Any]]:
 
 
 def group_rows(paintings: Sequence[Painting], seed: int = 0) -> list[dict[str, Any]]:
-    """Compare each pair of groups in each measure with a common unit, except directions, in order of p."""
+    """Compare each pair of groups by every measure with a common unit, except directions; sort the rows by p-value."""
     groups: dict[str, list[Painting]] = {}
     for painting in paintings:
         groups.setdefault(painting.group, []).append(painting)
@@ -131,16 +131,16 @@ def group_rows(paintings: Sequence[Painting], seed: int = 0) -> list[dict[str, A
 
 
 def _values_of(paintings: Sequence[Painting], name: str) -> Array:
-    """List the finite values of a measure."""
+    """List the finite values of a measure in several paintings."""
     values = [painting.figures[name]["value"] for painting in paintings]
     return np.array([value for value in values if value is not None and np.isfinite(value)], float)
 
 
 def permutation_p(first: Array, second: Array, random: np.random.Generator) -> float:
-    """Test whether the means of two samples differ; return the share of permutations with at least this difference.
+    """Test whether two samples have different means, and return the p-value of a permutation test.
 
-    All permutations are used if there are at most `DRAWS`, and otherwise `DRAWS` random permutations and the observed
-    one (Phipson and Smyth, 2010).
+    The p-value is the fraction of permutations whose means differ at least as much as observed. If there are more than
+    `DRAWS` permutations, `DRAWS` random permutations and the observed one are used (Phipson and Smyth, 2010).
     """
     from scipy.stats import permutation_test  # noqa: PLC0415  (slow to import)
 
@@ -153,16 +153,16 @@ def permutation_p(first: Array, second: Array, random: np.random.Generator) -> f
 
 
 def least_p(first: int, second: int) -> float:
-    """Compute the smallest p-value that `permutation_p` can give for samples of ``first`` and ``second`` values.
+    """Compute the smallest p-value that `permutation_p` can return for samples of ``first`` and ``second`` values.
 
-    Exchanging two samples of equal size gives the same absolute difference.
+    Exchanging two samples of equal size gives the same absolute difference, which doubles the smallest p-value.
     """
     count = comb(first + second, first)
     return 1 / (DRAWS + 1) if count > DRAWS else (1 + (first == second)) / count
 
 
 def write_paintings(folder: Path, frame: "DataFrame") -> None:
-    """Write ``paintings.csv``, ``.md`` and ``.tex``, and ``groups.csv`` and ``.md``, of two or more paintings."""
+    """Write ``paintings.csv``, ``.md`` and ``.tex``, and ``groups.csv``, for two or more paintings."""
     paintings = paintings_of(frame)
     if len(paintings) < LEAST_PAINTINGS:
         return
@@ -177,12 +177,12 @@ def write_paintings(folder: Path, frame: "DataFrame") -> None:
 
 
 def round_p(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Write the p-values of a row with two digits."""
+    """Format the p-values of a row with two significant digits."""
     return {key: f"{value:.2g}" if isinstance(value, float) else value for key, value in row.items()}
 
 
 def paintings_on_page(frame: "DataFrame") -> PageTable | None:
-    """Tabulate the paintings of a sweep, or the differences between their groups; None for other sweeps."""
+    """Tabulate the paintings of a sweep, or the differences between their groups; return None for other sweeps."""
     paintings = paintings_of(frame)
     if len(paintings) < LEAST_PAINTINGS:
         return None

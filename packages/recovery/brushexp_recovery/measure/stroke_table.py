@@ -1,4 +1,4 @@
-"""Tabulate recovered strokes with their measures and the outlines of their visible parts."""
+"""Tabulate recovered strokes with their measures and with outlines of their visible parts."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -38,7 +38,7 @@ COLORS = ("red", "green", "blue")
 
 @dataclass(frozen=True)
 class StrokeTable:
-    """N strokes of a photograph, bottom to top."""
+    """N strokes recovered from a photograph, bottom to top."""
 
     columns: dict[str, Array]  # (N,) each; see `tabulate_strokes`
     color: Array  # (N, 3) sRGB in [0, 1]
@@ -55,11 +55,11 @@ class StrokeTable:
 def tabulate_strokes(recovered: Any, mm: float | None = None) -> StrokeTable:
     """Measure the strokes recovered from a photograph.
 
-    Columns: ``stroke``, its number in the catalogue and in the labels; ``order``, 0 for the bottom stroke;
+    Columns: ``stroke``, the stroke's number in the catalogue and in the labels; ``order``, 0 for the bottom stroke;
     ``confidence``, 0 to 1; ``x`` and ``y`` of the middle, in pixels from the left and the top; ``length`` from tip to
     tip, ``width`` and ``area`` in pixels; ``elongatedness`` (length / width); ``straightness``; ``curvature``;
-    ``direction`` in degrees, 0 to 180, clockwise from horizontal, so that 45 descends to the right; ``seen``, its
-    number of visible pixels.
+    ``direction`` in degrees, 0 to 180, clockwise from horizontal, so that a stroke at 45 descends to the right;
+    ``seen``, the number of visible pixels.
     """
     saved, labels = recovered.saved, np.asarray(recovered.labels)
     bottom_up = saved.depth.argsort()
@@ -88,7 +88,7 @@ def tabulate_strokes(recovered: Any, mm: float | None = None) -> StrokeTable:
 
 
 def covered_share(table: StrokeTable) -> float:
-    """Compute the share of the photograph that strokes cover."""
+    """Compute the fraction of the photograph that strokes cover."""
     return float(table.columns["seen"].sum()) / (table.size[0] * table.size[1])
 
 
@@ -104,7 +104,7 @@ def describe_rest(table: StrokeTable) -> str:
 
 
 def doubt_of_paint(table: StrokeTable) -> str | None:
-    """Explain why a picture does not look like paint; return None if it does."""
+    """Explain why a picture does not look like paint, or return None if it does."""
     median, ground = float(np.median(table.columns["confidence"])) if len(table) else 0.0, table.ground or 0.0
     if len(table) == 0:
         reason = "no strokes were found"
@@ -118,7 +118,7 @@ def doubt_of_paint(table: StrokeTable) -> str | None:
 
 
 def remark_on(table: StrokeTable) -> str | None:
-    """Explain why recovered strokes may mislead and what to do; return None if they are numerous and wide enough."""
+    """Explain why recovered strokes may mislead and what to do, or return None if there is no reason for doubt."""
     if (doubt := doubt_of_paint(table)) is not None:
         return (
             f"{doubt}; if it is a painting, give a sharper or larger photograph, in which strokes are at least 6 "
@@ -138,7 +138,7 @@ def remark_on(table: StrokeTable) -> str | None:
 
 
 def columns_with_units(table: StrokeTable) -> dict[str, Array]:
-    """Name columns with their units; add lengths, widths and areas in millimetres if the scale is known."""
+    """Append units to column names; add lengths, widths and areas in millimetres if the scale is known."""
     named = {}
     for name, column in table.columns.items():
         unit = UNITS.get(name)

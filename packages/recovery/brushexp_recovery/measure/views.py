@@ -1,4 +1,4 @@
-"""Make small changes of a photograph: slightly larger or smaller, rotated, recompressed, darker or lighter."""
+"""Alter a photograph slightly: enlarge or reduce, rotate, recompress, darken or lighten it."""
 
 import math
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ class View:
     lift: float = 0.0
 
     def matrix(self, size: tuple[int, int]) -> Array:
-        """Return the map (2, 3) from points x, y of a photograph (H, W) to points of the view, about its centre."""
+        """Return the matrix (2, 3) that maps points x, y of a photograph (H, W) to the view, about its centre."""
         angle = math.radians(self.turn)
         cosine, sine = math.cos(angle), math.sin(angle)
         rotation = self.zoom * np.array([[cosine, -sine], [sine, cosine]])
@@ -38,11 +38,11 @@ class View:
         return np.column_stack([rotation, self.zoom * middle - rotation @ middle])
 
     def size(self, size: tuple[int, int]) -> tuple[int, int]:
-        """Return the height and width of the view of a photograph (H, W)."""
+        """Return the height and width of the view, given those of the photograph."""
         return max(round(self.zoom * size[0]), 1), max(round(self.zoom * size[1]), 1)
 
     def of(self, image: Array) -> Array:
-        """Transform a photograph (H, W, 3) in [0, 1]."""
+        """Apply the transformation to a photograph (H, W, 3) in [0, 1]."""
         if self == View():
             return image
         sigma = 0.5 * max(1 / self.zoom - 1, 0)
@@ -51,7 +51,7 @@ class View:
         return changed if self.quality is None else compress_as_jpeg(changed, self.quality)
 
     def warp(self, image: Array, order: int) -> Array:
-        """Rotate and scale a picture (H, W) or (H, W, 3), which is mirrored beyond its edges."""
+        """Rotate and scale a picture (H, W) or (H, W, 3), mirroring it beyond its edges."""
         from skimage.transform import warp  # noqa: PLC0415  (slow to import)
 
         full = np.vstack([self.matrix(image.shape[:2]), [0, 0, 1]])
@@ -69,9 +69,9 @@ class View:
 
 
 def choose_views(count: int, seed: int) -> list[View]:
-    """Choose ``count`` views, determined by the seed: first the unchanged photograph, then others.
+    """Choose ``count`` views that depend only on the seed; the first is the unchanged photograph.
 
-    Their scales and rotations are spread evenly between the limits; qualities and tones are random.
+    The scales and rotations of the others are spread evenly between their limits; JPEG qualities and tones are random.
     """
     random = np.random.default_rng(seed)
     low, high = np.log(ZOOMS)

@@ -1,5 +1,5 @@
 """Define the learned models: a network from pictures to maps, and perceptrons and logistic models on region features.
 
-A `RecoveryModel` is loaded from a file of weights. The channels of maps and the columns of features are named here,
+A `RecoveryModel` is loaded from a weights file. The channels of maps and the columns of features are named here,
 because the weights depend on their order.
 """

@@ -1,4 +1,4 @@
-"""Define the channels of the network's maps, and the attributes of strokes that some channels contain."""
+"""Define the channels of the network's maps, and the stroke attributes that some channels contain."""
 
 from enum import IntEnum
 

@@ -1,14 +1,14 @@
 """Define the features of the perceptrons and logistic models, in the order of the learned weights.
 
-In names, ``LOG`` is a natural logarithm, an affinity is a mean over pairs of pixels, and lengths and widths are
-relative to the stroke's predicted length and width, unless they are ``PREDICTED``.
+In their names, ``LOG`` means the natural logarithm, and ``AFFINITY`` a mean over pairs of pixels. Lengths and widths
+are relative to the stroke's predicted length and width, unless they are named ``PREDICTED``.
 """
 
 from enum import IntEnum
 
 
 class PairFeature(IntEnum):
-    """Features of two neighbouring regions; ``SMALL`` is the smaller region, ``BOTH`` their union."""
+    """Features of two neighbouring regions, the ``SMALL`` and the ``LARGE`` one; ``BOTH`` is their union."""
 
     AFFINITY_ADJACENT = 0  # mean between the regions over offsets of 1 pixel
     AFFINITY_3 = 1  # mean over offsets of 3 pixels
@@ -58,7 +58,7 @@ class PairFeature(IntEnum):
 
 
 class NodeFeature(IntEnum):
-    """Features of a node of a merge tree: of its region, its merge and its surroundings."""
+    """Features of a merge-tree node: of its region, its merge and its surroundings."""
 
     LOG_AREA = 0
     AFFINITY_INSIDE_ADJACENT = 1
@@ -98,14 +98,14 @@ class NodeFeature(IntEnum):
 
 
 class NodeScore(IntEnum):
-    """Outputs of the perceptron of nodes."""
+    """Outputs of the node perceptron."""
 
     MATCH = 0  # chance of an intersection over union of 0.5 or more with a stroke
     IOU = 1  # expected intersection over union with the nearest stroke
 
 
 class OrderFeature(IntEnum):
-    """Evidence that the second of two touching regions lies above the first; swapping them changes every sign."""
+    """Evidence that the second of two touching regions is above the first; swapping the regions flips every sign."""
 
     OCCLUSION = 0  # mean log-odds of the network, times the root of the number of pixels
     OCCLUSION_VOTES = 1  # the same as soft votes, -1 to 1
@@ -119,7 +119,7 @@ class OrderFeature(IntEnum):
 
 
 class ConfidenceFeature(IntEnum):
-    """Features that predict whether a region is a stroke."""
+    """Features from which a model predicts whether a region is a stroke."""
 
     LOG_ODDS = 0  # log-odds of the chance over all looks
     VISIBLE = 1  # predicted share of the stroke that is visible

@@ -20,16 +20,16 @@ def sigmoid(log_odds: Array) -> Array:
 
 
 def log_odds_of(linear: nn.Linear, features: Array) -> Array:
-    """Compute the log-odds (N,) of a logistic model for features (N, F) in float64."""
+    """Compute the log-odds (N,) that a logistic model predicts from features (N, F), in float64."""
     bias = 0.0 if linear.bias is None else float(linear.bias.detach())
     odds: Array = features @ linear.weight.detach().double().numpy()[0] + bias
     return odds
 
 
 def fit_logistic(linear: nn.Linear, features: Array, goal: Array) -> None:
-    """Fit log-odds that are linear in features (N, F) to targets (N,) in [0, 1]; do nothing if there are none.
+    """Fit a logistic model on features (N, F) to targets (N,) in [0, 1]; without targets, leave it unchanged.
 
-    The fit is a logistic regression by L-BFGS in float64 on standardised features with a ridge penalty.
+    The fit is a logistic regression in float64 by L-BFGS, with a ridge penalty on the weights of scaled features.
     """
     if not len(goal):
         return

@@ -1,4 +1,4 @@
-"""Define multilayer perceptrons on features of regions, which are fitted in minutes and evaluated without PyTorch."""
+"""Define multilayer perceptrons on region features, which are fitted in minutes and evaluated without PyTorch."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -47,7 +47,7 @@ class Perceptron(nn.Module):
         return ((features - self.mean) / self.scale).clamp(-CLIP, CLIP)
 
     def weights(self) -> "PerceptronWeights":
-        """Return an equivalent function without PyTorch, which is slow for few examples."""
+        """Return an equivalent function that does not use PyTorch, which is slow for few examples."""
         linear = [layer for layer in self.layers if isinstance(layer, nn.Linear)]
         layers = tuple(
             torch.cat([layer.weight.detach().T, layer.bias.detach()[None]]).float().numpy() for layer in linear
@@ -57,7 +57,7 @@ class Perceptron(nn.Module):
 
 @dataclass(frozen=True)
 class PerceptronWeights:
-    """The float32 weights of a perceptron; a call with features (N, F) returns probabilities (N, ``outputs``)."""
+    """The float32 weights of a perceptron; calling them with features (N, F) returns probabilities (N, ``outputs``)."""
 
     mean: Array  # (F,)
     scale: Array  # (F,)
@@ -71,10 +71,10 @@ class PerceptronWeights:
 
 
 def fit_perceptron(perceptron: Perceptron, features: Array, goal: Array, weight: Array, steps: int, seed: int) -> float:
-    """Fit a perceptron to targets (N, outputs) in [0, 1] for features (N, F), weighted (N,).
+    """Fit a perceptron that maps features (N, F) to targets (N, outputs) in [0, 1], with example weights (N,).
 
     Returns:
-        The running mean of the logistic loss at the end.
+        The final running mean of the logistic loss.
     """
     generator = torch.Generator().manual_seed(seed)
     x = torch.from_numpy(features)
@@ -97,10 +97,10 @@ def fit_perceptron(perceptron: Perceptron, features: Array, goal: Array, weight:
 
 
 def fit_last_layer(perceptron: Perceptron, features: Array, goal: Array, weight: Array, ridge: float) -> None:
-    """Fit the last layer of a perceptron to targets (N, outputs) in [0, 1] for features (N, F), weighted (N,).
+    """Fit only the last layer of a perceptron to targets (N, outputs) in [0, 1], with example weights (N,).
 
-    ``ridge`` is the weight of the squared changes in the loss. The fit uses L-BFGS in float64; without targets, nothing
-    changes.
+    ``ridge`` is the weight, in the loss, of the squared changes to the layer. The fit uses L-BFGS in float64; without
+    targets, the layer stays unchanged.
     """
     if not len(goal):
         return

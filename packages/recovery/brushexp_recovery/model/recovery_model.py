@@ -1,4 +1,4 @@
-"""Combine all learned models for recovering strokes in one file of weights."""
+"""Combine all learned models for stroke recovery in one weights file."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -22,14 +22,14 @@ CHECKPOINTS = CheckpointFormat(
 
 
 class Classifiers(NamedTuple):
-    """The perceptrons that score pairs of regions and single regions."""
+    """The perceptrons that score pairs of regions and individual regions."""
 
     pairs: PerceptronWeights  # chance that two regions belong to one stroke
     nodes: PerceptronWeights  # `NodeScore`s of a region
 
 
 class RecoveryModel(nn.Module):
-    """The network and the models that score the regions found in its maps."""
+    """The network, and the models that score the regions found in the network's maps."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -43,18 +43,18 @@ class RecoveryModel(nn.Module):
         self.confidence.bias.data.zero_()
 
     def classifiers(self) -> Classifiers:
-        """Return the perceptrons without PyTorch."""
+        """Return the two perceptrons in a form that does not use PyTorch."""
         return Classifiers(self.pairs.weights(), self.nodes.weights())
 
 
 def trained_families(checkpoint: str) -> tuple[str, ...]:
-    """Return the paint families on which weights were trained, including those of the initial weights."""
+    """Return the paint families on which a checkpoint was trained, including the families of its initial weights."""
     recipe = CHECKPOINTS.read_recipe(CHECKPOINTS.path_of(checkpoint))
     return tuple(recipe["data"].get("families", ()))
 
 
 def load_model(checkpoint: str = SHIPPED_WEIGHTS) -> RecoveryModel:
-    """Load trained weights from a .safetensors file or by the name of shipped weights."""
+    """Load trained weights, given a .safetensors file or the name of shipped weights."""
     model = RecoveryModel()
     CHECKPOINTS.restore(model, SHIPPED_WEIGHTS, checkpoint, {})
     return model

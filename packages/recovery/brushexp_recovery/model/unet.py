@@ -1,4 +1,4 @@
-"""Define the U-Net that predicts for each pixel which neighbours share its stroke, and the stroke's attributes."""
+"""Define the U-Net that predicts, for each pixel, which neighbours share its stroke, and that stroke's attributes."""
 
 from itertools import pairwise
 
@@ -20,7 +20,7 @@ FIRST_BIAS = {  # initial bias of outputs whose mean is far from 0
 
 
 class ResidualBlock(nn.Module):
-    """Two convolutions with a shortcut (He et al., 2016)."""
+    """Two convolutions with a shortcut connection (He et al., 2016)."""
 
     def __init__(self, before: int, after: int) -> None:
         super().__init__()
@@ -40,13 +40,13 @@ class ResidualBlock(nn.Module):
 class StrokeNetwork(nn.Module):
     """A U-Net (Ronneberger et al., 2015) from pictures (B, 3, H, W) in [0, 1] to maps (B, `CHANNELS`, H, W).
 
-    H and W are multiples of `STRIDE`. The maps are, in the order of `channels`:
+    H and W must be multiples of `STRIDE`. The maps are, in the order of `channels`:
 
     - affinities, as in Lee et al. (2017, arXiv:1706.00120): log-odds that the pixel at each of the `AFFINITY_OFFSETS`
       belongs to the same stroke as this pixel;
     - log-odds that this pixel is paint;
     - each `StrokeAttribute` of the stroke visible at this pixel;
-    - occlusions: log-odds that the stroke at each of the `OCCLUSION_OFFSETS` lies above the stroke at this pixel.
+    - occlusions: log-odds that the stroke at each of the `OCCLUSION_OFFSETS` is above the stroke at this pixel.
     """
 
     def __init__(self) -> None:

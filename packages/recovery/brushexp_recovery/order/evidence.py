@@ -1,4 +1,4 @@
-"""Compute evidence about which of two strokes lies above the other where they meet."""
+"""Compute evidence for which of two touching strokes is above the other."""
 
 from typing import Any, NamedTuple
 
@@ -26,7 +26,7 @@ class Meetings(NamedTuple):
 
 
 class Contacts(NamedTuple):
-    """Pairs of pixels of different regions, at the `OCCLUSION_OFFSETS`."""
+    """Pairs of pixels in different regions, separated by the `OCCLUSION_OFFSETS`."""
 
     pairs: Array  # (P, 2) regions that meet, lower number first
     pair: Array  # (M,) the pair of each contact
@@ -34,12 +34,12 @@ class Contacts(NamedTuple):
 
 
 def find_meetings(regions: Regions, strokes: StrokeCurves) -> Meetings:
-    """Find the pairs of regions that touch, and the evidence that the second lies above the first.
+    """Find the pairs of regions that touch, and the evidence that the second region is above the first.
 
-    The evidence consists of the network's prediction where the regions meet; the difference in their visible shares;
-    the ownership of the pixels where the complete strokes would overlap, because an unbroken outline belongs to the
-    upper stroke (Kanizsa, 1979); and the differences of width, area and confidence, because painters go from broad to
-    fine.
+    The evidence consists of the network's predictions where the regions meet; the difference between their visible
+    fractions; which region owns the pixels where the complete strokes would overlap, because an unbroken outline
+    belongs to the upper stroke (Kanizsa, 1979); and the differences in width, area and confidence, because painters
+    proceed from broad to fine.
     """
     contacts = find_contacts(regions)
     pairs, count = contacts.pairs, len(contacts.pairs)
@@ -87,7 +87,8 @@ def _compare_crossings(labels: Array, pairs: Array, strokes: StrokeCurves) -> tu
     """Compare how many pixels each stroke of a pair (P,) owns where the complete strokes overlap.
 
     Returns:
-        The share of the second minus the share of the first (P,), -1 to 1, and the number of pixels (P,).
+        The difference between the fractions that the second and the first stroke own (P,), -1 to 1, and the number of
+        pixels that either stroke owns (P,).
     """
     covers = cover_strokes(strokes.curve, strokes.width, (labels.shape[0], labels.shape[1]))
     difference, pixels = np.zeros(len(pairs)), np.zeros(len(pairs))

@@ -1,4 +1,4 @@
-"""Rank all strokes from evidence about pairs."""
+"""Rank all strokes, given evidence about the order of pairs."""
 
 import heapq
 from typing import Any
@@ -14,9 +14,10 @@ NOTHING = 1e-9  # evidence up to this is a rounding error
 def rank_strokes(count: int, pairs: Array, evidence: Array) -> Array:
     """Order ``count`` strokes bottom to top so that as little evidence as possible contradicts the order.
 
-    ``evidence`` (P,) is the log-odds that the second stroke of a pair (P, 2) lies above the first. Strokes are chosen
-    from the bottom up; the next has the least evidence of lying on any remaining stroke (after Eades, Lin and Smyth,
-    1993).
+    ``evidence`` (P,) is the log-odds that the second stroke of a pair (P, 2) is above the first. Strokes are chosen
+    greedily from the bottom up (after Eades, Lin and Smyth, 1993). The next stroke is one without evidence that it is
+    above a remaining stroke; if there is none, it is the stroke for which such evidence exceeds the opposite evidence
+    least.
 
     Returns:
         The numbers of the strokes (count,), bottom to top.
@@ -52,7 +53,7 @@ def rank_strokes(count: int, pairs: Array, evidence: Array) -> Array:
 
 
 def _weigh(count: int, pairs: Array, evidence: Array) -> tuple[list[dict[int, float]], list[dict[int, float]]]:
-    """List, for each stroke, the strokes that seem to lie above and below it, with the evidence."""
+    """Map each stroke to the strokes that seem to be above it and those below it, with the evidence."""
     above: list[dict[int, float]] = [{} for _ in range(count)]
     below: list[dict[int, float]] = [{} for _ in range(count)]
     for (i, j), value in zip(pairs.tolist(), evidence.tolist(), strict=True):

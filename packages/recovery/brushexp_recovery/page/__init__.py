@@ -1,1 +1,1 @@
-"""Write pages that show recovered strokes on the photograph."""
+"""Write HTML pages that show recovered strokes on the photograph."""

@@ -1,4 +1,4 @@
-"""Write the page that compares marks and strokes on the picture: found, missed, extra."""
+"""Write the page that compares marks with strokes on the picture: found, missed and extra."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -31,7 +31,10 @@ def write_marks_page(
     summary: str,
     meaning: str,
 ) -> None:
-    """Write a self-contained page that opens from disk; ``image`` (H, W, 3) is in [0, 1], or None for grey."""
+    """Write a self-contained page that can be opened from disk.
+
+    ``image`` (H, W, 3) is in [0, 1]; if it is None, a grey picture replaces it.
+    """
     height, width = size
     pixels = np.full((height, width, 3), GREY, np.uint8) if image is None else (255 * image).round().astype(np.uint8)
     html = page(
@@ -55,12 +58,12 @@ def write_marks_page(
 
 
 def shapes_of(outlined: Sequence[Outlined], state: State) -> list[tuple[str, str]]:
-    """List the names and SVG paths of the outlines in a given state."""
+    """List the names and SVG paths of all marks or strokes that are in a given state."""
     return [(name, path_of(outlines)) for name, of, outlines in outlined if of == state]
 
 
 def path_of(outlines: Sequence[Array]) -> str:
-    """Write closed outlines (P, 2) as an SVG path."""
+    """Convert closed outlines (P, 2) to an SVG path."""
     return " ".join(
         "M" + " ".join(f"{x:.1f},{y:.1f}" for x, y in outline) + "Z" for outline in outlines if len(outline)
     )

@@ -1,4 +1,4 @@
-"""Write the page of recovered strokes: a zoomable photograph with outlined strokes, figures and exports."""
+"""Write the page of recovered strokes: a zoomable photograph with stroke outlines, measures and exports."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -46,10 +46,10 @@ def write_page(
     tables: Tables | None = None,
     threshold: float = 0.5,
 ) -> Path:
-    """Write ``strokes.html``, a self-contained page that opens from disk, into a folder, with links to the files there.
+    """Write ``strokes.html`` into a folder, as a self-contained page with links to the other files there.
 
     ``image`` (H, W, 3) uint8 is the photograph at full size, and ``threshold`` is the minimum confidence of the strokes
-    shown at first.
+    that are shown initially.
     """
     html = page_of(image, strokes, name, tables=tables, threshold=threshold, folder=folder)
     write_text(folder / PAGE_NAME, html)
@@ -65,7 +65,7 @@ def page_of(
     threshold: float = 0.5,
     folder: Path | None = None,
 ) -> str:
-    """Make the page; without a ``folder`` it has no links to files."""
+    """Return the HTML of the page; without a ``folder``, it contains no links to files."""
     height, width = strokes.size
     mm = strokes.mm
     lead = f"{len(strokes):,} strokes recovered from {width:,} × {height:,} pixels"
@@ -98,7 +98,7 @@ def page_of(
 
 
 def data_of(strokes: StrokeTable, name: str) -> dict[str, Any]:
-    """Collect the data for the page's scripts: columns, outlines and colours of the strokes, bottom to top."""
+    """Collect the data for the page's scripts: stroke columns, outlines and colours, bottom to top."""
     height, width = strokes.size
     return {
         "name": name,
@@ -114,5 +114,5 @@ def data_of(strokes: StrokeTable, name: str) -> dict[str, Any]:
 
 
 def _raise_squares(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Write mm^2 as mm²."""
+    """Replace ^2 with ² in the unit of a table row."""
     return {key: value.replace("^2", "²") if key == "unit" else value for key, value in row.items()}

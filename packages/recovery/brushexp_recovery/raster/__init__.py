@@ -1,1 +1,1 @@
-"""Blur, resample, tile, compare and store pictures, label images and maps as arrays; nothing here concerns strokes."""
+"""Blur, resample, tile, compare and store pictures, label images and maps, without reference to strokes."""

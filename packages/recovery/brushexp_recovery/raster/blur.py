@@ -10,9 +10,9 @@ Array = NDArray[Any]
 
 
 def gaussian_blur(values: Array, sigma: float | Sequence[float]) -> Array:
-    """Blur an array with a Gaussian of ``sigma`` pixels, given for all axes or for each axis.
+    """Blur an array with a Gaussian of ``sigma`` pixels, which is either one number or one number per axis.
 
-    The result has the type of ``values``.
+    The result has the data type of ``values``.
     """
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (runs hide SciPy while Lightning is imported)
 

@@ -1,10 +1,10 @@
-"""Rectangles of pixels."""
+"""Represent rectangles of pixels."""
 
 from typing import NamedTuple
 
 
 class Box(NamedTuple):
-    """A rectangle of pixels; ``bottom`` and ``right`` lie beyond its last row and column."""
+    """A rectangle of pixels; ``bottom`` and ``right`` are exclusive."""
 
     top: int
     bottom: int
@@ -13,12 +13,12 @@ class Box(NamedTuple):
 
     @property
     def size(self) -> tuple[int, int]:
-        """Height and width."""
+        """Height and width of the box in pixels."""
         return self.bottom - self.top, self.right - self.left
 
     @property
     def slices(self) -> tuple[slice, slice]:
-        """Slices of a picture's rows and columns."""
+        """Slices that select the box from the rows and columns of a picture."""
         return slice(self.top, self.bottom), slice(self.left, self.right)
 
     @property
@@ -36,5 +36,5 @@ class Box(NamedTuple):
         )
 
     def within(self, other: "Box") -> "Box":
-        """Return the same rectangle relative to the corner of another box."""
+        """Return the same rectangle in coordinates relative to the top left corner of another box."""
         return Box(self.top - other.top, self.bottom - other.top, self.left - other.left, self.right - other.left)

@@ -1,4 +1,4 @@
-"""Process label images, which have the number of a region at each pixel, or -1 for none."""
+"""Process label images, which hold the number of a region at each pixel, or -1 for none."""
 # mypy: allow-untyped-defs
 
 from itertools import pairwise
@@ -18,7 +18,7 @@ def count_pixels(labels: Array, count: int) -> Array:
 
 
 def mean_colors(labels: Array, image: Array, count: int) -> Array:
-    """Average an image (H, W, 3) over each of ``count`` regions (count, 3), with 0 for a region without pixels."""
+    """Compute the mean colour (count, 3) of an image (H, W, 3) in each of ``count`` regions; 0 for an empty region."""
     inside = labels >= 0
     sums = [np.bincount(labels[inside], image[..., channel][inside], count) for channel in range(3)]
     return np.stack(sums, 1) / np.maximum(count_pixels(labels, count), 1)[:, None]
@@ -45,7 +45,7 @@ def _count_into(labels, sizes):
 
 @function
 def _group_into(labels, place, order):
-    """Write the indices of the pixels (P,) region by region, starting at ``place`` (N,), which is advanced."""
+    """Write pixel indices (P,) region by region, from the positions ``place`` (N,), which are advanced."""
     for pixel in range(len(labels)):
         k = labels[pixel]
         if k >= 0:
@@ -54,7 +54,7 @@ def _group_into(labels, place, order):
 
 
 def color_labels(labels: Array) -> Array:
-    """Draw each region in a random colour, and pixels without a region in black: (H, W, 3) uint8."""
+    """Draw each region in a random colour and the other pixels in black, as a picture (H, W, 3) uint8."""
     colors = np.random.default_rng(0).integers(60, 256, (int(labels.max(initial=-1)) + 2, 3)).astype(np.uint8)
     colors[-1] = 0
     return colors[labels]

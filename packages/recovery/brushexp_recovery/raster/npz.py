@@ -1,4 +1,4 @@
-"""Write and read arrays in compressed npz files."""
+"""Write and read compressed npz files of arrays."""
 
 import io
 from pathlib import Path
@@ -14,14 +14,14 @@ Array = NDArray[Any]
 
 
 def write_npz(path: Path, **arrays: Array) -> None:
-    """Write a compressed npz atomically."""
+    """Write arrays to a compressed npz file atomically."""
     memory = io.BytesIO()
     np.savez_compressed(memory, **arrays)  # type: ignore[arg-type]
     write_bytes(path, memory.getvalue())
 
 
 def read_npz(path: Path) -> dict[str, Array]:
-    """Read the arrays of an npz without executing its code; raise UserError if it is missing or has other data."""
+    """Read the arrays of an npz file without unpickling objects; raise UserError if it is missing or unreadable."""
     try:
         with np.load(path, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}

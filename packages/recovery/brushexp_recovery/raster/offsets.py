@@ -1,4 +1,4 @@
-"""Find pairs of pixels at a given offset from each other."""
+"""Find pairs of pixels that are separated by a given offset."""
 
 import torch
 from torch import Tensor
@@ -8,7 +8,7 @@ Slices = tuple[slice, slice]  # slices of rows and columns
 
 
 def pair_slices(size: tuple[int, ...], offset: Offset) -> tuple[Slices, Slices]:
-    """Return the part of a picture (H, W) whose pixels have a partner at an offset, and the partners' part.
+    """Return slices of the pixels of a picture (H, W) that have a partner at an offset, and slices of the partners.
 
     The offset must not point upwards. Both parts are empty if it exceeds the picture.
     """
@@ -20,7 +20,7 @@ def pair_slices(size: tuple[int, ...], offset: Offset) -> tuple[Slices, Slices]:
 
 
 def shift(values: Tensor, dy: int, dx: int) -> Tensor:
-    """Shift the last two axes by any offset: out[p] = values[p + (dy, dx)], or 0 outside."""
+    """Shift the last two axes by any offset: out[p] = values[p + (dy, dx)], or 0 outside the input."""
     out = torch.zeros_like(values)
     height, width = values.shape[-2:]
     top, bottom = max(0, -dy), height - max(0, dy)

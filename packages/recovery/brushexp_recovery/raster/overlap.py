@@ -1,4 +1,4 @@
-"""Compute the intersection over union of the regions of two label images."""
+"""Compute the intersection over union between regions of two label images."""
 
 from typing import Any, NamedTuple
 
@@ -13,7 +13,7 @@ MATCH_IOU = 0.5  # minimum intersection over union of two regions that show the 
 
 
 class Overlaps(NamedTuple):
-    """Pairs of regions of two label images that share pixels."""
+    """Pairs of regions, one from each of two label images, that share pixels."""
 
     first: Array  # (P,) regions of the first image
     second: Array  # (P,) regions of the second image
@@ -21,7 +21,7 @@ class Overlaps(NamedTuple):
 
 
 def overlaps_between(first: Array, second: Array, first_count: int, second_count: int) -> Overlaps:
-    """Find the overlapping regions of two label images (H, W), and their intersection over union."""
+    """Find the pairs of overlapping regions in two label images (H, W), with their intersection over union."""
     both = (first >= 0) & (second >= 0)
     base = max(second_count, 1)
     pair, shared = np.unique(first[both].astype(np.int64) * base + second[both], return_counts=True)
@@ -31,7 +31,7 @@ def overlaps_between(first: Array, second: Array, first_count: int, second_count
 
 
 def pair_best(overlaps: Overlaps, least_iou: float) -> Overlaps:
-    """Pair regions one to one, best pairs first, with an intersection over union of at least ``least_iou``."""
+    """Pair regions one to one, best pairs first, if their intersection over union is at least ``least_iou``."""
     with_partner: tuple[set[int], set[int]] = (set(), set())
     pairs = []
     for one, other, iou in sorted(zip(*overlaps, strict=True), key=lambda pair: -pair[2]):

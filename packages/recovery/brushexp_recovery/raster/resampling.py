@@ -20,5 +20,5 @@ def resample(image: Array, zoom: float) -> Array:
 
 
 def nearest_pixels(size: int, other_size: int) -> Array:
-    """Map each of an axis's ``size`` pixels to the nearest of the ``other_size`` pixels of its zoomed copy."""
+    """Map each of the ``size`` pixels of an axis to the nearest of the ``other_size`` pixels after resampling."""
     return ((np.arange(size) + 0.5) * other_size / size).astype(int).clip(0, other_size - 1)

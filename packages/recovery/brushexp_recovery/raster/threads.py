@@ -1,4 +1,4 @@
-"""Process the tiles of a picture on threads, and return freed memory."""
+"""Process the tiles of a picture in several threads, and return freed memory to the system."""
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -18,7 +18,7 @@ KEPT_ARRAY = 2**23  # bytes; larger freed arrays are returned to the system, bec
 
 @contextmanager
 def return_freed_memory() -> Iterator[None]:
-    """Return the memory of large arrays to the system as soon as they are freed."""
+    """Return the memory of large arrays to the system as soon as they are freed, within a ``with`` block."""
     keep_memory(KEPT_ARRAY)
     give_memory_back()
     try:
@@ -28,9 +28,9 @@ def return_freed_memory() -> Iterator[None]:
 
 
 def map_on_threads(work: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
-    """Yield the result of ``work`` for each item, in order, computed on as many threads as PyTorch uses.
+    """Yield the result of ``work`` for each item, in order, using as many threads as PyTorch does.
 
-    One thread computes each item, which is faster than dividing an item and waiting for its slowest part.
+    Each item is computed by one thread, which is faster than splitting an item and waiting for its slowest part.
     """
 
     def work_and_free(item: Item) -> Result:

@@ -9,7 +9,7 @@ MARGIN = 64  # width in pixels of the margin around a tile's core
 
 
 class Tile(NamedTuple):
-    """A part of a picture and its core, which belongs to no other tile."""
+    """A part of a picture, and its core, which does not overlap the core of any other tile."""
 
     box: Box
     core: Box
@@ -18,7 +18,7 @@ class Tile(NamedTuple):
 def split_into_tiles(height: int, width: int, zoom: float, side: int, margin: int = MARGIN) -> Iterator[Tile]:
     """Cover a picture with overlapping tiles whose cores do not overlap.
 
-    After zooming, a tile is at most ``side`` pixels wide and reaches ``margin`` pixels beyond its core.
+    After zooming, a tile is at most ``side`` pixels wide and extends ``margin`` pixels beyond its core.
     """
     rows, columns = (list(_spans(size, int(side / zoom), int(margin / zoom))) for size in (height, width))
     for (top, bottom), (core_top, core_bottom) in rows:
@@ -27,7 +27,7 @@ def split_into_tiles(height: int, width: int, zoom: float, side: int, margin: in
 
 
 def _spans(size: int, side: int, margin: int) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
-    """Split an axis of ``size`` pixels; yield begin and end of each tile and of its core."""
+    """Split an axis of ``size`` pixels; yield the begin and end of each tile, and those of its core."""
     count = 1 if size <= side else -(-size // (side - 2 * margin))
     for number in range(count):
         begin, end = number * size // count, (number + 1) * size // count

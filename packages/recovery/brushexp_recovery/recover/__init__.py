@@ -1,1 +1,1 @@
-"""Recover the strokes of a painting from its picture as a catalogue with confidences and visible regions."""
+"""Recover the strokes of a painting from a picture, as a catalogue with confidences and visible regions."""

@@ -1,4 +1,4 @@
-"""Run the whole pipeline from a picture to its strokes: ``brushexp.recover``."""
+"""Run the whole recovery pipeline, from a picture to its strokes: ``brushexp.recover``."""
 
 from dataclasses import replace
 from os import PathLike
@@ -39,7 +39,8 @@ def recover(
 
     Args:
         image: path, name of a sample, or picture: an (H, W, 3) or (3, H, W) tensor, uint8 or floats in [0, 1].
-        scale: scale at which strokes are sought; None for the scale at which the median stroke is 18 px wide.
+        scale: scale at which the picture is searched for strokes; None for the scale at which the median stroke is
+            18 px wide.
         copies: number of rotated and mirrored copies of the picture in each look, 1 to 8; more are slower but more
             accurate.
         weights: a .safetensors file of task=train_recovery, or the name of shipped weights.
@@ -82,7 +83,7 @@ def recover_with(model: RecoveryModel, image: Array, scale: float | None, copies
 
 
 def catalogue_of(labels: Array, strokes: StrokeCurves, confidence: Array, order: Array, image: Array) -> Recovered:
-    """Make a catalogue of strokes fitted to regions (H, W) of an image, bottom to top by ``order`` (N,)."""
+    """Make a catalogue of strokes fitted to regions (H, W); ``order`` (N,) lists the strokes bottom to top."""
     rank = np.full(len(order) + 1, -1, np.int32)  # the last entry is for -1
     rank[order] = np.arange(len(order), dtype=np.int32)
     labels = rank[labels]
@@ -98,7 +99,7 @@ def catalogue_of(labels: Array, strokes: StrokeCurves, confidence: Array, order:
 
 
 def ground_color(labels: Array, image: Array) -> Array:
-    """Estimate the ground's colour (3,) as the median of pixels without a stroke, or of all pixels if these are few."""
+    """Estimate the ground's colour (3,) as the median over pixels without a stroke, or over all if there are few."""
     every = max(1, round((labels.size / GROUND_SAMPLE) ** 0.5))
     sample = image[::every, ::every].reshape(-1, 3)
     is_empty = labels[::every, ::every].ravel() < 0

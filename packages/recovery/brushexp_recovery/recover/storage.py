@@ -1,4 +1,4 @@
-"""Store recovered strokes in a file: a catalogue.h5 with a group for confidences and visible regions."""
+"""Store recovered strokes in a catalogue.h5 with an additional group for confidences and visible regions."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -37,7 +37,7 @@ class Recovered:
 
 
 def write_recovered(path: Path, recovered: Recovered) -> None:
-    """Write a catalogue with the group ``recovered`` atomically."""
+    """Write recovered strokes atomically as a catalogue with the additional group ``recovered``."""
     with replacing(path) as temporary:
         save_catalogue(temporary, recovered.saved)
         with h5py.File(temporary, "a", libver=(HDF5, HDF5)) as file:
@@ -56,7 +56,7 @@ def write_recovered(path: Path, recovered: Recovered) -> None:
 
 
 def read_recovered(path: Path) -> Recovered:
-    """Read a file of `write_recovered`, given its path or folder; raise UserError for any other file."""
+    """Read a file that `write_recovered` wrote, given its path or folder; raise UserError for any other file."""
     saved = load_catalogue(path)
     path, cure = path / CATALOGUE_NAME if path.is_dir() else path, "give the catalogue.h5 of task=recover"
     with opened(path, cure) as file, explaining(path, cure):

@@ -58,8 +58,8 @@ class StrokeMaps:
 def predict_maps(network: StrokeNetwork, image: Array, copies: int = 2, first: int = 0) -> StrokeMaps:
     """Predict the maps of a picture (H, W, 3) float32 in [0, 1] as the mean over some of its `COPIES`.
 
-    ``first`` is the number of the first copy; the others follow in order. The network computes in 16 bits where this is
-    faster.
+    ``first`` is the index of the first copy; the others follow in order. The network computes in 16 bits if the
+    processor supports it efficiently.
     """
     height, width = image.shape[:2]
     x = torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1), np.float32))[None]
@@ -78,7 +78,7 @@ def predict_maps(network: StrokeNetwork, image: Array, copies: int = 2, first: i
 
 
 def _add_turned_back(total: Tensor, output: Tensor, copy: Copy) -> None:
-    """Add the maps of a copy to ``total``, with positions, offsets and directions transformed back.
+    """Transform the positions, offsets and directions in a copy's maps back, and add the maps to ``total``.
 
     Affinities are converted to probabilities.
     """
@@ -105,7 +105,7 @@ def _add_turned_back(total: Tensor, output: Tensor, copy: Copy) -> None:
 
 
 def _add_by_offset(total: Tensor, values: Tensor, offsets: tuple[Offset, ...], copy: Copy, sign: float) -> None:
-    """Add the maps of a copy's offsets to those of the picture, times ``sign`` if the offset is reversed."""
+    """Add a copy's maps to the picture's maps of the corresponding offsets, times ``sign`` for reversed offsets."""
     for channel, (dy, dx) in enumerate(offsets):
         row, column = dy, -dx if copy.mirrored else dx
         for _ in range(copy.quarters):

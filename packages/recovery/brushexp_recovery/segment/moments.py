@@ -1,4 +1,4 @@
-"""Sum moments over the pixels of a region, so that merging regions adds their moments."""
+"""Sum moments over the pixels of each region, so that the moments of merged regions can be added."""
 
 from enum import IntEnum
 from typing import Any
@@ -14,7 +14,7 @@ Array = NDArray[Any]
 
 
 class Moment(IntEnum):
-    """Sums over the pixels of a region, which become means when divided by the area."""
+    """Sums over the pixels of a region; divided by the area, they are means."""
 
     AREA = 0  # pixels
     X = 1  # pixels from the left
@@ -49,7 +49,7 @@ PREDICTED_DIRECTION = slice(Moment.COSINE, Moment.SINE + 1)
 
 
 def sum_moments(labels: Array, image: Array, maps: StrokeMaps) -> Array:
-    """Sum each `Moment` (S, len(Moment)) over each region (H, W) of a picture (H, W, 3) in [0, 1]."""
+    """Sum the `Moment`s (S, len(Moment)) of each region (H, W) of a picture (H, W, 3) in [0, 1]."""
     from skimage.color import rgb2lab  # noqa: PLC0415
 
     height, width = labels.shape

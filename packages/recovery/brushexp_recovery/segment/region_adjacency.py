@@ -14,7 +14,7 @@ Array = NDArray[Any]
 
 
 class AffinityColumn(IntEnum):
-    """Sums over pairs of pixels, by the length of their offset in pixels."""
+    """Sums over pairs of pixels, grouped by the length of their offset in pixels."""
 
     SUM_ADJACENT = 0  # sum of affinities
     SUM_3 = 1
@@ -36,7 +36,7 @@ HASH = 0x9E3779B97F4A7C1  # spreads the numbers of pairs over a table (Knuth, 19
 
 
 class Adjacency(NamedTuple):
-    """Affinities within S regions, and between P pairs of them."""
+    """Affinities within S regions, and between the P pairs of neighbouring regions."""
 
     within: Array  # (S, len(AffinityColumn))
     pairs: Array  # (P, 2) regions, lower number first
@@ -60,9 +60,10 @@ def adjacency_of(labels: Array, affinity: Array) -> Adjacency:
 
 @function
 def _sum_affinities(labels, affinity, offsets, group_of_offset, within, keys, between):
-    """Write sums and numbers of affinities; return False if the pairs fill more than half of their table.
+    """Sum and count affinities; return False if the pairs fill more than half of their hash table.
 
-    ``keys`` (R,) are -1 at first and receive the pairs, smaller x S + larger, near their hashes; R is a power of 2.
+    ``keys`` (R,) is the hash table, initially filled with -1, in which a pair is stored as smaller x S + larger; R is a
+    power of 2.
     """
     height, width = labels.shape
     count, room, filled, key, place = len(within), len(keys), 0, -1, 0

@@ -1,4 +1,4 @@
-"""Divide a picture into superpixels, small regions not crossed by borders, with moments and affinities."""
+"""Divide a picture into superpixels, which are small regions that no border crosses, with moments and affinities."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -15,7 +15,7 @@ Array = NDArray[Any]
 
 @dataclass(frozen=True)
 class Superpixels:
-    """S small regions of a picture, and P pairs of them with affinities."""
+    """S small regions of a picture, and P pairs of neighbouring regions with their affinities."""
 
     labels: Array  # (H, W) int32, 0 to S - 1
     moments: Array  # (S, len(Moment))
@@ -25,7 +25,7 @@ class Superpixels:
 
 
 def superpixels_of(maps: StrokeMaps, image: Array) -> Superpixels:
-    """Split a picture (H, W, 3) in [0, 1] along the borders in its maps."""
+    """Divide a picture (H, W, 3) in [0, 1] into superpixels along the borders in its maps."""
     labels = flood_basins(border_strength(maps.affinity))
     adjacency = adjacency_of(labels, maps.affinity)
     moments = sum_moments(labels, image, maps)

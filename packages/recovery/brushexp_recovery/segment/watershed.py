@@ -1,4 +1,4 @@
-"""Find borders between strokes and the basins between borders."""
+"""Find the borders between strokes, and the basins that these borders enclose."""
 
 from typing import Any
 
@@ -19,7 +19,7 @@ BORDER_BLUR = 0.6  # standard deviation in pixels of the blur of borders
 
 
 def border_strength(affinity: Array) -> Array:
-    """Compute the strength (H, W) of the border through each pixel, 0 to 1: the mean lack of affinity on both sides."""
+    """Compute the border strength (H, W) at each pixel, 0 to 1, as the mean lack of affinity on both sides."""
     total, weights = np.zeros(affinity.shape[1:], np.float32), 0.0
     for channel, (dy, dx) in enumerate(AFFINITY_OFFSETS[:BORDER_OFFSETS]):
         weight = 1.0 if channel < ADJACENT_OFFSETS else FAR_WEIGHT
@@ -33,7 +33,10 @@ def border_strength(affinity: Array) -> Array:
 
 
 def flood_basins(borders: Array) -> Array:
-    """Flood the basins between borders (H, W) from local minima by a watershed; return labels (H, W) int32 from 0."""
+    """Flood basins from local minima of the border strength (H, W); return labels (H, W) int32 from 0.
+
+    The basins are found by a watershed of the slightly blurred border strength.
+    """
     from scipy.ndimage import label, minimum_filter  # noqa: PLC0415
     from skimage.segmentation import watershed  # noqa: PLC0415
 

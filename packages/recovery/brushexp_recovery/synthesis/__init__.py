@@ -1,1 +1,1 @@
-"""Synthesise paintings with known strokes from a seed and a subject."""
+"""Synthesise paintings with known strokes, given a seed and pictures as subjects."""

@@ -1,4 +1,4 @@
-"""Simulate the effects of time, light and the camera on a picture of a painting."""
+"""Simulate how ageing, lighting and the camera change a picture of a painting."""
 
 from typing import Any
 
@@ -16,7 +16,7 @@ VARNISH = (0.2, 0.4, 1.0)  # relative absorption of red, green and blue by varni
 
 
 def smudge(image: Array, random: Random) -> Array:
-    """Blend neighbouring paint by a varying amount in a picture (H, W, 3), float32 in [0, 1]."""
+    """Smudge neighbouring paint by a spatially varying amount in a picture (H, W, 3), float32 in [0, 1]."""
     size = image.shape[:2]
     noise = gaussian_blur(random.standard_normal(size).astype(np.float32), random.uniform(8, 30))
     share = np.clip(0.5 + noise / max(noise.std(), 1e-6), 0, 1)[..., None] * np.float32(random.uniform(0.3, 1))
@@ -25,14 +25,14 @@ def smudge(image: Array, random: Random) -> Array:
 
 
 def shine(image: Array, height: Array, random: Random) -> Array:
-    """Light the relief of the paint from a random direction."""
+    """Light the relief (H, W) of the paint in a picture (H, W, 3) from a random direction."""
     light = Light(random.uniform(0, 360), random.uniform(25, 70), 1.0, random.uniform(0, 0.5))
     bumps = gaussian_blur(height, random.uniform(0.4, 1.0)) * random.uniform(0.3, 2.5)
     return np.clip(shade_picture(image.transpose(2, 0, 1), normals_of(bumps), light), 0, 1).transpose(1, 2, 0)
 
 
 def crack(image: Array, random: Random) -> Array:
-    """Draw a net of fine cracks along the borders of irregular cells."""
+    """Draw a network of fine cracks along the borders of irregular cells."""
     from scipy.spatial import cKDTree  # noqa: PLC0415
 
     height, width = image.shape[:2]
@@ -53,9 +53,9 @@ def crack(image: Array, random: Random) -> Array:
 
 
 def weather(image: Array, random: Random, strength: float = 1.0) -> Array:
-    """Add the effects of photographing a canvas: blur, weave, grain, noise, varnish and JPEG, each of random strength.
+    """Simulate a photograph of a canvas: blur, weave, grain, noise, varnish and JPEG artefacts of random strength.
 
-    Weave, grain and noise are ``strength`` times as strong as usual.
+    ``strength`` multiplies the usual strength of weave, grain and noise.
     """
     height, width = image.shape[:2]
     sigma = random.uniform(0.2, 1.0)
@@ -72,7 +72,7 @@ def weather(image: Array, random: Random, strength: float = 1.0) -> Array:
 
 
 def _weave(height: int, width: int, random: Random) -> Array:
-    """Draw the threads of a canvas and its grain (H, W)."""
+    """Draw a texture (H, W) of canvas threads and grain."""
     rows, columns = np.mgrid[:height, :width].astype(np.float32)
     period_x, period_y = random.uniform(2.8, 6, 2)
     offset_x, offset_y = random.uniform(0, 50, 2)

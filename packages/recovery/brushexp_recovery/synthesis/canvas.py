@@ -41,12 +41,12 @@ class Mixing:
 
 
 def opaque_mixing(n: int, coats: float) -> Mixing:
-    """Return the mixing of ``n`` strokes that completely cover the paint below."""
+    """Return the mixing of ``n`` opaque strokes, which do not take up any paint from below."""
     return Mixing(coats, opacity=np.ones(n), wet=np.zeros(n), drag=np.zeros(n))
 
 
 class Extent(IntEnum):
-    """The extent of a stroke's paint, including hidden parts; only the last column concerns its visible part."""
+    """The extent of a stroke's paint, including hidden parts; only ``VISIBLE`` refers to the visible part."""
 
     AREA = 0  # pixels
     X = 1  # mean position in pixels
@@ -57,7 +57,7 @@ class Extent(IntEnum):
 
 
 class StrokeGeometry(IntEnum):
-    """The true attributes of a stroke, as columns of a painting's table."""
+    """The true attributes of a stroke, as columns of the table of a painting's strokes."""
 
     CENTRE_X = 0  # pixels
     CENTRE_Y = 1
@@ -82,7 +82,7 @@ class Placement(IntEnum):
 
 @dataclass(frozen=True)
 class Canvas:
-    """A canvas with strokes."""
+    """A canvas after compositing N strokes."""
 
     image: Array  # (H, W, 3)
     height: Array  # (H, W) height of the paint
@@ -91,7 +91,7 @@ class Canvas:
 
 
 def compose(windows: StrokeWindows, layout: StrokeLayout, mixing: Mixing, ground: Array) -> Canvas:
-    """Composite strokes, bottom to top, over a ``ground`` (H, W, 3)."""
+    """Composite strokes over a ``ground`` (H, W, 3), bottom to top."""
     places = _placements(windows, layout)
     image, height = ground.astype(F), np.zeros(ground.shape[:2], F)
     coats, opacity = F(mixing.coats), mixing.opacity.astype(F)
@@ -113,7 +113,7 @@ def compose(windows: StrokeWindows, layout: StrokeLayout, mixing: Mixing, ground
 
 
 def _placements(windows: StrokeWindows, layout: StrokeLayout) -> Array:
-    """Compute the placement of each window: (N, len(Placement)) float32."""
+    """Compute the placements (N, len(Placement)) float32 of N windows."""
     chord = chords_of(windows.curve)
     length = np.maximum(np.linalg.norm(chord, axis=1), 1e-3)
     places = np.empty((len(length), len(Placement)), F)
@@ -128,7 +128,7 @@ def _placements(windows: StrokeWindows, layout: StrokeLayout) -> Array:
 
 @inline
 def _box(place, height, width):
-    """Return the first and last rows and columns that a window may touch."""
+    """Return the bounds of the rows and columns that a window may touch."""
     sway, taper = place[Placement.SWAY], place[Placement.TAPER]
     reach = 0.5 * place[Placement.SIDE] * DIAGONAL * (1 + abs(taper)) + abs(sway) + 1
     if sway == 0 and taper == 0:
@@ -140,7 +140,7 @@ def _box(place, height, width):
 
 @inline
 def _texel_place(x, y, place, side):
-    """Map a pixel centre to a row and a column of the unbent window, and to a parameter along the chord."""
+    """Map a pixel centre to a row and a column of the window before bending, and to a parameter along the chord."""
     cosine, sine, sway = place[Placement.COSINE], place[Placement.SINE], place[Placement.SWAY]
     dx, dy = x - place[Placement.X], y - place[Placement.Y]
     along, across = dx * cosine + dy * sine, dy * cosine - dx * sine
@@ -155,7 +155,7 @@ def _texel_place(x, y, place, side):
 
 @inline
 def _look_up(texels, first, side, row, column, channel):
-    """Interpolate a channel of a window, which is 0 outside."""
+    """Interpolate a channel of a window bilinearly; outside the window, the channel is 0."""
     top, left = int(np.floor(row)), int(np.floor(column))
     total = F(0)
     for i in range(2):
@@ -169,7 +169,7 @@ def _look_up(texels, first, side, row, column, channel):
 
 @function
 def _paint(texels, first, side, places, brush_width, coats, opacity, wet, drag, image, height):
-    """Composite strokes over an image (H, W, 3) and raise the height (H, W) of the paint."""
+    """Composite strokes over an image (H, W, 3), and add them to the paint height (H, W)."""
     rows, columns = height.shape
     carried = np.zeros((DRAG_STEPS, DRAG_TRACKS, 4), F)
     for n in range(len(first)):
@@ -218,7 +218,7 @@ def _drag_cell(x, y, t, place, width):
 
 @inline
 def _take_up(texels, first, side, place, width, image, box, carried):
-    """Compute the paint that a stroke's bristles carry, (`DRAG_STEPS`, `DRAG_TRACKS`, colour and weight).
+    """Compute the colours that a stroke's bristles carry, and their weights: (`DRAG_STEPS`, `DRAG_TRACKS`, 4).
 
     Each bristle is a leaky memory of the colours that it passes from the start of the stroke to its end.
     """
@@ -249,7 +249,7 @@ def _take_up(texels, first, side, place, width, image, box, carried):
 
 @function
 def _see(texels, first, side, places, coats, opacity, shape):
-    """Find the visible stroke at each pixel, the one that contributes most, and the extent of each stroke."""
+    """Find the stroke that contributes most to each pixel, and the extent of each stroke."""
     rows, columns = shape
     light, best = np.ones((rows, columns), F), np.zeros((rows, columns), F)
     labels = np.full((rows, columns), -1, np.int32)
@@ -286,7 +286,7 @@ def _see(texels, first, side, places, coats, opacity, shape):
 
 @inline
 def _uncover_ground(light, best, labels, extent):
-    """Label the pixels to which the ground contributes most, and count the visible pixels of strokes."""
+    """Label the pixels to which the ground contributes most as -1, and count the visible pixels of strokes."""
     for y in range(labels.shape[0]):
         for x in range(labels.shape[1]):
             if light[y, x] > best[y, x]:
@@ -297,7 +297,7 @@ def _uncover_ground(light, best, labels, extent):
 
 @inline
 def _quantile(bins, count):
-    """Return the parameter on the chord before which ``count`` pixels of paint lie."""
+    """Return the chord parameter before which ``count`` pixels of paint are found."""
     total = 0.0
     for i in range(BINS):
         if total + bins[i] >= count and bins[i] > 0:
@@ -307,7 +307,7 @@ def _quantile(bins, count):
 
 
 def geometry_of(windows: StrokeWindows, canvas: Canvas) -> Array:
-    """Compute the true attributes of N strokes: (N, len(StrokeGeometry)) float32.
+    """Compute the true attributes (N, len(StrokeGeometry)) float32 of N strokes.
 
     Width and length are those of a round-ended line with the same amount of paint.
     """

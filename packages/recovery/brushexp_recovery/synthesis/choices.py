@@ -1,4 +1,4 @@
-"""Choose random looks, hands, mixtures of paint and grounds."""
+"""Choose looks, painters' hands, paint mixing and grounds at random."""
 
 from typing import Any
 
@@ -24,14 +24,14 @@ LOOKS = {"textured": 0.32, "bristles": 0.2, "fluid": 0.06, "disc": 0.12, "wash":
 
 
 def choose_plain_look(random: Random) -> BrushLook:
-    """Choose between bristles of the textured renderer and of the simulator."""
+    """Choose at random between the bristles of the textured renderer and those of the bristle simulator."""
     if random.random() < 0.65:
         return BrushLook("renderer", "textured", {})
     return BrushLook("engine", "fluid", {"brushes": 8, "supersample": int(random.integers(1, 3))})
 
 
 def choose_look(random: Random) -> BrushLook:
-    """Choose one of the fast engines and renderers, with random options."""
+    """Choose one of the fast engines and renderers at random, with random options."""
     coats = float(np.exp(random.uniform(np.log(1.5), np.log(6))))
     kind = random.choice(list(LOOKS), p=list(LOOKS.values()))
     if kind == "textured":
@@ -50,7 +50,7 @@ def choose_look(random: Random) -> BrushLook:
 
 
 def choose_hand(random: Random) -> Hand:
-    """Choose the hand that places the strokes."""
+    """Choose a painter's hand, which determines how strokes are placed."""
     aspect = np.exp(random.uniform(np.log(1.6), np.log(22)))
     return Hand(
         layers=LAYERS[int(random.integers(len(LAYERS)))],
@@ -72,7 +72,7 @@ def choose_hand(random: Random) -> Hand:
 
 
 def choose_mixing(n: int, coats: float, is_plain: bool, random: Random) -> Mixing:
-    """Choose how the paint of ``n`` strokes mixes with the paint below."""
+    """Choose at random how the paint of ``n`` strokes mixes with the paint below."""
     if is_plain:
         return opaque_mixing(n, coats)
     least = random.choice([1.0, 0.85, 0.7])
@@ -81,7 +81,7 @@ def choose_mixing(n: int, coats: float, is_plain: bool, random: Random) -> Mixin
 
 
 def choose_ground(picture: Array, is_plain: bool, random: Random) -> Array:
-    """Prime a canvas with an even colour, a trace of the picture and grain, or sometimes with the whole picture."""
+    """Prime a canvas in an even colour with grain and a faint wash of the picture, or sometimes return the picture."""
     if not is_plain and random.random() < 0.1:
         return picture
     usual = is_plain and random.random() < 0.4

@@ -1,4 +1,4 @@
-"""Pick the colours of strokes from the painted picture."""
+"""Pick the colours of strokes from the picture that they paint."""
 
 import warnings
 from typing import Any
@@ -18,7 +18,7 @@ DARKEST, BRIGHTEST = 0.01, 0.99  # sRGB
 
 
 def pick_colors(picture: Array, places: Array, width: Array, hand: Hand, random: Random) -> Array:
-    """Pick colours (n, 3) from a picture blurred according to the strokes' widths; every mixture differs slightly."""
+    """Pick colours (n, 3) from a picture blurred according to the strokes' widths, with small random variations."""
     from skimage.color import lab2rgb, rgb2lab  # noqa: PLC0415
 
     levels = np.stack([rgb2lab(gaussian_blur(picture, (sigma, sigma, 0))) for sigma in BLURS])

@@ -1,4 +1,4 @@
-"""Compute the directions in which a picture is painted, and its amount of detail."""
+"""Compute a direction field along which a picture can be painted, and the picture's level of detail."""
 
 from typing import Any
 
@@ -15,10 +15,10 @@ PATCH_STEP = 4  # resolution of patches in pixels
 
 
 def edge_directions(picture: Array, sigma: float) -> Array:
-    """Compute the direction (H, W) in radians along the edges of a picture, smooth where edges are weak.
+    """Compute the direction (H, W) in radians along the edges of a picture, smoothly varying where edges are weak.
 
-    It is computed from the structure tensor, blurred by ``sigma`` pixels and, with a low weight, by four times
-    ``sigma``.
+    The direction is computed from the structure tensor, blurred by ``sigma`` pixels and, with a low weight, by four
+    times ``sigma``.
     """
     gy, gx = np.gradient(gaussian_blur(picture, (1, 1, 0)), axis=(0, 1))
     products = ((a * b).sum(-1) for a, b in ((gx, gx), (gx, gy), (gy, gy)))
@@ -27,13 +27,13 @@ def edge_directions(picture: Array, sigma: float) -> Array:
 
 
 def detail_of(picture: Array, pitch: float) -> Array:
-    """Measure the amount of detail (H, W) of a picture at a scale of about ``pitch`` pixels."""
+    """Measure the level of detail (H, W) of a picture at a scale of about ``pitch`` pixels."""
     down, right = np.gradient(gaussian_blur(picture, (1.5, 1.5, 0)), axis=(0, 1))
     return gaussian_blur(np.sqrt((down**2 + right**2).sum(-1)), 0.5 * pitch)
 
 
 def add_hatching(angles: Array, share: float, random: Random) -> Array:
-    """Replace a ``share`` of a direction field (H, W) with patches of uniform direction."""
+    """Replace a fraction ``share`` of a direction field (H, W) with patches of uniform direction."""
     if share == 0:
         return angles
     height, width = angles.shape

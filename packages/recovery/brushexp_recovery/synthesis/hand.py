@@ -1,4 +1,4 @@
-"""Define the hand of a painter: the parameters by which strokes are placed."""
+"""Define a painter's hand, which is a set of parameters that determine how strokes are placed."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -12,7 +12,7 @@ TURN = 0.12  # maximum turn of a stroke per step in radians
 
 
 class Layer(NamedTuple):
-    """Strokes of similar width."""
+    """A group of strokes with similar widths."""
 
     share: float  # share of all strokes
     width: float  # width relative to the broadest layer
@@ -20,7 +20,7 @@ class Layer(NamedTuple):
 
 @dataclass(frozen=True)
 class Hand:
-    """The hand of a painter; by default, strokes fill a picture in three layers from broad to fine."""
+    """A painter's hand; by default, strokes fill a picture in three layers, from broad to fine."""
 
     layers: tuple[Layer, ...] = (Layer(0.20, 1.0), Layer(0.35, 0.62), Layer(0.45, 0.40))
     cover: float = 2.3  # nominal total area of all strokes, in canvases

@@ -1,4 +1,4 @@
-"""Lay out strokes that paint a picture: curves, widths and colours, bottom to top."""
+"""Lay out the strokes that paint a picture: their curves, widths and colours, bottom to top."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -23,7 +23,7 @@ MOST_TAPER = 0.6  # maximum taper as a share of the width
 
 @dataclass(frozen=True)
 class StrokeLayout:
-    """N strokes on a canvas, bottom to top."""
+    """N strokes placed on a canvas, bottom to top."""
 
     curve: Array  # (N, 3, 2) control points in pixels, x to the right, y down
     width: Array  # (N,) pixels
@@ -36,7 +36,7 @@ class StrokeLayout:
 
 
 def lay_strokes(picture: Array, n: int, hand: Hand, random: Random) -> StrokeLayout:
-    """Place ``n`` strokes of ``hand`` to paint a ``picture`` (H, W, 3) in [0, 1]."""
+    """Place ``n`` strokes so that they paint a ``picture`` (H, W, 3) in [0, 1] in the manner of ``hand``."""
     size = picture.shape[:2]
     area = size[0] * size[1]
     ends = np.cumsum([0.0, *(layer.share for layer in hand.layers)]) * n
@@ -59,9 +59,9 @@ def lay_strokes(picture: Array, n: int, hand: Hand, random: Random) -> StrokeLay
 
 
 def _line_up(places: Array, angles: Array, width: Array, most: int, random: Random) -> tuple[Array, Array]:
-    """Move strokes into rows of up to ``most``, side by side across a field (H, W) of directions.
+    """Move strokes into rows of up to ``most`` strokes side by side, across a field (H, W) of directions.
 
-    Returns the first position in each stroke's row, and its own position, (n, 2) each.
+    Returns, for each stroke, the position of the first stroke in its row and the stroke's own position, (n, 2) each.
     """
     n = len(places)
     size = np.array(angles.shape[::-1])
@@ -78,7 +78,7 @@ def _line_up(places: Array, angles: Array, width: Array, most: int, random: Rand
 
 
 def _place_layers(picture: Array, counts: Array, pitch: float, hand: Hand, random: Random) -> Array:
-    """Place the strokes (n, 2) of each layer, with finer strokes mostly where there is detail."""
+    """Choose stroke positions (n, 2) for each layer, placing finer strokes mostly where there is detail."""
     size = picture.shape[:2]
     if hand.even:
         return np.concatenate([on_grid(count, size, random) for count in counts])

@@ -1,4 +1,4 @@
-"""Draw marks of paint by a formula with many random parameters, so that training covers more than our own brushes."""
+"""Draw procedural paint marks with many random parameters, so that training covers more than our own brushes."""
 # mypy: allow-untyped-defs
 
 from typing import Any, NamedTuple
@@ -27,10 +27,10 @@ VARIETY = (0.8, 1.2)  # range of factors by which each stroke varies from the ma
 class Marks(NamedTuple):
     """The look of one painting's strokes, each with small variations (domain randomisation, Tobin et al., 2017).
 
-    Paint is deposited where the brush holds more than the thresholds of the bristle and the canvas grain. It runs out
-    along the stroke, so its end breaks up into streaks if ``bristle`` is large and into specks if ``grain`` is large.
-    The unseen brushes of the benchmark differ: they have smooth outlines and straight ends, the knife has a constant
-    thickness, and the dry brush fades by streaks of a fixed formula, without canvas grain or rim.
+    Paint is deposited where the brush holds more paint than the thresholds of the bristle and the canvas grain. It runs
+    out along the stroke, so the stroke's end breaks up into streaks if ``bristle`` is large and into specks if
+    ``grain`` is large. The unseen brushes of the benchmark differ: they have smooth outlines and straight ends, the
+    knife has a constant thickness, and the dry brush fades in streaks by a fixed formula, without canvas grain or rim.
     """
 
     rough: float = 0.0  # roughness of the outline in half widths
@@ -49,7 +49,7 @@ class Marks(NamedTuple):
 
 
 def choose_marks(random: Random) -> Marks:
-    """Choose the look of strokes, from even and smooth to broken up."""
+    """Choose the look of a painting's strokes at random, from even and smooth to broken up."""
     is_dry = bool(random.random() < 0.4)
     return Marks(
         rough=float(random.choice([0.0, 0.08, 0.15, 0.3])),
@@ -69,7 +69,7 @@ def choose_marks(random: Random) -> Marks:
 
 
 def draw_marks(layout: StrokeLayout, marks: Marks, size: tuple[int, int], random: Random) -> StrokeWindows:
-    """Draw strokes on a canvas (H, W), each in a window of its own size, one texel per pixel."""
+    """Draw strokes on a canvas (H, W), each in a window of its own size with one texel per pixel."""
     reach = 0.5 * layout.width * (1 + marks.rough) * (1.2 + 0.5 * marks.ragged) + MARGIN
     corner, side = place_windows(layout, reach)
     grain = standardise(gaussian_blur(random.normal(size=size), random.uniform(0.5, 1.6)))
@@ -84,7 +84,7 @@ def draw_marks(layout: StrokeLayout, marks: Marks, size: tuple[int, int], random
 def _draw_mark(
     points: Array, width: float, color: Array, side: int, corner: Array, grain: Array, marks: Marks, random: Random
 ) -> Array:
-    """Draw one stroke along points (POINTS, 2) in its window; return texels (side * side, len(Texel))."""
+    """Draw one stroke along points (POINTS, 2) in its window, and return its texels (side * side, len(Texel))."""
     bristles = _draw_bristles(random, marks.tracks)
     outline = _draw_outline(random)
     own_marks = Marks(*(np.array(marks, F) * random.uniform(*VARIETY, len(marks)).astype(F)))
@@ -106,24 +106,24 @@ def _draw_mark(
 
 
 def standardise(noise: Array) -> Array:
-    """Scale noise to mean 0 and standard deviation 1."""
+    """Scale noise to a mean of 0 and a standard deviation of 1."""
     return ((noise - noise.mean()) / max(noise.std(), 1e-6)).astype(F)
 
 
 def _draw_bristles(random: Random, tracks: int) -> Array:
-    """Draw bristle variations (`SAMPLES`, ``tracks``), fast across bristles and slow along each bristle."""
+    """Sample bristle variations (`SAMPLES`, ``tracks``), fast across the bristles and slow along each bristle."""
     slow = gaussian_blur(random.normal(size=(SAMPLES, tracks)), (random.uniform(3, 20), 0.3))
     return standardise(standardise(slow) + random.uniform(0.3, 1.5) * random.normal(size=tracks))
 
 
 def _draw_outline(random: Random) -> Array:
-    """Draw the deviation of both sides (`SAMPLES`, 2) from smooth outlines."""
+    """Sample the deviations (`SAMPLES`, 2) of a stroke's two sides from a smooth outline."""
     return standardise(gaussian_blur(random.normal(size=(SAMPLES, 2)), (random.uniform(0.8, 6), 0)))
 
 
 @function
 def _stamp(points, width, color, corner, grain, bristles, outline, marks, load, texels):
-    """Draw one stroke along ``points`` (P, 2) into empty texels (side, side, len(Texel)), except `CLOSED`."""
+    """Draw one stroke along ``points`` (P, 2) into empty texels (side, side, len(Texel)), leaving `CLOSED` unset."""
     half, side = F(0.5) * width, len(texels)
     length = length_of_line(points)
     reach = half * (1 + F(2.5) * marks.rough) + 2

@@ -1,6 +1,6 @@
-"""Make any number of paintings with known strokes, each determined by a seed, its number and its family of paint.
+"""Make any number of paintings with known strokes, each determined by a seed, its number and its paint family.
 
-Paintings without a family are drawn by engines and renderers of the program.
+The strokes of paintings without a family are drawn by engines and renderers of the program, or by a formula.
 """
 
 from collections.abc import Sequence
@@ -67,7 +67,7 @@ class KnownPainting:
 
 @cache
 def family_of(seed: int, number: int) -> str | None:
-    """Return the paint family of painting ``number``, determined by seed and number; None if engines draw it."""
+    """Return the paint family of painting ``number``, given the seed, or None if it has no family."""
     random = np.random.default_rng([seed, number, FAMILY_STREAM])
     if number >= FIRST_PLAIN or random.random() >= FAMILY_SHARE:
         return None
@@ -75,7 +75,10 @@ def family_of(seed: int, number: int) -> str | None:
 
 
 def paint(seed: int, number: int, pictures: Sequence[str], family: str | None = None) -> KnownPainting:
-    """Make painting ``number`` with a family of paint or with engines; from `FIRST_PLAIN` on, with a plain hand."""
+    """Make painting ``number`` with the paint of a family, or with engines and renderers if ``family`` is None.
+
+    Paintings from `FIRST_PLAIN` on are plain: they use the default hand and opaque strokes, and are not aged.
+    """
     random = np.random.default_rng([seed, number])
     picture = cut_square(pictures[int(random.integers(len(pictures)))], random)
     if family is not None:
@@ -105,14 +108,14 @@ def paint(seed: int, number: int, pictures: Sequence[str], family: str | None = 
 
 
 def age(image: Array, height: Array, random: Random) -> Array:
-    """Smudge, light and crack a painting, each at random."""
+    """Smudge, light and crack a painting, each with a certain probability."""
     image = smudge(image, random) if random.random() < 0.35 else image
     image = shine(image, height, random) if random.random() < 0.45 else image
     return crack(image, random) if random.random() < CRACKED_SHARE else image
 
 
 def make_bare(picture: Array, random: Random) -> KnownPainting:
-    """Make a picture without strokes, a photograph or bare ground, sometimes cracked."""
+    """Make a picture without strokes, either a photograph or a bare ground, which may be cracked."""
     image = picture if random.random() < 0.6 else choose_ground(picture, False, random)
     image = crack(image, random) if random.random() < 0.3 else image
     labels = np.full(picture.shape[:2], -1, np.int16)
@@ -120,12 +123,12 @@ def make_bare(picture: Array, random: Random) -> KnownPainting:
 
 
 def as_bytes(image: Array) -> Array:
-    """Round a picture in [0, 1] to uint8."""
+    """Convert a picture in [0, 1] to uint8 by rounding."""
     return (image * 255).round().astype(np.uint8)
 
 
 def cut_square(name: str, random: Random) -> Array:
-    """Cut a square (S, S, 3) float32, only a small part if the picture is large, and randomly rotate and mirror it."""
+    """Crop a random square from a picture, rotate and mirror it at random, and resize it to (S, S, 3) float32."""
     from skimage.transform import resize  # noqa: PLC0415
 
     whole = load_picture(name, None).permute(1, 2, 0).numpy()

@@ -15,7 +15,7 @@ CANDIDATES = 40  # number of candidate places per stroke
 
 
 def scatter(n: int, weight: Array, random: Random) -> Array:
-    """Spread ``n`` points (n, 2), x and y, evenly, more densely where ``weight`` (H, W) is larger (Poisson disks)."""
+    """Spread ``n`` points x, y (n, 2) evenly, but more densely where ``weight`` (H, W) is larger (Poisson disks)."""
     if n == 0:
         return np.empty((0, 2))
     height, width = weight.shape
@@ -29,7 +29,7 @@ def scatter(n: int, weight: Array, random: Random) -> Array:
 
 
 def on_grid(n: int, size: tuple[int, int], random: Random) -> Array:
-    """Spread ``n`` points (n, 2), x and y, on a jittered grid over a picture (H, W), in random order."""
+    """Spread ``n`` points x, y (n, 2) on a jittered grid over a picture (H, W), in random order."""
     height, width = size
     rows = max(1, round(np.sqrt(n * height / width)))
     columns = -(-n // rows)
@@ -40,7 +40,7 @@ def on_grid(n: int, size: tuple[int, int], random: Random) -> Array:
 
 @function
 def _keep_apart(place, distance, n):
-    """Choose the first ``n`` points that keep their distance from earlier points; -1 if there are too few."""
+    """Choose the first ``n`` points that are far enough from all points chosen before; missing points are -1."""
     chosen = np.full(n, -1)
     count = 0
     for i in range(len(place)):

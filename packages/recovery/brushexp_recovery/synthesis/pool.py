@@ -21,10 +21,10 @@ def fill_pool(
     pictures: Sequence[str],
     families: Collection[str] = (),
 ) -> None:
-    """Paint the ``numbers`` that the pool lacks, as long as the process ``parent`` is alive.
+    """Paint the paintings in ``numbers`` that the pool lacks, as long as the process ``parent`` is alive.
 
-    Half of the paintings use paint families, and only those of ``families`` are made. Without families, engines draw
-    every painting.
+    About half of the paintings are assigned paint families; of these, only paintings in the given ``families`` are
+    made. Without families, engines draw every painting.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for number in numbers:
@@ -36,7 +36,7 @@ def fill_pool(
 
 
 def family_among(seed: int, number: int, families: Collection[str]) -> str | None:
-    """Return the paint family of painting ``number`` in a pool with ``families``; None if engines draw it."""
+    """Return the paint family of painting ``number`` in a pool with ``families``, or None if engines draw it."""
     return family_of(seed, number) if families else None
 
 
@@ -47,26 +47,26 @@ def is_made(seed: int, number: int, families: Collection[str]) -> bool:
 
 
 def path_of(folder: Path, seed: int, number: int, families: Collection[str]) -> Path:
-    """Return the file of painting ``number``; its name includes the family, so that all pools can share a folder."""
+    """Return the path of painting ``number``, which includes the family, so that all pools can share a folder."""
     family = family_among(seed, number, families)
     return folder / f"{number:06d}{f'-{family}' if family else ''}.npz"
 
 
 def save_painting(path: Path, painting: KnownPainting) -> None:
-    """Write a painting atomically."""
+    """Write a painting to a file atomically."""
     write_npz(path, image=painting.image, labels=painting.labels, geometry=painting.geometry)
 
 
 def load_painting(path: Path) -> KnownPainting:
-    """Read a painting from the pool."""
+    """Read a painting from a file of the pool."""
     with np.load(path) as file:
         return KnownPainting(file["image"], file["labels"], file["geometry"])
 
 
 def main(parent: str, folder: str, seed: str, families: str, first: str, end: str, step: str, *pictures: str) -> None:
-    """Fill a pool with the paintings ``range(first, end, step)`` in a separate process.
+    """Fill a pool with the paintings ``range(first, end, step)``; this is the entry point of a separate process.
 
-    ``families`` lists families of paint, separated by commas; empty means none.
+    ``families`` is a comma-separated list of paint families; an empty string means none.
     """
     import torch  # noqa: PLC0415
 

@@ -31,14 +31,17 @@ NARROWEST_GAP = 5  # lower bound of this width in pixels
 
 @dataclass(frozen=True)
 class Sheet:
-    """A picture of a straight stroke, with rows along it, starting `BEYOND_ENDS` before it, and columns across it."""
+    """A picture of a straight stroke, with rows along the stroke and columns across it.
+
+    The rows extend `BEYOND_ENDS` beyond each end of the stroke, and the columns `BEYOND_SIDES` beyond each side.
+    """
 
     cover: Array  # (A, C) coverage of paint in [0, 1]
     tint: Array  # (A, C, 3) factor of the stroke's colour
     height: Array  # (A, C) height of the paint; 1 is full
 
     def reduce(self, width: float) -> "Sheet":
-        """Average blocks of a sheet until its resolution is close to that of a stroke of ``width`` pixels; float32."""
+        """Average blocks of pixels until the resolution suits a stroke of ``width`` pixels; return a float32 sheet."""
         cover, tint, height = (np.ascontiguousarray(each, F) for each in (self.cover, self.tint, self.height))
         while cover.shape[1] > 2.6 * max(width, 4.0) and min(cover.shape) >= 4:
             cover, tint, height = _halve(cover), _halve(tint), _halve(height)
@@ -59,18 +62,18 @@ def places_across(columns: int) -> Array:
 
 
 def ends_of(rows: int, length: float) -> Array:
-    """Return the distance of a sheet's rows from the nearer end of a stroke ``length`` widths long, in widths."""
+    """Return the distances, in widths, between a sheet's rows and the nearer end of a stroke ``length`` widths long."""
     along = np.linspace(-BEYOND_ENDS, length + BEYOND_ENDS, rows)
     return np.minimum(along, length - along)
 
 
 def smooth_noise(random: Random, size: tuple[int, ...], sigma: Any) -> Array:
-    """Draw smooth noise with mean 0 and standard deviation 1."""
+    """Sample smooth noise with a mean of 0 and a standard deviation of 1."""
     return standardise(gaussian_blur(random.normal(size=size), sigma))
 
 
 def draw_bristles(random: Random, rows: int, columns: int) -> Array:
-    """Draw variations (A, C) of a brush's bristles, fast across bristles and slow along each bristle."""
+    """Sample bristle variations (A, C), fast across the bristles and slow along each bristle."""
     slow = smooth_noise(random, (rows, columns), (0.01 * rows * random.uniform(2, 25), random.uniform(0.3, 1.2)))
     own = smooth_noise(random, (1, columns), (0, random.uniform(0.3, 1.5)))
     share = random.uniform(0.2, 0.9)
@@ -78,9 +81,9 @@ def draw_bristles(random: Random, rows: int, columns: int) -> Array:
 
 
 def draw_outline(random: Random, rows: int, columns: int, length: float, rough: float, ends: float) -> Array:
-    """Draw the coverage (A, C) of a brush with rough sides whose ends narrow over ``ends`` widths.
+    """Draw the coverage (A, C) of a stroke with rough sides, whose ends narrow over ``ends`` widths.
 
-    ``rough`` is the deviation of the sides in half widths, and of the ends between bristles in widths.
+    ``rough`` is the standard deviation of the sides, in half widths, and of the bristles' ends, in widths.
     """
     across = places_across(columns)
     ragged = rough * smooth_noise(random, (2, columns), (0, random.uniform(0.4, 2)))
@@ -94,17 +97,17 @@ def draw_outline(random: Random, rows: int, columns: int, length: float, rough: 
 
 
 def grey_tint(tone: Array) -> Array:
-    """Make a tint (A, C, 3) that changes only lightness."""
+    """Make a tint (A, C, 3) that changes only the lightness of a colour."""
     return np.repeat(tone[..., None], 3, 2)
 
 
 def rows_for(length: float) -> int:
-    """Return the number of rows of a sheet for a stroke of a given ``length`` in widths."""
+    """Return the number of sheet rows for a stroke of the given ``length`` in widths."""
     return int(np.clip(COLUMNS * (length + 2 * BEYOND_ENDS), 16, MOST_ROWS))
 
 
 def draw_sheets(layout: StrokeLayout, draw: Callable[[float], Sheet]) -> StrokeWindows:
-    """Draw each stroke with a separate sheet in a window of its own size, one texel per pixel.
+    """Draw each stroke from its own sheet, in a window of its own size with one texel per pixel.
 
     ``draw`` makes the sheet of a stroke, given its length in widths.
     """
@@ -123,7 +126,7 @@ def draw_sheets(layout: StrokeLayout, draw: Callable[[float], Sheet]) -> StrokeW
 
 @function
 def _bend(points, width, color, cover, tint, height, texels):
-    """Draw a sheet along ``points`` (P, 2) into empty texels (S, S, len(Texel)), except `CLOSED`."""
+    """Draw a sheet along ``points`` (P, 2) into empty texels (S, S, len(Texel)), leaving `CLOSED` unset."""
     side, rows, columns = len(texels), cover.shape[0], cover.shape[1]
     length = length_of_line(points)
     reach = (F(0.5) + F(BEYOND_SIDES)) * width

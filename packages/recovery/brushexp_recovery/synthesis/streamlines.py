@@ -1,4 +1,4 @@
-"""Trace curves along a field of directions."""
+"""Trace curves along a direction field."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ SURE_STEPS = 4  # number of steps that are always taken
 
 
 def curves_along(angles: Array, picture: Array, places: Array, half: Array, hand: Hand, random: Random) -> Array:
-    """Trace curves (n, 3, 2) along a field of directions, through ``places`` and ``half`` pixels to each side."""
+    """Trace curves (n, 3, 2) along a direction field, from ``places`` (n, 2) for ``half`` pixels to each side."""
     n = len(places)
     x, y = places.astype(int).T
     angle = angles[y, x]
@@ -32,7 +32,7 @@ def _rotate(vectors: Array, turn: Array) -> Array:
 
 
 def _trace(angles: Array, picture: Array, places: Array, angle: Array, half: Array, hand: Hand) -> Array:
-    """Follow the field for ``half`` (n,) pixels from ``places`` (n, 2), starting towards ``angle`` (n,)."""
+    """Follow the direction field from ``places`` (n, 2) for ``half`` (n,) pixels, initially towards ``angle`` (n,)."""
     height, width = angles.shape
     step = np.maximum(half / TRACE_STEPS, 1e-3)[:, None]
     place = places.copy()

@@ -1,4 +1,4 @@
-"""Draw strokes one by one in separate windows with any engine or renderer of the program."""
+"""Draw strokes individually in separate windows, with any engine or renderer of the program."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -24,7 +24,7 @@ CLOSED_GAP = 3  # maximum width in pixels of gaps between bristles that belong t
 
 
 class Texel(IntEnum):
-    """Channels of a texel of a window."""
+    """Channels of a window's texels."""
 
     RED = 0  # multiplied by alpha
     GREEN = 1
@@ -36,7 +36,7 @@ class Texel(IntEnum):
 
 @dataclass(frozen=True)
 class BrushLook:
-    """How strokes are drawn: a member of the families ``engine`` or ``renderer`` with options."""
+    """How strokes are drawn: a plugin of the family ``engine`` or ``renderer``, with options."""
 
     family: str
     name: str
@@ -58,12 +58,12 @@ class StrokeWindows:
 
 
 def first_texels(side: Array) -> Array:
-    """Return the index (N,) of the first texel of each of consecutive windows with sides (N,)."""
+    """Return the indices (N,) of the first texels of consecutive windows with sides (N,)."""
     return np.concatenate([[0], np.cumsum(side**2)[:-1]])
 
 
 def place_windows(layout: StrokeLayout, reach: Array) -> tuple[Array, Array]:
-    """Place square windows at whole pixels around strokes that ``reach`` (N,) pixels beyond their control points.
+    """Place square windows at whole pixels around strokes, ``reach`` (N,) pixels beyond their control points.
 
     Returns the windows' upper left corners (N, 2) and sides (N,).
     """
@@ -73,7 +73,10 @@ def place_windows(layout: StrokeLayout, reach: Array) -> tuple[Array, Array]:
 
 
 def close_gaps(window: Array, gap: int) -> Array:
-    """Add to texels (S, S, len(Texel)) the alpha with gaps up to ``gap`` pixels closed; return (S * S, len(Texel))."""
+    """Write to `CLOSED` the alpha of texels (S, S, len(Texel)), with gaps of up to ``gap`` pixels closed.
+
+    Returns the texels as (S * S, len(Texel)).
+    """
     from scipy.ndimage import grey_closing  # noqa: PLC0415
 
     window[..., Texel.CLOSED] = grey_closing(window[..., Texel.ALPHA], size=gap)
@@ -81,7 +84,7 @@ def close_gaps(window: Array, gap: int) -> Array:
 
 
 def join_windows(texels: Sequence[Array], side: Array, position: Array, layout: StrokeLayout) -> StrokeWindows:
-    """Join the texels of windows with sides (N,) around their centres ``position`` (N, 2), one texel per pixel."""
+    """Concatenate the texels of windows with sides (N,) and centres ``position`` (N, 2), one texel per pixel."""
     return StrokeWindows(
         texels=np.concatenate(texels).astype(np.float32, copy=False),
         first=first_texels(side),
@@ -94,7 +97,7 @@ def join_windows(texels: Sequence[Array], side: Array, position: Array, layout: 
 
 
 def draw_strokes(layout: StrokeLayout, look: BrushLook, seed: int) -> StrokeWindows:
-    """Draw strokes in windows; a stroke that an engine cannot draw is replaced by the nearest one that it can draw."""
+    """Draw strokes in windows; a stroke that an engine cannot draw is replaced with the nearest stroke that it can."""
     parts = (layout.curve, layout.width, layout.color)
     curve, width, color = (torch.as_tensor(part, dtype=torch.float32) for part in parts)
     window = torch.maximum((curve.amax(1) - curve.amin(1)).amax(1) / 0.7, width / 0.2)
@@ -115,12 +118,12 @@ def draw_strokes(layout: StrokeLayout, look: BrushLook, seed: int) -> StrokeWind
 
 
 def find_plugin(look: BrushLook) -> Any:
-    """Find the plugin of a look."""
+    """Find the plugin that draws a look."""
     return next(plugin for plugin in plugins(look.family) if plugin.name == look.name)
 
 
 def engine_pictures(strokes: Strokes, look: BrushLook, seed: int) -> list[Tensor]:
-    """Draw each stroke (4, S, S) with an engine, in windows about as large as the strokes."""
+    """Draw pictures (4, S, S) of the strokes with an engine, in windows about as large as the median stroke."""
     window = int(np.clip(float(strokes.scale.median()), SMALLEST_ENGINE_SIDE, LARGEST_ENGINE_SIDE)) // 8 * 8
     engine = build_named(look.family, look.name, {"window": window, **look.options})
     return list(engine(parameters_of(strokes), seed=seed).images)
@@ -128,7 +131,7 @@ def engine_pictures(strokes: Strokes, look: BrushLook, seed: int) -> list[Tensor
 
 @torch.no_grad()
 def renderer_pictures(strokes: Strokes, look: BrushLook) -> list[Tensor]:
-    """Draw each stroke (4, S, S) with a renderer, in the smallest window of the `SIDES` that fits."""
+    """Draw pictures (4, S, S) of the strokes with a renderer, each in the smallest of the `SIDES` that fits it."""
     renderer = build_named(look.family, look.name, {**look.options}).requires_grad_(False)
     sides = torch.tensor(SIDES)
     group = torch.bucketize(strokes.scale, sides[:-1])
@@ -141,7 +144,7 @@ def renderer_pictures(strokes: Strokes, look: BrushLook) -> list[Tensor]:
 
 
 def _draw_sheet(renderer: Renderer, strokes: Strokes, side: int) -> Tensor:
-    """Draw strokes (n, 4, side, side) in the cells of a sheet, on black and on white to find their alpha."""
+    """Draw strokes in the cells of a sheet, on black and on white to find their alpha; return pictures (n, 4, S, S)."""
     n, across = len(strokes), int(np.ceil(np.sqrt(len(strokes))))
     place = torch.stack([torch.arange(n) % across, torch.arange(n) // across], 1)
     layers = renderer(replace(strokes, position=(place + 0.5) * side, scale=torch.full_like(strokes.scale, side)))
@@ -154,7 +157,7 @@ def _draw_sheet(renderer: Renderer, strokes: Strokes, side: int) -> Tensor:
 
 
 def _texels(picture: Tensor) -> Array:
-    """Convert a picture (4, S, S), RGBA, to texels (S * S, len(Texel))."""
+    """Convert an RGBA picture (4, S, S) to texels (S * S, len(Texel))."""
     color, alpha = picture[:3].clamp(0, 1), picture[3:].clamp(0, 1)
     grown = torch.nn.functional.max_pool2d(alpha[None], CLOSED_GAP, 1, CLOSED_GAP // 2)
     closed = -torch.nn.functional.max_pool2d(-grown, CLOSED_GAP, 1, CLOSED_GAP // 2)[0]

@@ -1,1 +1,1 @@
-"""The tasks of this package, one module each, and their keys."""
+"""The command-line tasks of this package, one module each, and their keys."""

@@ -35,7 +35,7 @@ SUFFIXES = (".png", ".npy", ".npz", ".h5", ".json")  # suffixes of files with st
 
 @dataclass(frozen=True)
 class Case:
-    """A picture in which methods are to find strokes."""
+    """A picture in which each method searches for strokes."""
 
     scene: Scene
     look: str  # clean or hard
@@ -44,12 +44,12 @@ class Case:
 
     @property
     def name(self) -> str:
-        """Name of the case's files without suffix."""
+        """File name of the case, without a suffix."""
         return self.scene.name + "-hard" * (self.look == "hard")
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Paint, find strokes, and write ``paintings/``, ``figures.csv``, ``summary.md`` and plots into the folder."""
+    """Paint scenes, find their strokes, and write ``paintings/``, ``figures.csv``, ``summary.md`` and plots."""
     (folder / PAINTINGS).mkdir(exist_ok=True)
     seen = (*SEEN, *trained_families(cfg.weights))
     scenes = list_scenes(choose_kinds(cfg, seen), cfg.counts, cfg.repeats)
@@ -82,13 +82,13 @@ def choose_kinds(cfg: DictConfig, seen: Collection[str]) -> list[str]:
 
 
 def choose_methods(cfg: DictConfig) -> dict[str, Method]:
-    """Return the requested methods, or all methods; trained methods get their weights."""
+    """Return the requested methods, or all methods if none are named; trained methods receive their weights."""
     names = list(METHODS) if cfg.methods is None else list(cfg.methods)
     return {name: partial(METHODS[name], weights=cfg.weights) if name in TRAINED else METHODS[name] for name in names}
 
 
 def paint_cases(scene: Scene, cfg: DictConfig, folder: Path) -> Iterator[Case]:
-    """Paint a scene, write its picture and its truth, and yield its cases."""
+    """Paint a scene, write its pictures and ground truth, and yield a case for each picture."""
     painting = paint_scene(scene, cfg.side, cfg.seed)
     write_truth(folder / f"{scene.name}.npz", painting.truth)
     images = {"clean": painting.clean, "hard": painting.hard} if cfg.hard else {"clean": painting.clean}
@@ -99,7 +99,7 @@ def paint_cases(scene: Scene, cfg: DictConfig, folder: Path) -> Iterator[Case]:
 
 
 def time_method(method: Method, case: Case) -> tuple[Prediction, float]:
-    """Find strokes with a method, given their true number, and measure its time in seconds."""
+    """Run a method, which is given the true number of strokes; return its strokes and its time in seconds."""
     begin = time.perf_counter()
     torch.manual_seed(0)
     prediction = method(case.image, len(case.truth))
@@ -107,7 +107,7 @@ def time_method(method: Method, case: Case) -> tuple[Prediction, float]:
 
 
 def read_strokes_of_others(folder: Path, case: Case) -> Prediction:
-    """Read the strokes that another method found in a painting; raise UserError if there are none."""
+    """Read the strokes that another method found in a painting; raise UserError if there is no file."""
     for suffix in SUFFIXES:
         if (path := folder / f"{case.name}{suffix}").is_file():
             return read_prediction(path, case.image.shape[:2], case.image, "add")
@@ -119,7 +119,7 @@ def read_strokes_of_others(folder: Path, case: Case) -> Prediction:
 def score_case(
     case: Case, method: str, prediction: Prediction, seconds: float, folder: Path, seen: Collection[str]
 ) -> Row:
-    """Score a method's strokes and store its regions in a folder; recovery was trained on the kinds ``seen``."""
+    """Score a method's strokes, and store their regions in a folder; ``seen`` lists the kinds used in training."""
     figures = score(case.truth, prediction)
     write_npz(folder / f"{case.name}-{method}.npz", labels=prediction.labels)
     log.info("%s, %s: F1 %.3f in %.1f s", case.name, method, figures["f1"], seconds)
@@ -136,7 +136,7 @@ def score_case(
 
 
 def mean_scores(rows: list[Row]) -> dict[str, object]:
-    """Average the F1 of recovery separately over clean and hard pictures, if there are any."""
+    """Average the F1 of recovery separately over clean and degraded pictures, if there are any."""
     means: dict[str, object] = {}
     for look in ("clean", "hard"):
         values = [row["f1"] for row in rows if row["method"] == "recovery" and row["look"] == look]

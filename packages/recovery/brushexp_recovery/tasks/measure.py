@@ -1,4 +1,4 @@
-"""``task=measure``: recover the strokes of a photograph and measure them with intervals."""
+"""``task=measure``: recover the strokes of a photograph, and measure them with intervals."""
 
 import logging
 import time
@@ -37,7 +37,7 @@ LOGGED = ("strokes", "length", "width", "direction")  # logged measures
 
 
 class Comparison(NamedTuple):
-    """The differences between two paintings."""
+    """The differences between two paintings by all measures."""
 
     title: str
     differences: Mapping[str, Interval]
@@ -45,7 +45,7 @@ class Comparison(NamedTuple):
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Measure ``cfg.image`` and, if given, ``cfg.against``, and write the results into the run's folder."""
+    """Measure ``cfg.image`` and, if it is given, ``cfg.against``; write the results into the run's folder."""
     image, name = read_photograph(cfg.image), Path(cfg.image).name
     size = image.shape[:2]
     width_cm = cfg.width_cm if cfg.sizes is None else width_in_table(find_path(cfg.sizes), cfg.image)
@@ -71,13 +71,13 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def read_photograph(path: str, key: str = "image") -> Array:
-    """Read a photograph (H, W, 3) in [0, 1] at full size."""
+    """Read a photograph at full size as a picture (H, W, 3) in [0, 1]."""
     picture: Array = load_picture(path, None, key).permute(1, 2, 0).numpy()
     return picture
 
 
 def read_for(path: Path, size: tuple[int, int]) -> Recovered:
-    """Read recovered strokes; raise UserError if they belong to a picture of a different size."""
+    """Read recovered strokes; raise UserError if they belong to a picture of another size."""
     recovered = read_recovered(path)
     if recovered.saved.size != size:
         raise UserError(
@@ -88,7 +88,7 @@ def read_for(path: Path, size: tuple[int, int]) -> Recovered:
 
 
 def recover_photograph(cfg: DictConfig, image: Array, name: str) -> Recovered:
-    """Recover the strokes of a photograph, and log how long its views will take."""
+    """Recover the strokes of a photograph, and log how long its remaining views will take."""
     begin = time.monotonic()
     with showing(f"finding strokes in {name}") as show:
         recovered = recover_picture(image, show)
@@ -101,12 +101,12 @@ def recover_photograph(cfg: DictConfig, image: Array, name: str) -> Recovered:
 
 
 def recover_picture(image: Array, show: Progress) -> Recovered:
-    """Recover the strokes of a picture (H, W, 3) as ``task=recover`` does."""
+    """Recover the strokes of a picture (H, W, 3), as ``task=recover`` does by default."""
     return recover_with(load_model(), image, None, COPIES, show)
 
 
 def sight_views(cfg: DictConfig, image: Array, name: str, recovered: Recovered) -> Iterator[Sighting]:
-    """Recover the strokes of all views one after another; ``recovered`` holds those of the photograph itself."""
+    """Recover the strokes of all views one by one; ``recovered`` holds the strokes of the photograph itself."""
     original, *changes = choose_views(cfg.views, cfg.seed)
     yield sight(image, original, lambda _: recovered)
     if not changes:
@@ -117,7 +117,7 @@ def sight_views(cfg: DictConfig, image: Array, name: str, recovered: Recovered) 
 
 
 def sight_change(image: Array, view: View, number: int, count: int, show: Progress) -> Sighting:
-    """Recover the strokes of one of ``count`` altered views of a photograph."""
+    """Recover the strokes of view ``number`` of ``count`` altered views of a photograph."""
 
     def show_part(share: float, state: str) -> None:
         show((number + share) / count, f"change {number + 1} of {count}, {state}")
@@ -126,12 +126,12 @@ def sight_change(image: Array, view: View, number: int, count: int, show: Progre
 
 
 def correct_draws(cfg: DictConfig, draws: Draws, recovered: Recovered) -> Draws:
-    """Combine the draws of a photograph with the errors of recovery, unless ``cfg.correct`` is false."""
+    """Correct the samples of a photograph for the errors of recovery, unless ``cfg.correct`` is false."""
     return read_errors().correct(draws, recovered.confidence) if cfg.correct else draws
 
 
 def compare(cfg: DictConfig, draws: Draws, mm: float | None, name: str) -> Comparison:
-    """Measure the photograph ``cfg.against``, and compare it with the draws of a painting."""
+    """Measure the photograph ``cfg.against``, and subtract its samples from those of the first painting."""
     image, other_name = read_photograph(cfg.against, "against"), Path(cfg.against).name
     size = image.shape[:2]
     other_mm = millimetres_per_pixel(size, cfg.against_width_cm, cfg.against_size_cm, "against_")
@@ -145,7 +145,7 @@ def compare(cfg: DictConfig, draws: Draws, mm: float | None, name: str) -> Compa
 
 
 def log_figures(folder: Path, paths: Sequence[Path], figures: Mapping[str, Interval], mm: float | None) -> None:
-    """Log the paths of the files and the most informative figures."""
+    """Log the written file names and the most informative measures."""
     log.info("%s: %s", as_shown(folder), ", ".join(path.name for path in paths))
     for measure in LOGGED:
         value, low, high = map(format_number, (figures[measure].value, figures[measure].low, figures[measure].high))

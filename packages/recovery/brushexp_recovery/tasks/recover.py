@@ -31,7 +31,7 @@ log = logging.getLogger(__name__)
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Write catalogue.h5, the recovered painting, regions, table, page and figures into the run's folder."""
+    """Recover strokes, write a catalogue, pictures, a table and a page into the run's folder, and return metrics."""
     picture = load_picture(cfg.image, None)
     model = load_model(cfg.weights)
     image = picture.permute(1, 2, 0).numpy()
@@ -75,7 +75,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 @return_freed_memory()
 def write_files(cfg: DictConfig, folder: Path, pixels: Array, recovered: Recovered, show: Progress) -> StrokeTable:
-    """Write the strokes recovered from a photograph (H, W, 3) uint8, and return their table."""
+    """Write the files of strokes recovered from a photograph (H, W, 3) uint8, and return the table of strokes."""
     saved = recovered.saved
     show(0.0, "catalogue.h5")
     write_recovered(folder / "catalogue.h5", recovered)

@@ -1,4 +1,4 @@
-"""Keys of the tasks of this package."""
+"""Define the tasks of this package and their command-line keys."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -55,7 +55,7 @@ class RecoverTask(Task):
 
 @dataclass
 class MeasureTask(Task):
-    """Measure the brushwork of a photograph of a painting: strokes, figures with intervals, a page, tables.
+    """Measure the brushwork in a photograph of a painting, and write strokes, intervals, tables and a page.
 
     ``task=analyse`` with a picture runs this task.
     """
@@ -109,7 +109,7 @@ class MeasureTask(Task):
 
 @dataclass
 class BenchmarkTask(Task):
-    """Find the strokes in paintings with known strokes, by recovery and by other methods, and score them."""
+    """Find strokes in paintings whose strokes are known, by recovery and by other methods, and score them."""
 
     is_research = True
     module = "brushexp_recovery.tasks.benchmark"

@@ -1,4 +1,4 @@
-"""``task=score``: score any strokes against the ground truth of a painting, or against marks drawn by people."""
+"""``task=score``: score strokes from any method against a painting's ground truth, or against marks drawn by people."""
 
 import logging
 from pathlib import Path
@@ -14,7 +14,7 @@ log = logging.getLogger(__name__)
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Score ``cfg.strokes`` against ``cfg.truth``, and return the figures for metrics.json."""
+    """Score ``cfg.strokes`` against ``cfg.truth``, and return the scores for metrics.json."""
     truth = find_path(cfg.truth)
     if truth.is_dir() or is_marks(truth):
         return score_all_marks(truth, find_path(cfg.strokes), folder, cfg.seed)

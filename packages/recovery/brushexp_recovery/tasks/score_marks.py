@@ -45,7 +45,7 @@ MEANING = (
 
 @dataclass(frozen=True)
 class Case:
-    """The marks of a picture, and the strokes to compare with them."""
+    """The marks of one picture, and the path of the strokes to compare with them."""
 
     name: str
     marks: Marks
@@ -56,19 +56,19 @@ class Case:
 
 @dataclass(frozen=True)
 class Comparison:
-    """The result of comparing the strokes of one picture with its marks."""
+    """The comparison between the marks and the strokes of one picture."""
 
     case: Case
     agreement: Agreement
     between_people: bool
 
     def counts(self, end: str) -> Counts:
-        """Count the strokes found at one of the `LEVELS`."""
+        """Return the counts at one of the `LEVELS`, which is given by its suffix ``end``."""
         return self.agreement.scores[end].counts
 
 
 def score_all_marks(truth: Path, strokes: Path, folder: Path, seed: int) -> dict[str, object]:
-    """Compare files or folders of strokes and marks, and write tables and pages into a folder."""
+    """Compare files or folders of strokes with marks, and write tables and pages into a folder."""
     cases = list_cases(truth, strokes)
     comparisons = [compare(case, folder, f"{case.name}.html") for case in cases]
     rows = [row_of(one.case.name, [one], seed) for one in comparisons]
@@ -84,7 +84,7 @@ def score_all_marks(truth: Path, strokes: Path, folder: Path, seed: int) -> dict
 
 
 def list_cases(truth: Path, strokes: Path) -> list[Case]:
-    """Pair files of marks and strokes, in folders by name; raise UserError if a file is missing."""
+    """Pair mark files with stroke files, by name if they are in folders; raise UserError if a file is missing."""
     if not truth.is_dir():
         return [_case_of(truth, strokes / CATALOGUE_NAME if strokes.is_dir() else strokes)]
     files = [path for path in sorted(truth.glob(f"*{MARKS_SUFFIX}")) if is_marks(path)]
@@ -98,7 +98,7 @@ def list_cases(truth: Path, strokes: Path) -> list[Case]:
 
 
 def _strokes_for(name: str, folder: Path) -> Path:
-    """Find the strokes of a picture in a folder: NAME.json, NAME.h5, ..., or the run NAME/catalogue.h5."""
+    """Find the stroke file of a picture in a folder: NAME.json, NAME.h5, ..., or NAME/catalogue.h5 of a run."""
     for path in (*(folder / f"{name}{suffix}" for suffix in STROKES), folder / name / CATALOGUE_NAME):
         if path.is_file():
             return path
@@ -121,7 +121,7 @@ def _case_of(truth: Path, strokes: Path) -> Case:
 
 
 def compare(case: Case, folder: Path, page: str) -> Comparison:
-    """Compare the strokes of a case with its marks, and write a page that shows both to a folder."""
+    """Compare the strokes of a case with its marks, and write a table and a page that shows both into a folder."""
     between_people = is_marks(case.strokes)
     marks = [pixels_of_mark(mark, case.size) for mark in case.marks.strokes]
     others = read_marks(case.strokes).strokes if between_people else []
@@ -152,13 +152,13 @@ def compare(case: Case, folder: Path, page: str) -> Comparison:
 
 
 def found_regions(case: Case) -> list[Array]:
-    """Read the visible regions of recovered strokes as flat indices."""
+    """Read the visible regions of a case's strokes as flat indices."""
     prediction = read_prediction(case.strokes, case.size)
     return [pixels.astype(np.int64) for pixels in group_pixels(prediction.labels, len(prediction))]
 
 
 def _outlines_for(size: tuple[int, int]) -> Any:
-    """Make a function that traces the outlines of a mark."""
+    """Return a function that traces the outlines of a mark on a picture of the given size."""
 
     def trace(mark: Mark) -> Sequence[Array]:
         return mark.outlines or [_outline_of(pixels_of_mark(mark, size), size)]
@@ -169,14 +169,14 @@ def _outlines_for(size: tuple[int, int]) -> Any:
 def _outlines_of_strokes(
     others: Sequence[Mark], strokes: Sequence[Array], size: tuple[int, int]
 ) -> list[Sequence[Array]]:
-    """Trace the outlines of strokes, given as the marks of another person or as flat indices."""
+    """Trace the outlines of strokes, which are either another person's marks or regions of flat indices."""
     if others:
         return [_outlines_for(size)(mark) for mark in others]
     return [[_outline_of(pixels, size)] for pixels in strokes]
 
 
 def _outline_of(pixels: Array, size: tuple[int, int]) -> Array:
-    """Trace the largest part of a region of flat indices as points (P, 2)."""
+    """Trace the outline (P, 2) of the largest part of a region given as flat indices."""
     if not len(pixels):
         return np.empty((0, 2))
     rows, columns = np.divmod(pixels, size[1])
@@ -187,7 +187,7 @@ def _outline_of(pixels: Array, size: tuple[int, int]) -> Array:
 
 
 def mark_rows(names: Sequence[str], agreement: Agreement) -> list[dict[str, Any]]:
-    """List the marks of a picture, each with the overlap of the best stroke and whether it is found."""
+    """List the marks of a picture, each with its best overlap with a stroke and whether it was found."""
     columns = [agreement.scores[end].marks for end in LEVELS]
     return [
         {"mark": name, "best_iou": float(best), "at_5": str(hard), "at_3": str(soft)}
@@ -196,7 +196,7 @@ def mark_rows(names: Sequence[str], agreement: Agreement) -> list[dict[str, Any]
 
 
 def row_of(name: str, comparisons: Sequence[Comparison], seed: int) -> dict[str, Any]:
-    """Compute all figures of one picture, or of several pictures together."""
+    """Compute all scores of one picture, or of several pictures together."""
     best = np.concatenate([one.agreement.best_iou for one in comparisons])
     states = [state for one in comparisons for state in one.agreement.scores[""].strokes]
     row: dict[str, Any] = {
@@ -214,7 +214,7 @@ def row_of(name: str, comparisons: Sequence[Comparison], seed: int) -> dict[str,
 
 
 def round_row(row: dict[str, Any]) -> dict[str, Any]:
-    """Format the figures of a row for readers, with a rate and its interval in one cell."""
+    """Format the scores of a row for reading, with each rate and its interval in one cell."""
     short = {name: row[name] for name in ("picture", "between", "truth", "predicted", "unjudged")}
     for end, words in zip(LEVELS, ("", " at .3"), strict=True):
         for name in ("recall", "precision", "f1"):
@@ -224,7 +224,7 @@ def round_row(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def in_words(row: dict[str, Any]) -> str:
-    """Summarise a row in a sentence."""
+    """Summarise a row of scores in a sentence."""
     rates = [
         f"{word} {row[name]:.2f} ({row[f'{name}_low']:.2f} to {row[f'{name}_high']:.2f})"
         for name, word in (("recall", "recall"), ("precision", "precision"), ("f1", "F1"))

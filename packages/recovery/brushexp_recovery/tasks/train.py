@@ -28,7 +28,7 @@ FOR_CONFIDENCE = 34  # held-out paintings from this one on are for order and con
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Train, write weights and figures into the run's folder, and return the values of metrics.json."""
+    """Train the models, write their weights into the run's folder, and return the values for metrics.json."""
     return train_network(RecoveryJob, cfg, folder, start)
 
 
@@ -94,6 +94,6 @@ class RecoveryJob(NetworkJob):
 
 
 def recipe_of(checkpoint: str) -> dict[str, object]:
-    """Return the hash of weights and the recipe of their training."""
+    """Return the hash of a checkpoint's weights, and the recipe with which they were trained."""
     recipe = CHECKPOINTS.read_recipe(CHECKPOINTS.path_of(checkpoint))
     return {"hash": recipe["hash"], **recipe["training"]}

@@ -1,4 +1,4 @@
-"""Fit the perceptrons for pairs and nodes to paintings on which the network was not trained."""
+"""Fit the perceptrons for pairs and nodes on paintings that were not used to train the network."""
 
 from collections.abc import Iterable
 
@@ -27,7 +27,7 @@ NODE_STEPS = 5000
 def fit_classifiers(
     model: RecoveryModel, paintings: Iterable[KnownPainting], seed: int, show: Progress
 ) -> dict[str, float]:
-    """Fit the perceptrons of a model to clean and weathered paintings; return the losses."""
+    """Fit the perceptrons of a model on clean and weathered paintings, and return their losses."""
     random = np.random.default_rng(seed)
     parts = [
         segment_part(model.network, cut_part(painting, is_weathered, random))
@@ -49,6 +49,6 @@ def fit_classifiers(
 
 
 def _fit(perceptron: Perceptron, examples: Iterable[Examples], steps: int, seed: int) -> float:
-    """Fit a perceptron to examples of all parts, and return its loss."""
+    """Fit a perceptron on the examples from all parts of paintings, and return its loss."""
     features, goals, weights = join_examples(examples)
     return fit_perceptron(perceptron, features, goals, weights, steps, seed)

@@ -1,4 +1,4 @@
-"""Cut crops of paintings, zoomed, rotated, recoloured and weathered, with the true attributes at each pixel."""
+"""Make crops of paintings that are zoomed, rotated, recoloured and weathered, with true attributes at each pixel."""
 
 from typing import Any, NamedTuple
 
@@ -30,7 +30,7 @@ SIZE_COLUMNS = [StrokeGeometry.LOG_WIDTH, StrokeGeometry.LOG_LENGTH]
 
 
 class Crop(NamedTuple):
-    """A crop of a painting."""
+    """A crop of a painting, with its ground truth."""
 
     image: Array  # (3, S, S) float32 in [0, 1]
     labels: Array  # (S, S) int64, numbered from the bottom; -1 is the ground
@@ -38,7 +38,7 @@ class Crop(NamedTuple):
 
 
 class Crops(NamedTuple):
-    """A batch of crops."""
+    """A batch of crops, with their ground truth."""
 
     image: Tensor  # (B, 3, S, S) in [0, 1]
     labels: Tensor  # (B, S, S) int64, numbered from the bottom; -1 is the ground
@@ -46,14 +46,14 @@ class Crops(NamedTuple):
 
 
 def typical_width(painting: KnownPainting) -> float:
-    """Find the median width, in pixels, of the strokes that are sufficiently visible."""
+    """Compute the median width, in pixels, of the strokes that are sufficiently visible."""
     log_width, visible = painting.geometry[:, StrokeGeometry.LOG_WIDTH], painting.geometry[:, StrokeGeometry.VISIBLE]
     seen = log_width[visible > LEAST_VISIBLE]
     return float(np.exp(np.median(seen))) if len(seen) else TRAINED_WIDTH
 
 
 def cut_crop(painting: KnownPainting, random: Random, side: int = CROP_SIDE) -> Crop:
-    """Cut a crop out of a painting at approximately the scale of the network's inputs."""
+    """Crop a painting at random, and rescale the crop to approximately the scale of the network's inputs."""
     height, width = painting.labels.shape
     part = min(round(side / _choose_zoom(painting, random)), height, width)
     zoom = side / part
@@ -77,14 +77,14 @@ def cut_crop(painting: KnownPainting, random: Random, side: int = CROP_SIDE) -> 
 
 
 def _choose_zoom(painting: KnownPainting, random: Random) -> float:
-    """Choose a random scale for a crop around the training scale."""
+    """Choose a random scale for a crop, usually around the scale used in training."""
     is_wide = random.random() < WIDE_SHARE
     spread = random.uniform(*WIDE_RANGE) if is_wide else random.normal(0, WIDTH_SPREAD)
     return float(np.clip(TRAINED_WIDTH * np.exp(spread) / typical_width(painting), *ZOOMS))
 
 
 def recolor(image: Array, random: Random) -> Array:
-    """Randomly swap channels, and change light and contrast."""
+    """Randomly permute the colour channels, and change brightness and contrast."""
     image = image[..., random.permutation(3)] if random.random() < 0.5 else image
     if random.random() < 0.7:
         gain, lift = random.uniform(0.75, 1.15, 3).astype(np.float32), random.uniform(-0.05, 0.08)
@@ -93,9 +93,9 @@ def recolor(image: Array, random: Random) -> Array:
 
 
 def turn_and_mirror(image: Array, labels: Array, geometry: Array, random: Random) -> Crop:
-    """Rotate a square by quarter turns, mirror it, and write the attribute maps of its strokes.
+    """Randomly rotate a square by quarter turns and mirror it, and compute the attribute maps of its strokes.
 
-    ``image`` is (S, S, 3), ``labels`` (S, S), and ``geometry`` (N, len(StrokeGeometry)) in the same pixels.
+    ``image`` is (S, S, 3), ``labels`` (S, S), and ``geometry`` (N, len(StrokeGeometry)) in pixels of the square.
     """
     side, quarters = len(labels), int(random.integers(4))
     x, y = geometry[:, StrokeGeometry.CENTRE_X], geometry[:, StrokeGeometry.CENTRE_Y]
@@ -117,7 +117,7 @@ def turn_and_mirror(image: Array, labels: Array, geometry: Array, random: Random
 
 
 def _map_attributes(table: Array, labels: Array) -> Array:
-    """Map the attributes (7, N) of strokes to each pixel (7, S, S), with centres as offsets from the pixel."""
+    """Look up the attributes (7, N) of the stroke at each pixel (7, S, S), with centres as offsets from the pixel."""
     rows, columns = np.mgrid[: labels.shape[0], : labels.shape[1]].astype(np.float32) + 0.5
     maps = table[:, np.maximum(labels, 0)] if table.size else np.zeros((len(table), *labels.shape), np.float32)
     maps[StrokeAttribute.CENTRE_X] = (maps[StrokeAttribute.CENTRE_X] - columns) / CENTRE_UNIT

@@ -31,10 +31,10 @@ WAIT = 0.5  # seconds between checks for paintings that do not exist yet
 
 
 class RecoveryData(L.LightningDataModule):
-    """Crops from a pool of paintings that separate processes continually fill.
+    """Crops from a pool of paintings, which separate processes keep filling.
 
-    Painting k depends on the seed, k and its family; the crops of a step depend on the seed, the step and the paintings
-    that exist.
+    Painting k depends on the seed, k and the paint family; the crops of a step depend on the seed, the step and the
+    paintings that exist by then.
     """
 
     def __init__(
@@ -47,10 +47,10 @@ class RecoveryData(L.LightningDataModule):
         painters: int,
         families: Iterable[str] = (),
     ) -> None:
-        """Use the paintings of ``pictures`` with numbers below ``paintings``, made by ``painters`` processes.
+        """Use paintings of ``pictures`` with numbers below ``paintings``, which ``painters`` processes make.
 
-        Half of them use paint families, and only those of ``families`` are made and used. Without families, engines
-        draw every painting.
+        About half of the paintings are assigned paint families; of these, only paintings in the given ``families`` are
+        made and used. Without families, engines draw every painting.
         """
         super().__init__()
         self.families = frozenset(families)
@@ -89,12 +89,12 @@ class RecoveryData(L.LightningDataModule):
         return StrokeLoader(lambda _epoch, _first: self._validation_batches(), VALIDATED)
 
     def held_out(self, end: int, first: int = 0) -> list[KnownPainting]:
-        """Return the held-out paintings ``first`` to ``end - 1``."""
+        """Return the held-out paintings from ``first`` to ``end - 1``, waiting until they exist."""
         self._wait(self._held_out_paths, end)
         return [load_painting(path) for path in self._held_out_paths()[first:end]]
 
     def batch(self, step: int) -> Crops:
-        """Cut the crops of a step."""
+        """Cut the crops for one training step."""
         if step % RELOAD_STEPS == 0 or not self.loaded:
             self.loaded |= {path: load_painting(path) for path in self._training_paths() if path not in self.loaded}
         random = np.random.default_rng([self.seed, step])
@@ -108,7 +108,7 @@ class RecoveryData(L.LightningDataModule):
             yield batch_of([cut_crop(painting, random) for _ in range(VALIDATION_CROPS)])
 
     def _batches(self, epoch: int, first: int) -> Iterator[Crops]:
-        """Cut each batch in a separate thread while the network learns from the previous batch."""
+        """Cut each batch in a separate thread while the network learns from the previous one."""
         with ThreadPoolExecutor(1) as cutter:
             steps = range(epoch * EPOCH_STEPS + first, (epoch + 1) * EPOCH_STEPS)
             waiting = deque[Future[Crops]]()
@@ -129,12 +129,12 @@ class RecoveryData(L.LightningDataModule):
         return [path for path in paths if path.is_file()]
 
     def _has(self, path: Path, number: int) -> bool:
-        """Check whether a file is painting ``number`` of this pool, and not of a pool with other families."""
+        """Check whether a file holds painting ``number`` of this pool rather than of a pool with other families."""
         is_own = path == path_of(self.folder, self.seed, number, self.families)
         return is_own and is_made(self.seed, number, self.families)
 
     def _wait(self, paths: Callable[[], list[Path]], count: int) -> None:
-        """Wait for ``count`` paintings; raise UserError if no process is making them any more."""
+        """Wait until ``count`` paintings exist; raise UserError if no process is making them any more."""
         while len(paths()) < count:
             if self.processes and all(process.poll() is not None for process in self.processes):
                 raise UserError("no paintings can be made for training; the error is reported above")

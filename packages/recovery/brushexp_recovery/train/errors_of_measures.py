@@ -1,4 +1,4 @@
-"""Fit the errors of measures to paintings whose strokes are known."""
+"""Fit the errors of measures on paintings with known strokes."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -32,14 +32,14 @@ def fit_errors(
     paintings: Sequence[str],
     weights: str,
 ) -> RecoveryError:
-    """Fit the errors of all measures to P paintings.
+    """Fit the errors of all measures on P paintings.
 
     Args:
-        true: the true figures (P,) by `MEASURES`.
-        measured: the figures (P,) that were measured.
-        confidence: the mean confidence (P,) of the strokes found in each.
-        paintings: their names (P,), a kind and a number: ``dabs-3``.
-        weights: the hash of the weights of recovery.
+        true: the true values (P,), by name in `MEASURES`.
+        measured: the measured values (P,), by name in `MEASURES`.
+        confidence: the mean confidence (P,) of the strokes found in each painting.
+        paintings: the names (P,) of the paintings, each a kind and a number: ``dabs-3``.
+        weights: the hash of the recovery weights.
     """
     kinds = np.array([name.rpartition("-")[0] for name in paintings])
     predictors = predictors_of(confidence, measured["elongatedness"])
@@ -51,7 +51,7 @@ def fit_errors(
 
 
 def error_between(true: Array, measured: Array, measure: Measure) -> Array:
-    """Compute the error true minus measured (P,), on the scale of `ErrorOfMeasure`."""
+    """Compute the errors (P,), true minus measured values, on the scale of `ErrorOfMeasure`."""
     if measure.axial:
         return (true - measured + 90) % 180 - 90
     if measure.share:
@@ -61,10 +61,10 @@ def error_between(true: Array, measured: Array, measure: Measure) -> Array:
 
 
 def fit_error(error: Array, predictors: Array, kinds: Array, measure: Measure) -> ErrorOfMeasure:
-    """Fit the error (P,) of a measure to the predictors (P, 2) of paintings of some ``kinds`` (P,).
+    """Fit the errors (P,) of a measure with predictors (P, 2); ``kinds`` (P,) are the kinds of the paintings.
 
-    The rest of each painting is its error minus the mean fitted to the paintings of the other kinds, so it also
-    contains the differences between kinds.
+    The residual of each painting, its ``rest``, is its error minus the mean predicted from paintings of the other
+    kinds, so it also contains the differences between kinds.
     """
     at, rest = standardise(predictors, predictors), np.empty(len(error))
     for one in set(kinds):
@@ -75,7 +75,7 @@ def fit_error(error: Array, predictors: Array, kinds: Array, measure: Measure) -
 
 
 def _fit_plane(at: Array, error: Array, measure: Measure) -> tuple[float, Array]:
-    """Fit mean and slopes by ridge regression; directions err equally to both sides, so their mean and slopes are 0."""
+    """Fit a mean and slopes by ridge regression; for directions, whose errors are symmetric, both are 0."""
     if measure.axial:
         return 0.0, np.zeros(at.shape[1])
     middle, mean = at.mean(0), error.mean()
@@ -86,7 +86,7 @@ def _fit_plane(at: Array, error: Array, measure: Measure) -> tuple[float, Array]
 
 
 def write_errors(path: Path, error: RecoveryError) -> None:
-    """Write errors as JSON, for `read_errors`."""
+    """Write errors to a JSON file that `read_errors` can read."""
     measures = {
         name: {"mean": round(one.mean, DIGITS), "slopes": _rounded(one.slopes), "rest": _rounded(one.rest)}
         for name, one in error.errors.items()
@@ -96,5 +96,5 @@ def write_errors(path: Path, error: RecoveryError) -> None:
 
 
 def _rounded(values: Array) -> Any:
-    """Convert an array to lists of rounded numbers."""
+    """Round the values of an array, and convert it to lists."""
     return np.round(values, DIGITS).tolist()

@@ -1,4 +1,4 @@
-"""Compute losses between the network's maps and the ground truth of paintings."""
+"""Compute the losses that compare the network's maps with the ground truth of paintings."""
 
 import torch
 from torch import Tensor
@@ -22,7 +22,7 @@ APART_WEIGHTS = (4.0,) * 2 + (1.5,) * 4 + (1.0,) * 8  # weights of pairs of diff
 
 
 def losses_of(maps: Tensor, labels: Tensor, attributes: Tensor) -> dict[str, Tensor]:
-    """Compare maps (B, `CHANNELS`, H, W) with labels (B, H, W) and attributes (B, len(StrokeAttribute), H, W)."""
+    """Compute losses of maps (B, `CHANNELS`, H, W), given labels (B, H, W) and attributes (B, attributes, H, W)."""
     paint = (labels >= 0).to(maps)
     area = paint.sum().clamp_min(1)
     own = maps[:, ATTRIBUTES]
@@ -43,7 +43,7 @@ def losses_of(maps: Tensor, labels: Tensor, attributes: Tensor) -> dict[str, Ten
 
 
 def affinity_loss(affinity: Tensor, labels: Tensor) -> Tensor:
-    """Compute the weighted logistic loss of "the same stroke as here", averaged over offsets."""
+    """Compute the weighted logistic loss for predicting which pixel pairs share a stroke, averaged over offsets."""
     losses = []
     for channel, (offset, weight) in enumerate(zip(AFFINITY_OFFSETS, APART_WEIGHTS, strict=True)):
         here, there, logit = pairs_at(labels, affinity[:, channel], offset)
@@ -54,7 +54,7 @@ def affinity_loss(affinity: Tensor, labels: Tensor) -> Tensor:
 
 
 def occlusion_loss(occlusion: Tensor, labels: Tensor) -> Tensor:
-    """Compute the logistic loss of "the stroke there is above the stroke here" over pairs of different strokes."""
+    """Compute the logistic loss for predicting which stroke of a pixel pair is on top, if they differ."""
     total, count = occlusion.new_zeros(()), 0
     for channel, offset in enumerate(OCCLUSION_OFFSETS):
         here, there, logit = pairs_at(labels, occlusion[:, channel], offset)
@@ -65,6 +65,6 @@ def occlusion_loss(occlusion: Tensor, labels: Tensor) -> Tensor:
 
 
 def pairs_at(labels: Tensor, logits: Tensor, offset: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:
-    """Return labels here, labels at an offset, and logits here, where both pixels are in the picture."""
+    """Return the labels of both pixels of each pair, and the logit of the first, for pairs inside the picture."""
     here, there = pair_slices(labels.shape[1:], offset)
     return labels[:, *here], labels[:, *there], logits[:, *here]

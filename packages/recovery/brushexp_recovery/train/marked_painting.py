@@ -1,4 +1,4 @@
-"""Fit the models that score regions to one painting, using a person's marks in it.
+"""Adapt the models that score regions to one painting, using a person's marks in it.
 
 Only the last layers of the perceptrons change, and a penalty keeps them close to their initial weights, because a
 person draws only about twenty marks.
@@ -44,28 +44,28 @@ RIDGE = 0.03  # weight of the squared changes of a last layer in the loss, divid
 
 
 class MarkedPart(NamedTuple):
-    """A part of a painting, divided into superpixels, with the marks of a person."""
+    """A part of a painting, divided into superpixels, with a person's marks."""
 
     segmented: SegmentedPart  # with hand-drawn marks as labels; -1 is unknown
     deleted: Array  # (h, w) recovered strokes that the person has deleted, or -1 for none
 
 
 def marks_by_hand(marks: Marks) -> list[Mark]:
-    """List the marks that a person has drawn, split or joined."""
+    """List the marks that a person has drawn, split or joined by hand."""
     return [mark for mark in marks.strokes if mark.by == "hand"]
 
 
 def scale_for(marks: Marks) -> float:
-    """Compute the scale at which hand-drawn marks have the width of the training strokes."""
+    """Compute the scale at which hand-drawn marks are as wide as strokes should be for the network."""
     width = float(np.median([mark.width.mean() for mark in marks_by_hand(marks)]))
     return float(np.clip(BEST_WIDTH / width, *SCALES))
 
 
 def choose_scale(model: RecoveryModel, image: Array, marks: Marks) -> float:
-    """Choose the scale for an image (H, W, 3) with marks.
+    """Choose the scale at which an image (H, W, 3) with marks is searched for strokes.
 
-    The scale chosen without marks is kept unless the scale of the marks is very different and a look at it agrees
-    better with the marks.
+    The scale chosen without marks is kept unless the scale derived from the marks differs from it considerably, and a
+    look at the derived scale agrees better with the marks.
     """
     classifiers = model.classifiers()
     by_marks, alone = scale_for(marks), find_zoom(model, classifiers, image)
@@ -79,10 +79,10 @@ def choose_scale(model: RecoveryModel, image: Array, marks: Marks) -> float:
 
 
 def fit_judges(model: RecoveryModel, image: Array, marks: Marks, scale: float, seed: int) -> RecoveryModel:
-    """Fit the region scorers in a copy of a model to the marks in an image (H, W, 3) at a scale.
+    """Fit a model's region scorers to the marks in an image (H, W, 3), if this helps on held-out marks.
 
-    The copy is returned if scorers fitted to one half of the marks agree better with the other half than the model's
-    own scorers; otherwise the model itself is returned.
+    A copy of the model is fitted and returned if scorers fitted to one half of the marks agree better with the other
+    half than the original scorers do; otherwise the model itself is returned.
     """
     parts = segment_marked_parts(model, image, marks, scale)
     if not parts:
@@ -96,7 +96,7 @@ def fit_judges(model: RecoveryModel, image: Array, marks: Marks, scale: float, s
 
 
 def fit_to(model: RecoveryModel, parts: Sequence[MarkedPart], seed: int) -> RecoveryModel:
-    """Fit the region scorers in a copy of a model to the marked parts of a painting."""
+    """Copy a model, and fit the region scorers of the copy to the marked parts of a painting."""
     fitted, random = copy.deepcopy(model), np.random.default_rng(seed)
     labels = np.concatenate([part.segmented.labels.ravel() for part in parts])
     count = max(len(np.unique(labels[labels >= 0])), 1)
@@ -112,13 +112,13 @@ def fit_to(model: RecoveryModel, parts: Sequence[MarkedPart], seed: int) -> Reco
 
 
 def marks_in_half(part: MarkedPart, half: int) -> MarkedPart:
-    """Keep every other mark of a part, starting at mark ``half``; pixels of other marks become unknown."""
+    """Keep every second mark of a part, starting at mark ``half``; pixels of other marks become unknown."""
     labels = part.segmented.labels
     return part._replace(segmented=part.segmented._replace(labels=np.where(labels % 2 == half, labels, -1)))
 
 
 def agreement_with(parts: Sequence[MarkedPart], classifiers: Classifiers) -> float:
-    """Compute the mean intersection over union of each mark with the best region chosen by one look."""
+    """Compute the mean intersection over union between each mark and the best region chosen in one look."""
     best = []
     for (superpixels, labels), _ in parts:
         look = join_superpixels(superpixels, classifiers)
@@ -131,7 +131,7 @@ def agreement_with(parts: Sequence[MarkedPart], classifiers: Classifiers) -> flo
 
 
 def segment_marked_parts(model: RecoveryModel, image: Array, marks: Marks, scale: float) -> list[MarkedPart]:
-    """Split the tiles of an image (H, W, 3) that have hand-drawn marks into superpixels."""
+    """Divide the tiles of an image (H, W, 3) that contain hand-drawn marks into superpixels."""
     height, width = image.shape[:2]
     by_hand, deleted = (label_image(some, (height, width)) for some in (marks_by_hand(marks), marks.deleted))
     parts = []
@@ -147,7 +147,7 @@ def segment_marked_parts(model: RecoveryModel, image: Array, marks: Marks, scale
 
 
 def label_image(marks: Sequence[Mark], size: tuple[int, int]) -> Array:
-    """Draw the numbers of marks on a canvas (H, W), later marks on top, with -1 for none."""
+    """Draw marks on a canvas (H, W) as labels, with later marks on top and -1 for none."""
     labels = np.full(size, -1)
     for number, mark in enumerate(marks):
         labels.flat[pixels_of_mark(mark, size)] = number
@@ -155,7 +155,7 @@ def label_image(marks: Sequence[Mark], size: tuple[int, int]) -> Array:
 
 
 def marked_nodes(part: MarkedPart, tree: MergeTree) -> Examples:
-    """Make examples of the nodes that lie mostly on marks, or that match a mark or a deleted stroke."""
+    """Make examples of the nodes that are mostly covered by marks, or that match a mark or a deleted stroke."""
     (superpixels, labels), deleted = part
     overlap, wrong = (
         node_overlaps(tree, superpixels.labels, regions, int(regions.max()) + 1).max(1, initial=0)
@@ -168,7 +168,7 @@ def marked_nodes(part: MarkedPart, tree: MergeTree) -> Examples:
 
 
 def share_on(mask: Array, superpixels: Array, tree: MergeTree) -> Array:
-    """Compute the share of each node of a tree (nodes,) that lies on a mask (h, w)."""
+    """Compute the fraction (nodes,) of each tree node that is inside a mask (h, w)."""
     pixels = np.zeros(len(tree.moments))
     pixels[: tree.leaves] = np.bincount(superpixels[mask], minlength=tree.leaves)
     for number, (one, other) in enumerate(tree.children):
@@ -177,6 +177,6 @@ def share_on(mask: Array, superpixels: Array, tree: MergeTree) -> Array:
 
 
 def _fit(perceptron: Perceptron, examples: Iterable[Examples], marks: int) -> None:
-    """Fit the last layer of a perceptron to examples from ``marks`` marks."""
+    """Fit the last layer of a perceptron to examples made from the given number of marks."""
     features, goals, weights = join_examples(examples)
     fit_last_layer(perceptron, features, goals, weights, RIDGE / marks)

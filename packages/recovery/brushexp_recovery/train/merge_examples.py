@@ -1,4 +1,4 @@
-"""Make training examples for the perceptrons: pairs of regions and nodes of merge trees, with their targets."""
+"""Make training examples for the perceptrons: pairs of regions, and nodes of merge trees, with their targets."""
 
 from collections.abc import Iterable
 from typing import Any, NamedTuple
@@ -59,13 +59,13 @@ class RegionGraph(NamedTuple):
 
 
 def join_examples(examples: Iterable[Examples]) -> Examples:
-    """Concatenate examples."""
+    """Concatenate several sets of examples."""
     features, goals, weights = (np.concatenate(column) for column in zip(*examples, strict=True))
     return Examples(features, goals, weights)
 
 
 def segment_part(network: StrokeNetwork, part: PaintingPart) -> SegmentedPart:
-    """Split a part of a painting into superpixels at approximately the best scale for its strokes."""
+    """Divide a part of a painting into superpixels, at approximately the best scale for its strokes."""
     image = resample(part.image, part.zoom)
     rows, columns = (nearest_pixels(size, own) for size, own in zip(image.shape[:2], part.labels.shape, strict=True))
     maps = predict_maps(network, image, COPIES)
@@ -73,9 +73,9 @@ def segment_part(network: StrokeNetwork, part: PaintingPart) -> SegmentedPart:
 
 
 def pair_examples(part: SegmentedPart, tree: MergeTree, random: Random, knows_ground: bool = True) -> Examples:
-    """Make examples of the pairs present at each of the `STAGES` of merging.
+    """Make examples of the region pairs that exist at each of the `STAGES` of merging.
 
-    Without ``knows_ground``, -1 in the labels means unknown, and pairs of two unknown regions are excluded.
+    If ``knows_ground`` is false, a label of -1 means unknown, and pairs of two unknown regions are excluded.
     """
     return join_examples([_pairs_at(part, tree, stage, random, knows_ground) for stage in STAGES])
 
@@ -83,7 +83,7 @@ def pair_examples(part: SegmentedPart, tree: MergeTree, random: Random, knows_gr
 def _pairs_at(
     part: SegmentedPart, tree: MergeTree, least_chance: float, random: Random, knows_ground: bool
 ) -> Examples:
-    """Make examples of the pairs that remain after all merges with a probability of at least ``least_chance``."""
+    """Make examples of the region pairs that remain after merges with a probability of at least ``least_chance``."""
     graph = merge_superpixels(part.superpixels, roots_at(tree, least_chance))
     stroke, share = majority(graph.region[part.superpixels.labels], part.labels, len(graph.moments))
     first, second = graph.pairs.T
@@ -101,7 +101,7 @@ def _pairs_at(
 
 
 def roots_at(tree: MergeTree, least_chance: float) -> Array:
-    """Find the node of each superpixel (S,) after all merges with a probability of at least ``least_chance``."""
+    """Find the root node of each superpixel (S,) after merges with a probability of at least ``least_chance``."""
     roots = np.arange(len(tree.moments))
     for number in range(len(tree.children) - 1, -1, -1):
         node = tree.leaves + number
@@ -111,7 +111,7 @@ def roots_at(tree: MergeTree, least_chance: float) -> Array:
 
 
 def merge_superpixels(superpixels: Superpixels, roots: Array) -> RegionGraph:
-    """Merge the superpixels with the same root (S,)."""
+    """Merge the superpixels that have the same root (S,) into regions."""
     regions, region = np.unique(roots, return_inverse=True)
     count = len(regions)
     moments = np.stack([np.bincount(region, column, minlength=count) for column in superpixels.moments.T], 1)
@@ -125,7 +125,7 @@ def merge_superpixels(superpixels: Superpixels, roots: Array) -> RegionGraph:
 
 
 def majority(regions: Array, labels: Array, count: int) -> tuple[Array, Array]:
-    """Find the stroke, or -1 for the ground, that covers most of each of ``count`` regions, and its share."""
+    """Find the stroke, or -1 for the ground, that covers most of each of ``count`` regions, and what fraction."""
     base = int(labels.max()) + 2
     key, number = np.unique(regions.ravel().astype(np.int64) * base + labels.ravel() + 1, return_counts=True)
     region, stroke = key // base, key % base - 1
@@ -138,14 +138,14 @@ def majority(regions: Array, labels: Array, count: int) -> tuple[Array, Array]:
 
 
 def node_examples(part: SegmentedPart, tree: MergeTree) -> Examples:
-    """Make examples of nodes: whether each is a stroke, and its intersection over union with the nearest stroke."""
+    """Make examples of nodes, with their best intersection over union with a stroke and whether it is a match."""
     chosen = tree.moments[:, Moment.AREA] >= SMALLEST_REGION
     overlaps = node_overlaps(tree, part.superpixels.labels, part.labels, int(part.labels.max()) + 1)
     return examples_of_nodes(tree, chosen, overlaps.max(1, initial=0))
 
 
 def examples_of_nodes(tree: MergeTree, chosen: Array, iou: Array) -> Examples:
-    """Make examples of the ``chosen`` nodes (nodes,) from their intersection over union (nodes,) with a stroke."""
+    """Make examples of the ``chosen`` nodes (nodes,), given the intersection over union (nodes,) with their strokes."""
     goals = np.empty((int(chosen.sum()), len(NodeScore)))
     goals[:, NodeScore.MATCH] = iou[chosen] >= MATCH_IOU
     goals[:, NodeScore.IOU] = iou[chosen]

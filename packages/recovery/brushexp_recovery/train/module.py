@@ -19,13 +19,13 @@ SETTLED = 0.4
 
 
 class RecoveryModule(NetworkModule):
-    """Trains the network until its maps agree with the ground truth of the paintings."""
+    """Trains the network to predict maps that agree with the ground truth of paintings."""
 
     title = "learning strokes"
     clip_norm = 2.0
 
     def __init__(self, network: StrokeNetwork, lr: float, is_trained: bool = False) -> None:
-        """Train a network; if it is already trained, its normalisations keep their statistics from the first step."""
+        """Train a network; if it is already trained, its batch normalisation is frozen from the first step."""
         super().__init__()
         self.network, self.lr, self.counts = network.train(), lr, Counts(0, 0, 0)
         self.settled = 0.0 if is_trained else SETTLED

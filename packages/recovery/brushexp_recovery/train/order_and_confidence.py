@@ -1,4 +1,4 @@
-"""Fit the logistic models of order and confidence to held-out paintings that are used for nothing else."""
+"""Fit the logistic models of order and confidence on held-out paintings that are used for nothing else."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -24,7 +24,7 @@ Array = NDArray[Any]
 
 
 class LabelledRegions(NamedTuple):
-    """N regions found in a painting and P pairs of touching regions, with the ground truth for both."""
+    """N regions and P pairs of touching regions found in a painting, with the ground truth for both."""
 
     confidence: Array  # (N, len(ConfidenceFeature))
     is_stroke: Array  # (N,)
@@ -34,9 +34,9 @@ class LabelledRegions(NamedTuple):
 
 
 def fit_order_and_confidence(model: RecoveryModel, paintings: Sequence[KnownPainting], seed: int) -> dict[str, float]:
-    """Fit the order and confidence of a model to paintings; return F1 and precision.
+    """Fit a model's order and confidence on paintings, and return the F1 and precision of the regions found.
 
-    Strokes are found as in `recover`, in clean and weathered paintings.
+    Regions are found as `recover` finds them, in clean and weathered paintings.
     """
     random = np.random.default_rng(seed)
     looks = [(painting, is_weathered) for painting in paintings for is_weathered in (False, True)]
@@ -50,7 +50,7 @@ def fit_order_and_confidence(model: RecoveryModel, paintings: Sequence[KnownPain
 
 
 def find_in(model: RecoveryModel, painting: KnownPainting, is_weathered: bool, random: Random) -> LabelledRegions:
-    """Find regions in a part of a painting, and compare them with its strokes."""
+    """Find regions in a part of a painting, and compare them with the painting's strokes."""
     part = cut_part(painting, is_weathered, random)
     regions = find_regions(model, part.image, None, COPIES, lambda *_: None)
     visible = count_pixels(part.labels, len(painting.geometry))

@@ -1,4 +1,4 @@
-"""Cut parts out of held-out paintings for fitting classifiers."""
+"""Crop parts of held-out paintings, to which classifiers are fitted."""
 
 from typing import Any, NamedTuple
 
@@ -18,7 +18,7 @@ ZOOM_SPREAD = 0.15  # spread of the logarithm of scales
 
 
 class PaintingPart(NamedTuple):
-    """A part of a painting."""
+    """A part of a painting, and the scale that suits its strokes."""
 
     image: Array  # (H, W, 3) float32 in [0, 1]
     labels: Array  # (H, W) visible stroke, or -1 for the ground
@@ -26,7 +26,7 @@ class PaintingPart(NamedTuple):
 
 
 def cut_part(painting: KnownPainting, is_weathered: bool, random: Random) -> PaintingPart:
-    """Cut a part out of a painting, `PART_SIDE` pixels wide when zoomed."""
+    """Crop a part of a painting that is up to `PART_SIDE` pixels wide after zooming."""
     zoom = TRAINED_WIDTH / typical_width(painting) * np.exp(random.normal(0, ZOOM_SPREAD))
     zoom = float(np.clip(zoom, *ZOOMS))
     height, width = painting.labels.shape

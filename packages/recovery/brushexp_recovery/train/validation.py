@@ -1,4 +1,4 @@
-"""Validate during training: compare regions, merged by affinity alone, with the known strokes."""
+"""Validate the network during training: compare regions that were merged by affinity alone with known strokes."""
 
 from typing import Any, NamedTuple
 
@@ -24,7 +24,7 @@ LEAST_AFFINITY = 0.5  # mean affinity down to which regions are merged
 
 
 class Counts(NamedTuple):
-    """Numbers of strokes."""
+    """Numbers of matching, found and known strokes."""
 
     hits: int  # found strokes that overlap a known stroke with an IoU of at least `MATCH_IOU`
     found: int
@@ -36,12 +36,12 @@ class Counts(NamedTuple):
         return 2 * self.hits / max(self.found + self.known, 1)
 
     def plus(self, other: "Counts") -> "Counts":
-        """Add the counts of other pictures."""
+        """Add the counts of other pictures to these counts."""
         return Counts(self.hits + other.hits, self.found + other.found, self.known + other.known)
 
 
 def count_strokes(output: Tensor, crops: Crops) -> Counts:
-    """Count the strokes in crops from their maps (B, `CHANNELS`, H, W), by merging regions of high mean affinity."""
+    """Count the strokes found in crops from their maps (B, `CHANNELS`, H, W), by merging regions with high affinity."""
     total = Counts(0, 0, 0)
     images = crops.image.numpy().transpose(0, 2, 3, 1)
     for maps, image, labels in zip(output.numpy(), images, crops.labels.numpy(), strict=True):
@@ -50,7 +50,7 @@ def count_strokes(output: Tensor, crops: Crops) -> Counts:
 
 
 def _count_in(channels: Array, image: Array, labels: Array) -> Counts:
-    """Count the strokes found by maps (`CHANNELS`, H, W) in a picture (H, W, 3)."""
+    """Count the strokes found in a picture (H, W, 3) from its maps (`CHANNELS`, H, W)."""
     maps = StrokeMaps(sigmoid(channels[AFFINITY]), channels[PAINT], channels[ATTRIBUTES], channels[OCCLUSION])
     superpixels = superpixels_of(maps, image)
     tree = grow_tree(superpixels, None, LEAST_AFFINITY)

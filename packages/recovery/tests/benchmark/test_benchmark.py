@@ -1,4 +1,4 @@
-"""The benchmark makes paintings with truth from seeds, baselines work on plain scenes, and reports are written."""
+"""Test that benchmark paintings are reproducible, that baselines find plain strokes, and that reports are written."""
 
 import json
 
@@ -20,7 +20,7 @@ SIZE = (90, 120)
 
 
 def clear_scene() -> tuple[Truth, np.ndarray]:
-    """Draw strokes of different colours that do not touch."""
+    """Draw strokes of different colours that do not touch each other."""
     curve = straight(*(((x - 12, y - 3), (x + 12, y + 3)) for y in range(12, 84, 20) for x in range(20, 110, 36)))
     color = np.random.default_rng(0).uniform(0, 0.6, (len(curve), 3))
     return draw_truth(curve, np.full(len(curve), 8.0), color, SIZE, np.ones(3))

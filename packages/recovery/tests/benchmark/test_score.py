@@ -1,4 +1,4 @@
-"""Scores of small scenes agree with hand calculations, and files of strokes and of the truth can be read."""
+"""Test that scores of small scenes agree with hand calculations, and that stroke and ground-truth files are read."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ SIZE = (40, 60)
 
 
 def scene() -> tuple[Truth, np.ndarray]:
-    """Draw four horizontal strokes, the bottom one almost completely hidden."""
+    """Draw four horizontal strokes; the bottom one is almost completely hidden."""
     curve = straight(((10, 10), (50, 10)), ((20, 20), (40, 20)), ((10, 30), (50, 30)), ((20, 19), (40, 19)))
     color = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 0]], float)
     order = [1, 0, 2, 3]
@@ -28,7 +28,7 @@ def scene() -> tuple[Truth, np.ndarray]:
 
 
 def spell_paths(truth: Truth, **changes) -> Prediction:
-    """Predict the known strokes with some changes."""
+    """Make a prediction from the known strokes, with the given changes."""
     found = Prediction(truth.labels, truth.curve, truth.width, truth.seen, truth.area)
     return replace(found, **changes)
 
@@ -127,7 +127,7 @@ COLORS = np.array([[0, 0, 0], [9, 0, 0], [0, 9, 0], [0, 0, 9], [9, 9, 9]], np.ui
 
 
 def half_size(truth: Truth):
-    """Make a catalogue of the known strokes on a canvas of half the size."""
+    """Make a catalogue of the known strokes on a canvas of half the width and height."""
     return saved_strokes(0.5 * truth.curve, 0.5 * truth.width, truth.color, (20, 30))
 
 

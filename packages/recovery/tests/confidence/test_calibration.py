@@ -1,4 +1,4 @@
-"""Features of a region predict whether it is a stroke, and confidences are compared with the share of right strokes."""
+"""Test that confidence features describe regions, and that calibration compares confidence with correctness."""
 
 from dataclasses import replace
 

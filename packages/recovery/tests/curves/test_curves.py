@@ -1,4 +1,4 @@
-"""Curves are fitted to regions, refined together to match visible parts, and cut to their paint."""
+"""Test that curves are fitted to regions, jointly refined to match the visible parts, and cut to their paint."""
 
 import numpy as np
 import pytest
@@ -42,7 +42,7 @@ def test_refining_moves_strokes_onto_their_regions():
 
 
 def mean_iou(fitted: StrokeCurves, labels: np.ndarray) -> float:
-    """Compute the mean IoU of the visible parts of two strokes with their regions."""
+    """Compute the mean IoU between the visible parts of two strokes and their regions."""
     drawn, _ = visible_labels(cover_strokes(fitted.curve, fitted.width, labels.shape), np.ones(2), labels.shape)
     return float(np.mean([((drawn == k) & (labels == k)).sum() / ((drawn == k) | (labels == k)).sum() for k in (0, 1)]))
 

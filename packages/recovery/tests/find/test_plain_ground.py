@@ -1,4 +1,4 @@
-"""Strokes on a plain ground tell their width by their shapes."""
+"""Test that the width of strokes on a plain ground is measured from their shapes."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ Y, X = np.mgrid[:240, :300]
 
 
 def bars(width: float, ground: float = 0.02, noise: float = 0.01) -> np.ndarray:
-    """Paint two bars of a width in pixels on a plain ground (240, 300, 3)."""
+    """Paint two bars of the given width in pixels on a plain ground (240, 300, 3)."""
     image = np.full((240, 300, 3), ground)
     for top, color in ((70, (0.8, 0.2, 0.1)), (160, (0.2, 0.4, 0.9))):
         image[(np.abs(Y - top) < width / 2) & (X > 60) & (X < 240)] = color

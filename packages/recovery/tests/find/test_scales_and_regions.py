@@ -1,4 +1,4 @@
-"""The scale of a picture is chosen, and tiles find what the whole picture shows."""
+"""Test that a suitable scale is chosen, and that tiles find the same strokes as the whole picture."""
 
 from functools import partial
 

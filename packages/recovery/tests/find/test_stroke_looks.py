@@ -1,4 +1,4 @@
-"""Several looks at one part of a picture agree on regions, and the surest ones are kept."""
+"""Test that several looks at a part of a picture vote on regions, and that the most certain regions are kept."""
 
 from typing import Any
 
@@ -20,7 +20,7 @@ BOX, EVERYWHERE = Box(10, 34, 5, 45), Box(0, 100, 0, 100)
 
 
 def some_look(size: tuple[int, int], random: np.random.Generator) -> Look:
-    """Show 12 superpixels in random places, merged at random, and some disjoint nodes that are chosen."""
+    """Make a look with 12 randomly placed superpixels, random merges, and three random nodes as chosen regions."""
     superpixels = random.integers(12, size=(-(-size[0] // 4), -(-size[1] // 4))).repeat(4, 0).repeat(4, 1)
     superpixels = superpixels[: size[0], : size[1]].astype(np.int32)
     free, children = list(range(12)), []
@@ -38,7 +38,7 @@ def some_look(size: tuple[int, int], random: np.random.Generator) -> Look:
 
 
 def covered(superpixels: Array, tree: MergeTree, node: int) -> Array:
-    """Tell which pixels a node of a tree covers."""
+    """Mark the pixels that a node of a tree covers."""
     if node < tree.leaves:
         return superpixels == node
     one, other = tree.children[node - tree.leaves]
@@ -46,7 +46,7 @@ def covered(superpixels: Array, tree: MergeTree, node: int) -> Array:
 
 
 def at_first(values: Array, looks: list[Look]) -> Array:
-    """Show the pixels of a look at those of the first one."""
+    """Resample the pixels of a look to the pixel grid of the first look."""
     height, width = looks[0].superpixels.shape
     rows, columns = nearest_pixels(height, values.shape[0]), nearest_pixels(width, values.shape[1])
     return values[rows[:, None], columns]
@@ -100,7 +100,7 @@ def test_attributes_of_regions_are_in_pixels_of_the_picture():
 
 
 def kept(candidates: list[tuple[range, float]], labels: Array, least_share: float = 0.0) -> list[float]:
-    """Chances of the regions that are kept, in their order."""
+    """Return the chances of the regions that are kept, in order."""
     made = [Candidate(np.array(pixels), chance, np.zeros(len(StrokeAttribute))) for pixels, chance in candidates]
     return [one.chance for one in keep_surest(made, labels, least_share)]
 

@@ -1,4 +1,4 @@
-"""Regions are merged as in a slow, obvious loop, and the best cut of the tree is found."""
+"""Test that merging agrees with a straightforward implementation, and that the best cut of a tree is found."""
 
 from itertools import chain, combinations
 
@@ -58,7 +58,7 @@ def some_perceptron(seed: int) -> PerceptronWeights:
 
 
 def mean_affinity(row: np.ndarray, between: np.ndarray) -> float:
-    """Compute the mean affinity of a pair from its features, with most weight on the nearest pixels."""
+    """Compute the mean affinity of a pair from its features, with the most weight on the nearest pixels."""
     number = np.array([4, 2, 1, 1]) * between[PAIRS]
     return (row[AFFINITIES] * number).sum() / number.sum()
 
@@ -66,7 +66,7 @@ def mean_affinity(row: np.ndarray, between: np.ndarray) -> float:
 def merged_slowly(
     superpixels: Superpixels, perceptron: PerceptronWeights | None, least: float
 ) -> list[tuple[frozenset[int], float]]:
-    """Merge regions as sets of superpixels, re-examining all pairs each time; return the merges with their chances."""
+    """Merge sets of superpixels, re-examining all pairs after each merge; return the merged sets and their chances."""
     regions, closed = [frozenset([k]) for k in range(len(superpixels.moments))], set[frozenset[int]]()
     made = []
     while True:

@@ -1,4 +1,4 @@
-"""The corrections of a person replace recovered strokes."""
+"""Test that a person's corrections replace recovered strokes."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Marks drawn by people are read from files, converted to regions, and compared with strokes."""
+"""Test that hand-drawn marks are read from files, converted to regions, and compared with strokes."""
 
 import csv
 import io
@@ -20,7 +20,7 @@ SIZE = (40, 60)
 
 
 def level(y: float, width: float = 6.0, left: float = 10, right: float = 50) -> dict[str, object]:
-    """Make a horizontal mark in the form of the file."""
+    """Make a horizontal mark in the format of a marks file."""
     return {"points": [[left, y], [right, y]], "width": width}
 
 
@@ -30,7 +30,7 @@ def write_marks(path, *strokes, **values):
 
 
 def rows_of(*marks: tuple[int, int]) -> list[np.ndarray]:
-    """Make regions that are ranges of pixel rows."""
+    """Make regions that each consist of a range of rows."""
     return [np.arange(top * SIZE[1], bottom * SIZE[1]) for top, bottom in marks]
 
 

@@ -1,4 +1,4 @@
-"""A smaller, rotated and compressed photograph of a painting gives the same figures with the shipped weights."""
+"""Test that the shipped weights give the same measures for a smaller, rotated and compressed photograph."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ VIEWS, SMALLER, TURN = 3, 0.8, 2.0
 
 
 def recover(picture: np.ndarray) -> Recovered:
-    """Recover strokes with one copy per look."""
+    """Recover strokes with one copy in each look."""
     return recover_with(shipped(), np.asarray(picture, np.float32), None, 1, silent)
 
 

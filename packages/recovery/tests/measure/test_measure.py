@@ -1,4 +1,4 @@
-"""Intervals of measures contain the figures of a second photograph; areas, millimetres and comparisons work."""
+"""Test the areas, scales, intervals and comparisons of measures, also with a second photograph."""
 
 from functools import partial
 
@@ -23,7 +23,7 @@ recover = partial(recover_dark, confidence=0.9)
 
 
 def painting(angle: float = 20, width: float = 6.0) -> np.ndarray:
-    """Draw separate dark strokes on white."""
+    """Draw separate dark strokes on a white ground."""
     random = np.random.default_rng(0)
     x, y = np.meshgrid(np.arange(18, 150, 28), np.arange(14, 110, 18))
     middle = np.stack([x.ravel(), y.ravel()], 1) + random.uniform(-2, 2, (x.size, 2))
@@ -110,7 +110,7 @@ def test_strokes_of_a_view_come_back_to_their_places():
 
 @pytest.fixture
 def mask(tmp_path) -> Image.Image:
-    """Draw a mask that is bright in the right half."""
+    """Draw a mask whose right half is bright."""
     pixels = np.zeros(SIZE, np.uint8)
     pixels[:, 80:] = 255
     return Image.fromarray(pixels)

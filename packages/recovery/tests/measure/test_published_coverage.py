@@ -1,4 +1,4 @@
-"""The published coverage of the intervals of measures follows from its record."""
+"""Test that the published coverage of the intervals of measures can be computed from its record."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Errors of recovery are fitted to known paintings, correct figures, and let intervals hold the truth of new ones."""
+"""Test that recovery errors are fitted, that they correct measures, and that intervals cover true values."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ KINDS = ("dry", "wet", "thick", "thin", "flat", "round")
 
 
 def known_paintings(count, seed):
-    """Simulate figures of paintings of which recovery loses the more, the less sure it is, and by kind."""
+    """Simulate true and measured values whose errors are larger at low confidence and differ between kinds."""
     random = np.random.default_rng(seed)
     names = [f"{KINDS[number % len(KINDS)]}-{number}" for number in range(count)]
     confidence = random.uniform(0.3, 0.9, count)
@@ -78,7 +78,7 @@ def test_ends_and_missing_figures_stay():
 
 
 def test_the_rest_of_a_kind_is_told_by_other_kinds():
-    """One kind errs by 1 in all its paintings; a fit that knew this kind would leave less."""
+    """Test that the residuals of one kind of painting are computed from a fit to the other kinds."""
     error, kinds = np.repeat([0.0, 0.0, 1.0], 4), np.repeat(["a", "b", "c"], 4)
     predictors = np.tile([[0.0, 1.0], [1.0, 1.0], [0.0, 3.0], [1.0, 3.0]], (3, 1))
     fitted = fit_error(error, predictors, kinds, MEASURES["length"])

@@ -1,4 +1,4 @@
-"""Several paintings are tabulated with intervals, and groups are compared with a correction for many measures."""
+"""Test that several paintings are tabulated with intervals, and that groups are compared with corrected p-values."""
 
 import csv
 import io
@@ -18,7 +18,7 @@ from brushexp_recovery.measure.several_paintings import (
 
 
 def runs_of(folder, lengths: dict[str, list[float]]) -> pd.DataFrame:
-    """Write runs of task=measure for paintings of several groups that differ only in length."""
+    """Write task=measure runs for several groups of paintings that differ only in stroke length."""
     rows = []
     for group, values in lengths.items():
         for number, length in enumerate(values):

@@ -1,4 +1,4 @@
-"""The order of strokes is inferred from the pixels where they meet."""
+"""Test that the order of strokes is inferred from the pixels where they meet."""
 
 from dataclasses import replace
 from itertools import combinations
@@ -17,7 +17,7 @@ from recovery_scenes import straight
 
 @pytest.fixture
 def crossed() -> tuple[Regions, StrokeCurves]:
-    """Make a horizontal stroke below a falling one, and a separate one, without predicted occlusion."""
+    """Make a horizontal stroke, a vertical stroke above it and a separate one, without predicted occlusion."""
     curve = straight(((16, 30), (64, 30)), ((40, 11), (40, 49)), ((6, 54), (16, 54)))
     return crossed_regions(), StrokeCurves(curve, np.array([12.0, 12, 8]), np.zeros((3, 3)))
 

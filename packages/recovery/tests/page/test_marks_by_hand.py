@@ -1,4 +1,4 @@
-"""A conservator corrects strokes on the page by mouse and by keyboard, and saves them as marks."""
+"""Test that strokes can be corrected on the page by mouse and by keyboard, and saved as marks."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ SIZE = (60, 80)
 
 
 def dark_strokes() -> tuple[StrokeTable, np.ndarray]:
-    """Draw dark horizontal strokes 6 px wide, one at y = 10 and two at y = 30, with a gap from x = 36 to 44."""
+    """Draw dark horizontal strokes 6 px wide: one at y = 10 and two at y = 30, with a gap from x = 36 to 44."""
     image = np.ones((*SIZE, 3))
     for top, left, right in ((7, 20, 60), (27, 10, 36), (27, 44, 70)):
         image[top : top + 6, left:right] = 0
@@ -20,7 +20,7 @@ def dark_strokes() -> tuple[StrokeTable, np.ndarray]:
 
 
 class Editor:
-    """The picture on a page in a browser, addressed by its own pixels."""
+    """The stroke editor of a page in a browser, controlled in pixel coordinates of the picture."""
 
     def __init__(self, watched, folder):
         self.page, self.folder = watched.page, folder

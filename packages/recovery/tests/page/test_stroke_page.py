@@ -1,4 +1,4 @@
-"""The page of recovered strokes and its files: in a browser, figures follow the shown strokes."""
+"""Test the page of recovered strokes and its files, and that the measures in a browser follow the shown strokes."""
 
 import csv
 import io
@@ -23,7 +23,7 @@ CONFIDENCE = np.array([0.2, 0.6, 0.9], np.float32)
 
 
 def recovered() -> tuple[Recovered, np.ndarray]:
-    """Make three strokes, horizontal, falling to the right and vertical, with the top stroke first in the catalogue."""
+    """Make a horizontal, a descending and a vertical stroke, with the top stroke first in the catalogue."""
     middle = np.array([[20.0, 10], [40, 30], [65, 30]])
     turn = np.radians([0.0, 45, 90])
     way = np.array([14.0, 10, 18])[:, None] * np.stack([np.cos(turn), np.sin(turn)], 1)

@@ -1,4 +1,4 @@
-"""Loops over label images and pairs of pixels agree with slow, obvious loops."""
+"""Test that loops over label images and pixel pairs agree with straightforward implementations."""
 
 import numpy as np
 import pytest

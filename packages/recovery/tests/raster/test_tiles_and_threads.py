@@ -1,4 +1,4 @@
-"""Tiles cover a picture, threads share the tiles, and memory is freed in time."""
+"""Test that tiles cover a picture, that threads process items in order, and that memory is returned in time."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The strokes of a small painting are recovered, any picture is accepted, and results can be stored."""
+"""Test that a small painting's strokes are recovered, that any picture is accepted, and that results are stored."""
 
 from dataclasses import replace
 
@@ -34,7 +34,7 @@ def test_most_strokes_of_a_small_painting_are_found_again():
 
 
 def some_strokes(n: int, random: np.random.Generator) -> Recovered:
-    """Make random recovered strokes."""
+    """Make recovered strokes at random."""
     labels = random.integers(-1, n, (20, 30)).astype(np.int32)
     fitted = StrokeCurves(random.random((n, 3, 2)) * 30, random.random(n) * 5 + 1, random.random((n, 3)))
     image = random.random((20, 30, 3)).astype(np.float32)

@@ -1,4 +1,4 @@
-"""Maps of rotated copies are turned back, and the memory of large pictures is freed."""
+"""Test that maps of rotated copies are transformed back, and that the memory of large pictures is freed."""
 
 import sys
 import weakref
@@ -24,7 +24,7 @@ from brushexp_recovery.segment.affinity_maps import predict_maps
 
 
 class Oracle(torch.nn.Module):
-    """Return the true maps of a picture whose red channel is the number of the stroke / 10."""
+    """A network that returns the true maps of a picture whose red channel is a tenth of the stroke's number."""
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         labels = (x[0, 0] * 10).round().long()

@@ -1,4 +1,4 @@
-"""Superpixels, their moments and their affinities agree with slow loops over pixels."""
+"""Test that superpixels, moments and affinities agree with straightforward loops over pixels."""
 
 import numpy as np
 import pytest

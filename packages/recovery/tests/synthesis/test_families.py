@@ -1,4 +1,4 @@
-"""Each family of paint makes whole pictures and their truth from a seed, and sheets bend along curves."""
+"""Test that each paint family makes reproducible pictures with ground truth, and that sheets bend along curves."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Marks drawn by a formula cover their curve if smooth, break up if dry, and are reproducible."""
+"""Test that smooth procedural marks cover their curve, that dry ones break up, and that marks are reproducible."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Paintings are determined by seed and number, and their truth describes their strokes."""
+"""Test that paintings are determined by seed and number, and that their ground truth describes their strokes."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""Layouts of strokes are reproducible, end at edges, and keep strokes apart."""
+"""Test that stroke layouts are reproducible, that strokes end at edges, and that their positions keep apart."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""task=benchmark paints, finds strokes and scores them; task=score gives the same figures for the same strokes."""
+"""Test that task=benchmark paints, finds and scores strokes, and that task=score gives the same scores."""
 
 import csv
 import io

@@ -1,4 +1,4 @@
-"""task=measure runs from a photograph to its page, also with a second photograph, on given recovered strokes."""
+"""Test task=measure from photograph to page, with a second photograph, and with previously recovered strokes."""
 
 import csv
 import json
@@ -24,7 +24,7 @@ recover = partial(recover_dark, confidence=0.8)
 
 
 def painting(width: float) -> tuple[Truth, np.ndarray]:
-    """Draw three dark horizontal strokes on white."""
+    """Draw three dark horizontal strokes on a white ground."""
     curve = straight(*(((20, y), (60, y)) for y in (10, 30, 50)))
     return draw_truth(curve, np.full(3, width), np.zeros((3, 3)), SIZE, np.ones(3))
 

@@ -1,4 +1,4 @@
-"""task=recover writes a catalogue, pictures, a table and a page of the strokes of a photograph."""
+"""Test that task=recover writes a catalogue, pictures, a table and a page of a photograph's strokes."""
 
 import json
 from xml.etree import ElementTree

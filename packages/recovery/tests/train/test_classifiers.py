@@ -1,4 +1,4 @@
-"""The models that judge regions learn from paintings: perceptrons, order and confidence."""
+"""Test that the models that score regions learn from paintings: perceptrons, order and confidence."""
 
 import numpy as np
 import pytest

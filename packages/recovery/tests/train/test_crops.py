@@ -1,4 +1,4 @@
-"""Crops are rotated with their truth, and losses have correct gradients."""
+"""Test that crops are rotated together with their ground truth, and that losses have correct gradients."""
 
 import numpy as np
 import pytest

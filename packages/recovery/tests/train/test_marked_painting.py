@@ -1,4 +1,4 @@
-"""Judges learn from a few marks of a person, whose widths determine a painting's scale."""
+"""Test that region scorers learn from a few hand-drawn marks, whose widths determine the scale of a painting."""
 
 import copy
 
@@ -88,7 +88,7 @@ def test_a_last_layer_learns_examples_as_far_as_the_penalty_lets_it():
 
 @pytest.fixture(scope="module")
 def parts() -> list[marked_painting.MarkedPart]:
-    """Mark the twelve largest strokes of a painting."""
+    """Return the parts of a painting whose twelve largest strokes are marked."""
     painting = bristles(SIZE, 2)
     labels = painting.labels.astype(np.int32)
     largest = np.argsort(-np.bincount(labels[labels >= 0]))[:12]

@@ -1,4 +1,4 @@
-"""The network learns from crops of a pool of paintings, and is validated against known strokes during training."""
+"""Test that the network learns from crops of a pool of paintings, and is validated against known strokes."""
 
 import os
 from types import SimpleNamespace
@@ -67,7 +67,7 @@ def test_figures_of_a_validation_are_means_over_its_batches(monkeypatch):
 
 @pytest.fixture
 def pool(tmp_path) -> RecoveryData:
-    """Make crops of three paintings, and of the held-out paintings for validation."""
+    """Make a pool with three training paintings and the held-out paintings for validation."""
     for number in [*range(3), *range(FIRST_HELD_OUT, FIRST_HELD_OUT + VALIDATED)]:
         save_painting(tmp_path / f"{number:06d}.npz", bars(0.1 * (number % 10)))
     return RecoveryData(tmp_path, ["coffee"], 5, 2, 3, 1)
@@ -101,7 +101,7 @@ def test_paintings_that_no_process_makes_are_not_waited_for(pool, monkeypatch):
 
 @pytest.fixture
 def families_of_paintings(monkeypatch) -> list[str | None]:
-    """Record the families of paintings in order; paintings 0 and 2 and the second held-out painting have one."""
+    """Record the paint family of each painting made; paintings 0 and 2 and the second held-out painting have one."""
     families, made = {0: "dabs", FIRST_HELD_OUT + 1: "dabs", 2: "washes"}, []
     monkeypatch.setattr(pool_of_paintings, "family_of", lambda _, number: families.get(number))
     monkeypatch.setattr(pool_of_paintings, "paint", lambda *words: made.append(words[-1]) or bars())
@@ -134,7 +134,7 @@ def test_without_families_engines_make_every_painting(tmp_path, families_of_pain
 
 
 def maps_of(labels: np.ndarray) -> torch.Tensor:
-    """Make the maps of a network that predicts every affinity and all paint correctly."""
+    """Make the maps of a network that predicts all affinities and paint correctly."""
     maps = torch.zeros(1, CHANNELS, *labels.shape)
     for channel, (dy, dx) in enumerate(AFFINITY_OFFSETS):
         there = np.roll(labels, (-dy, -dx), (0, 1))

@@ -1,4 +1,4 @@
-"""Measure the brushwork of a painting from Python: ``brushexp.analyse``."""
+"""Provide ``brushexp.analyse``, which measures the brushwork of a painting from Python."""
 
 from os import PathLike
 from pathlib import Path
@@ -15,8 +15,8 @@ def analyse(painting: Painting | str | PathLike[str], *, radius: float | None = 
 
     Args:
         painting: painting returned by `paint`, or the path of a catalogue.
-        radius: radius of a stroke's neighbourhood in pixels; None = four pitches sqrt(pixels / strokes).
-        visible: visible share below which a stroke is left out.
+        radius: radius of a stroke's neighbourhood in pixels; None = four pitches, each sqrt(pixels / strokes).
+        visible: visible fraction below which a stroke is left out.
 
     >>> import brushexp
     >>> analysis = brushexp.analyse(brushexp.paint("astronaut", look="plain", resolution=32, strokes=20, steps=1))

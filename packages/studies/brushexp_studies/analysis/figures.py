@@ -1,4 +1,4 @@
-"""Draw the brushwork of one painting on a sheet, or of two paintings with the same axes."""
+"""Draw a figure that shows the brushwork of one painting, or of two paintings with the same axes."""
 
 import math
 from collections.abc import Sequence
@@ -44,7 +44,7 @@ LEVEL_HUE = math.radians(85)  # horizontal strokes are ochre, vertical strokes b
 
 
 def write_figure(path: Path, analyses: Sequence[Analysis]) -> Path:
-    """Write the sheet as PNG: strokes by direction, coherence and rose of each painting, above histograms."""
+    """Write a PNG with each painting's strokes by direction, coherence map and rose diagram, and histograms below."""
     figure = new_figure(HEIGHT * (len(analyses) + 1))
     figure.set_dpi(PRINT_DPI)
     *parts, panels = figure.subfigures(len(analyses) + 1, 1, squeeze=False)[:, 0]
@@ -83,7 +83,7 @@ def _painting(part: SubFigure, analysis: Analysis, ink: str, largest: float) -> 
 
 
 def _coherence(axes: Axes, part: SubFigure, analysis: Analysis) -> None:
-    """Draw the coherence of directions as lines along the strokes, longer where directions agree."""
+    """Draw a map of the coherence of directions, with lines along the strokes that are longer where it is high."""
     colors = ListedColormap(colormaps["YlGnBu"](np.linspace(0, SCALE_SHARE, 256)))
     coherence = np.linalg.norm(coherence_map(analysis, MAP_CELLS)[1], axis=-1)
     place = (0, analysis.size[1], analysis.size[0], 0)
@@ -101,7 +101,7 @@ def _coherence(axes: Axes, part: SubFigure, analysis: Analysis) -> None:
 
 
 def _rose(axes: Any, analysis: Analysis, largest: float) -> None:
-    """Draw the share of each direction as the area of two opposite bars."""
+    """Draw the fraction of strokes in each direction as the area of two opposite bars."""
     share = np.sqrt(direction_shares(analysis.values("orientation")))
     middle = np.arange(DIRECTION_BINS) * math.pi / DIRECTION_BINS
     look = {"color": direction_colors(middle), "edgecolor": "white", "linewidth": 0.6}
@@ -120,7 +120,7 @@ def _rose(axes: Any, analysis: Analysis, largest: float) -> None:
 
 
 def _histogram(axes: Axes, key: str, analyses: Sequence[Analysis]) -> None:
-    """Draw the shares of strokes by one measure, and the median, in pitches if paintings are compared."""
+    """Draw a histogram of one measure and its median, in units of the pitch if paintings are compared."""
     tidy(axes)
     axes.grid(axis="x", visible=False)
     axes.yaxis.set_major_formatter("{x:g} %")
@@ -147,7 +147,7 @@ def _histogram(axes: Axes, key: str, analyses: Sequence[Analysis]) -> None:
 
 
 def _range(key: str, samples: Sequence[Array]) -> tuple[float, float]:
-    """Choose the range of an axis that includes all strokes except ``TAIL_SHARE`` of them at the long tail."""
+    """Choose an axis range that includes all strokes except a fraction ``TAIL_SHARE`` at the long tail."""
     high = MEASURES[key].high
     if high < math.inf:
         low = 0.0 if key in FULL_RANGE else min(float(np.quantile(values, TAIL_SHARE)) for values in samples)
@@ -156,7 +156,7 @@ def _range(key: str, samples: Sequence[Array]) -> tuple[float, float]:
 
 
 def direction_colors(angle: Array) -> Array:
-    """Map directions in radians to colours (N, 3), with all hues in half a turn, and grey for NaN."""
+    """Map directions in radians to colours (N, 3), using all hues for half a turn, and grey for NaN."""
     finite, turn = np.isfinite(angle), 2 * np.nan_to_num(angle)
     lightness = LIGHTNESS + LIGHTNESS_SPAN * np.where(finite, np.cos(turn), 0.0)
     chroma = np.where(finite, CHROMA, 0.0) * np.array([np.cos(turn + LEVEL_HUE), np.sin(turn + LEVEL_HUE)])
@@ -165,7 +165,7 @@ def direction_colors(angle: Array) -> Array:
 
 @torch.no_grad()
 def stroke_map(analysis: Analysis) -> NDArray[np.float32]:
-    """Draw the strokes (H, W, 3) on white, coloured by direction."""
+    """Draw the strokes on white, coloured by direction, as a picture (H, W, 3)."""
     zoom = STROKES_SIDE / max(analysis.size)
     size = (max(1, round(analysis.size[0] * zoom)), max(1, round(analysis.size[1] * zoom)))
     color = torch.from_numpy(direction_colors(analysis.measures.orientation)).float()
@@ -176,10 +176,10 @@ def stroke_map(analysis: Analysis) -> NDArray[np.float32]:
 
 @torch.no_grad()
 def coherence_map(analysis: Analysis, cells: int) -> tuple[Array, Array]:
-    """Compute points (h, w, 2) of a grid in pixels, and the mean doubled direction (h, w, 2) of the nearest strokes.
+    """Compute a grid of points (h, w, 2) in pixels, and the mean doubled direction (h, w, 2) of the nearest strokes.
 
-    ``cells`` is the number of points along the longer side. The length of a mean is the coherence. It is NaN where
-    fewer than ``LEAST_AROUND`` strokes lie within the radius of the analysis.
+    ``cells`` is the number of points along the longer side. The length of a mean vector is the coherence. The mean is
+    NaN where fewer than ``LEAST_AROUND`` strokes are within the analysis radius.
     """
     height, width = analysis.size
     step = max(height, width) / cells

@@ -1,4 +1,4 @@
-"""Keys of ``task=analyse``."""
+"""Define the config keys of ``task=analyse``."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from brushexp.contracts.tasks import CATALOGUE, Task, key
 
 @dataclass
 class AnalyseTask(Task):
-    """Measure the brushwork of a painting, or compare two paintings: table, summary, figures."""
+    """Measure the brushwork of a painting, or compare two paintings; write a table, a summary and figures."""
 
     module = "brushexp_studies.analysis.task"
     alone = "catalogue"

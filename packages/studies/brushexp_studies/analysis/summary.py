@@ -65,22 +65,24 @@ class Analysis:
     sizes_by: str = ""  # setting that determined the strokes' ``SIZE_MEASURES``; see `sizes_set_by`
 
     def values(self, key: str) -> Array:
-        """Return one measure of the strokes for which it is defined, in the unit of `MEASURES`."""
+        """Return the finite values of one measure, in the unit given in `MEASURES`."""
         values: Array = self.measures[key]
         return in_units(values[np.isfinite(values)], MEASURES[key])
 
     def relative(self, key: str) -> Array:
-        """Return one measure in pitches instead of pixels, so that canvases of different sizes can be compared."""
+        """Return one measure in units of the pitch, which makes canvases of different sizes comparable."""
         return self.values(key) / self.pitch ** MEASURES[key].power
 
 
 def analysis_of(
     saved: Saved, name: str, source: str, radius: float | None = None, visible: float = 0.0, option: str = "catalogue"
 ) -> Analysis:
-    """Measure the strokes of a catalogue that count; see `strokes.measures.is_visible` and `thinnest_of`.
+    """Measure the visible strokes of a catalogue.
 
-    Neighbours lie within ``radius`` pixels, or within ``RADIUS_PITCHES`` pitches if it is None. Strokes with a visible
-    share below ``visible`` do not count. If no stroke counts, a UserError names ``option``.
+    Strokes are skipped if they are too faint or too thin (see `strokes.measures.is_visible` and `thinnest_of`), or if
+    their visible fraction is below ``visible``. Two strokes are neighbours if they are within ``radius`` pixels of each
+    other, or within ``RADIUS_PITCHES`` pitches if ``radius`` is None. Raises UserError, which names ``option``, if no
+    stroke remains.
     """
     thinnest = thinnest_of(len(saved.strokes), saved.size)
     number = is_visible(saved.strokes, thinnest / MIN_WIDTH_PITCHES).nonzero()[:, 0]
@@ -106,17 +108,17 @@ def analysis_of(
 
 
 def thinnest_of(total: int, size: tuple[int, int]) -> float:
-    """Return the thickness in pixels below which a stroke does not count."""
+    """Return the minimum thickness, in pixels, of a stroke that is measured."""
     return MIN_WIDTH_PITCHES * math.sqrt(size[0] * size[1] / max(total, FEW_STROKES))
 
 
 def in_units(values: Array, measure: Measure) -> Array:
-    """Convert a measure to its unit: angles from radians to degrees."""
+    """Convert the values of a measure to its unit; angles are converted from radians to degrees."""
     return np.degrees(values) if measure.unit == "°" else values
 
 
 def overall_of(analysis: Analysis) -> dict[str, float | None]:
-    """Compute the numbers of ``OVERALL``, or None where undefined."""
+    """Compute the whole-painting statistics listed in ``OVERALL``; undefined ones are None."""
     measures, pixels = analysis.measures, analysis.size[0] * analysis.size[1]
     angle = analysis.values("orientation")
     mean = mean_of_directions(angle) if len(angle) else None
@@ -134,7 +136,7 @@ def overall_of(analysis: Analysis) -> dict[str, float | None]:
 
 
 def summary_of(analysis: Analysis) -> dict[str, object]:
-    """Summarise an analysis as plain data, in pixels and in pitches."""
+    """Summarise an analysis as JSON-serialisable data, with lengths and areas in pixels and in pitches."""
     measures: dict[str, dict[str, object]] = {}
     for key, measure in MEASURES.items():
         measures[key] = {"unit": measure.unit, **statistics_of(analysis.values(key), measure.axial)}
@@ -159,10 +161,10 @@ def summary_of(analysis: Analysis) -> dict[str, object]:
 
 
 def comparison_of(one: Analysis, other: Analysis) -> dict[str, dict[str, float | str | None]]:
-    """Compare two paintings in each measure, with lengths in pitches and areas in square pitches.
+    """Compare two paintings in every measure, with lengths in pitches and areas in square pitches.
 
-    Each comparison has the ``difference`` of the means (for directions in (-90, 90]), the ``standardised`` difference
-    (Cohen's d), Cliff's ``delta`` with its ``effect`` in words, and the Wasserstein-1 ``distance``.
+    Each comparison has the ``difference`` between the means (for directions, in (-90, 90]), the ``standardised``
+    difference (Cohen's d), Cliff's ``delta`` with its ``effect`` size in words, and the Wasserstein-1 ``distance``.
     """
     return {
         key: compare(one.relative(key), other.relative(key), axial=measure.axial) for key, measure in MEASURES.items()
@@ -170,9 +172,10 @@ def comparison_of(one: Analysis, other: Analysis) -> dict[str, dict[str, float |
 
 
 def statistics_of(values: Array, axial: bool = False) -> dict[str, float | int | None]:
-    """Compute the number, mean, standard deviation and quartiles, or None where undefined.
+    """Compute the count, mean, standard deviation and quartiles of a sample; undefined statistics are None.
 
-    Directions in degrees have the angular deviation sqrt((1 - R) / 2) (Batschelet, 1981) and no quartiles.
+    For directions, which are in degrees, the standard deviation is the angular deviation sqrt((1 - R) / 2) (Batschelet,
+    1981), and there are no quartiles.
     """
     statistics: dict[str, float | int | None] = dict.fromkeys(STATISTICS) | {"n": len(values)}
     if not len(values):
@@ -187,24 +190,24 @@ def statistics_of(values: Array, axial: bool = False) -> dict[str, float | int |
 
 
 def mean_of_directions(angle: Array) -> complex:
-    """Average e^{2 i angle} over angles in degrees, which gives coherence and doubled mean direction in one number."""
+    """Return the mean of e^{2 i angle} over angles in degrees, which encodes coherence and mean direction."""
     return complex(np.exp(2j * np.radians(angle)).mean())
 
 
 def degrees_of(mean: complex) -> float:
-    """Return the direction in [0, 180) of a mean of doubled directions."""
+    """Return the direction, in [0, 180) degrees, that corresponds to a mean of doubled directions."""
     return math.degrees(0.5 * math.atan2(mean.imag, mean.real)) % 180 % 180
 
 
 def entropy_of(angle: Array) -> float:
-    """Compute the normalised entropy of directions, which is 1 if all are equally frequent."""
+    """Compute the normalised entropy of directions, which is 1 if all directions are equally frequent."""
     from scipy.stats import entropy  # noqa: PLC0415  (slow to import)
 
     return float(entropy(direction_shares(angle), base=DIRECTION_BINS))
 
 
 def compare(a: Array, b: Array, *, axial: bool) -> dict[str, float | str | None]:
-    """Compare two samples by the numbers of `comparison_of`, or None where undefined."""
+    """Compute the statistics of `comparison_of` for two samples; undefined statistics are None."""
     comparison: dict[str, float | str | None] = dict.fromkeys(COMPARISONS)
     if not len(a) or not len(b):
         return comparison
@@ -227,10 +230,10 @@ def compare(a: Array, b: Array, *, axial: bool) -> dict[str, float | str | None]
 
 
 def circular_distance(a: Array, b: Array) -> float:
-    """Compute the Wasserstein-1 distance of two samples of directions in degrees.
+    """Compute the Wasserstein-1 distance between two samples of directions in degrees.
 
     This is the integral of |F - G - m| over half a turn, where F and G are the distribution functions and m is the
-    median of their difference (Rabin, Delon and Gousseau, 2011).
+    median of F - G (Rabin, Delon and Gousseau, 2011).
     """
     places = np.concatenate([a, b])
     order = places.argsort(kind="stable")

@@ -1,4 +1,4 @@
-"""Write measures as a table of strokes and as a summary in JSON and Markdown."""
+"""Write the results of an analysis as a CSV table of strokes and as summaries in JSON and Markdown."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -38,9 +38,9 @@ def write_summary(folder: Path, analyses: Sequence[Analysis]) -> list[Path]:
 
 
 def strokes_csv(analysis: Analysis) -> str:
-    """Write one row per visible stroke, in the catalogue's order; undefined values are empty.
+    """Return a CSV table with one row per measured stroke, in the catalogue's order; undefined values are empty.
 
-    The last column names the setting that determined lengths, widths, areas and elongatedness, if any.
+    The last column names the setting, if any, that fixed the strokes' length, width, area and elongatedness.
     """
     columns: dict[str, Any] = {"stroke": analysis.number, "depth": analysis.depth}
     for key in analysis.measures.dtype.names or ():
@@ -52,7 +52,7 @@ def strokes_csv(analysis: Analysis) -> str:
 
 
 def brushwork_text(analyses: Sequence[Analysis]) -> str:
-    """Write all statistics and definitions as Markdown."""
+    """Return all statistics and the definitions of the measures as Markdown."""
     lines = [f"# Brushwork of {' and '.join(escape_markdown(one.name) for one in analyses)}", ""]
     lines += [line for one in analyses for line in (_heading(one), "")]
     lines += [line for one in analyses for line in (sizes_warning(one), "") if one.sizes_by]
@@ -75,7 +75,7 @@ def _heading(analysis: Analysis) -> str:
 
 
 def sizes_warning(analysis: Analysis) -> str:
-    """Warn that the sizes of painted strokes do not measure the picture."""
+    """Warn that the stroke sizes were fixed by a setting and therefore say nothing about the picture."""
     name = escape_markdown(analysis.name)
     return (
         f"**Length, width, area and elongatedness of {name} are set by `{analysis.sizes_by}`** and say "
@@ -85,23 +85,23 @@ def sizes_warning(analysis: Analysis) -> str:
 
 
 def setters_of(key: str, analyses: Sequence[Analysis]) -> str:
-    """Name the settings that determined a measure instead of the picture; "" if none did."""
+    """Name the settings that fixed a measure regardless of the picture; return "" if there are none."""
     return ", ".join(dict.fromkeys(one.sizes_by for one in analyses if one.sizes_by and key in SIZE_MEASURES))
 
 
 def marked(key: str, analyses: Sequence[Analysis]) -> str:
-    """Name a measure, with the settings that determined it instead of the picture, if any."""
+    """Return the name of a measure, followed by any settings that fixed it regardless of the picture."""
     setters = setters_of(key, analyses)
     return MEASURES[key].name + f" (set by {setters})" * bool(setters)
 
 
 def strokes_in(analysis: Analysis) -> str:
-    """State the number of measured strokes in words."""
+    """Format the number of measured strokes, for example as "12 strokes"."""
     return f"{len(analysis.number):,} stroke{'s' * (len(analysis.number) != 1)}"
 
 
 def _statistics(analysis: Analysis) -> str:
-    """Write every measure in pixels, and lengths and areas also in pitches."""
+    """Tabulate every measure in its own unit, and lengths and areas also in pitches."""
     rows = []
     for key, measure in MEASURES.items():
         for unit, values in {measure.unit: analysis.values(key), relative_unit(key): analysis.relative(key)}.items():
@@ -144,19 +144,19 @@ def _definitions() -> list[str]:
 
 
 def relative_unit(key: str) -> str:
-    """Return the unit in which a measure of paintings of different sizes is compared."""
+    """Return the unit in which a measure is compared between paintings of different sizes."""
     return {0: MEASURES[key].unit, 1: "pitches", 2: "pitches^2"}[MEASURES[key].power]
 
 
 def overall_texts(analysis: Analysis, keys: Iterable[str] = OVERALL) -> list[str]:
-    """Write the numbers of `overall_of` with their units, and shares in per cent."""
+    """Format the statistics of `overall_of` with their units; fractions are given in per cent."""
     numbers = overall_of(analysis)
     texts = {key: three_digits(x if x is None or OVERALL[key].unit != "%" else 100 * x) for key, x in numbers.items()}
     return [texts[key] + OVERALL[key].unit.replace("%", " %") * (numbers[key] is not None) for key in keys]
 
 
 def three_digits(value: object) -> str:
-    """Write a number with three significant digits, or a dash for None."""
+    """Format a number with three significant digits, or as a dash if it is missing or not finite."""
     if not isinstance(value, int | float) or not np.isfinite(value):
         return MISSING
     return f"{round(value):,}" if isinstance(value, int) or abs(value) >= 1000 else f"{value:.3g}"

@@ -1,4 +1,4 @@
-"""``task=analyse``: measure the brushwork of a saved painting, alone or compared with another."""
+"""``task=analyse``: measure the brushwork of a saved painting, alone or in comparison with another."""
 
 import logging
 from collections.abc import Sequence
@@ -17,7 +17,7 @@ log = logging.getLogger(__name__)
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Measure ``cfg.catalogue`` and, if given, ``cfg.against``, and write the results into the run's folder."""
+    """Measure ``cfg.catalogue`` and, if given, ``cfg.against``; write the results into the run's folder."""
     options = [option for option in ("catalogue", "against") if cfg[option] is not None]
     analyses = []
     for option, name in zip(options, names_of([cfg[option] for option in options]), strict=True):
@@ -35,7 +35,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def names_of(paths: Sequence[str]) -> list[str]:
-    """Name catalogues by the shortest path suffixes that differ."""
+    """Name each catalogue by the shortest suffix of its path that distinguishes it from the others."""
     plain = [str(Path(path).resolve()).removesuffix("/catalogue.h5").removesuffix(".h5") for path in paths]
     if len(set(plain)) < len(plain):  # a painting compared with itself
         return [f"{Path(path).name} ({k + 1})" for k, path in enumerate(plain)]

@@ -1,1 +1,1 @@
-"""Test numerical accuracy: draw extreme scenes with each component of the program, and assess the results."""
+"""Test numerical accuracy by drawing extreme scenes with every renderer, blend and precision."""

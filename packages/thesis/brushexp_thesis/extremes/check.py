@@ -1,4 +1,4 @@
-"""Check a cell: draw a scene and its gradients, or optimise strokes, in one precision, and compare with float64."""
+"""Draw a scene and its gradients, or optimise strokes, in one precision, and compare the result with float64."""
 
 from collections.abc import Mapping
 from copy import deepcopy
@@ -34,7 +34,7 @@ DENSE = Dense()
 
 @dataclass(frozen=True)
 class Check:
-    """A verdict and its reasons."""
+    """A verdict and the errors on which it is based."""
 
     verdict: str
     picture: float | None = None  # largest difference of a pixel from float64
@@ -44,7 +44,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Drawn:
-    """A picture (3, H, W) and the gradient of its mean squared error by field."""
+    """A picture (3, H, W), and the gradient of its mean squared error for each field of the strokes."""
 
     image: Tensor
     gradient: Mapping[str, Tensor]
@@ -53,9 +53,9 @@ class Drawn:
 
 
 def draw(renderer: Renderer, blend: Compositor, strokes: Strokes, target: Tensor, order: Tensor | None = None) -> Drawn:
-    """Draw strokes, and compute the gradient of the mean squared error from a target (3, H, W).
+    """Draw strokes, and compute the gradients of the mean squared error between the picture and a target (3, H, W).
 
-    ``order`` (N,) lists the numbers of the strokes from top to bottom; None keeps their order.
+    ``order`` (N,) lists the strokes' indices from top to bottom; None keeps their order.
     """
     size: Size = (target.shape[1], target.shape[2])
     strokes = strokes.map(lambda value: value.detach().clone().requires_grad_())
@@ -70,7 +70,7 @@ def draw(renderer: Renderer, blend: Compositor, strokes: Strokes, target: Tensor
 
 
 class SceneCheck:
-    """Checks of one renderer on one scene; each float64 picture is drawn only once."""
+    """Checks of one renderer on one scene; float64 pictures are cached."""
 
     def __init__(self, renderer: Renderer, scene: Scene, most: int) -> None:
         self.renderer, self.precise = renderer, deepcopy(renderer).double()
@@ -81,9 +81,9 @@ class SceneCheck:
     def check(self, blend: Blend, dtype: str) -> Check:
         """Check a blend in one precision.
 
-        In float64, the reference is every stroke at every pixel (``blend=dense``), which reveals what a blend omits by
-        design. In other precisions, the reference is the same blend in float64 with the strokes rounded to that
-        precision, which isolates the error of the arithmetic.
+        In float64, the reference evaluates every stroke at every pixel (``blend=dense``), which reveals what a blend
+        omits by design. In other precisions, the reference is the same blend in float64, with the strokes rounded to
+        that precision first, which isolates arithmetic errors.
         """
         n = len(self.strokes)
         note = f"{n} of {self.scene.n:,} strokes" if n < self.scene.n else ""
@@ -97,7 +97,7 @@ class SceneCheck:
             return check_of_error(error)
 
     def exact(self, blend: Blend, dtype: str) -> Drawn:
-        """Draw the strokes, rounded to ``dtype``, in float64."""
+        """Draw the strokes in float64 after rounding them to ``dtype``."""
         kind = self.strokes.position.dtype if DTYPES[dtype] in PRECISE else DTYPES[dtype]
         if (blend, str(kind)) not in self._exact:
             strokes = drawable(self.strokes.map(lambda value: value.to(kind))).map(Tensor.double)
@@ -132,14 +132,14 @@ def check_painting(name: str, renderer: Renderer, scene: Scene, patience: float,
 
 
 def check_of_error(error: Exception) -> Check:
-    """Classify an exception: refused if a user can act on its message, otherwise broken."""
+    """Classify an exception: a UserError means that the scene is refused, any other that the program is broken."""
     if isinstance(error, UserError):
         return Check(REFUSED, note=str(error))
     return Check(BROKEN, note=f"{type(error).__name__}: {(str(error).splitlines() or [''])[0]}")
 
 
 def compare(dtype: str, drawn: Drawn, exact: Drawn, strokes: Strokes, note: str = "") -> Check:
-    """Compare a picture of strokes in the precision ``dtype`` with the same picture in float64."""
+    """Compare a picture and its gradients, drawn in the precision ``dtype``, with the same in float64."""
     bound = PICTURE_BOUNDS[dtype]
     faults = [drawn.fault, _fault("the picture", drawn.image, -bound, 1 + bound)]
     faults += [_fault(f"the gradient of {name}", gradient) for name, gradient in drawn.gradient.items()]
@@ -155,7 +155,7 @@ def compare(dtype: str, drawn: Drawn, exact: Drawn, strokes: Strokes, note: str 
 def gradient_error(value: Tensor, exact: Tensor, name: str, strokes: Strokes, pull: float) -> float:
     """Compute |g - g64| / (|g64| + NEGLIGIBLE_SHARE * pull), with norms over all strokes.
 
-    Gradients of points and widths, which are fractions of a window, are converted to gradients per pixel.
+    Gradients with respect to points and widths, which are fractions of a window, are converted to gradients per pixel.
     """
     difference, size = value.double() - exact.double(), exact.double()
     if name in ("start", "control", "end", "width"):
@@ -165,7 +165,7 @@ def gradient_error(value: Tensor, exact: Tensor, name: str, strokes: Strokes, pu
 
 
 def range_fault(strokes: Strokes) -> str:
-    """Name a field of strokes that is not finite or outside the range in `FIELDS`; "" if there is none."""
+    """Name a field that is not finite or is outside its range in `FIELDS`; return "" if all fields are valid."""
     for name, bounds in FIELDS.items():
         slack = 1e-6 * max(abs(bounds.low), abs(bounds.high))
         if fault := _fault(name, getattr(strokes, name).detach(), bounds.low - slack, bounds.high + slack):
@@ -175,7 +175,7 @@ def range_fault(strokes: Strokes) -> str:
 
 @torch.no_grad()
 def _alpha_fault(layers: Layers, size: Size) -> str:
-    """Check the alpha of some strokes at some pixels."""
+    """Describe a fault in the alpha or colour of some strokes at some pixels; return "" if there is none."""
     pairs = ((len(layers.reach), PROBED_STROKES), (size[0] * size[1], PROBED_PIXELS))
     index, pixel = (torch.linspace(0, n - 1, min(n, most)).round().long()[None] for n, most in pairs)
     alpha, color = layers.sample(index, pixel_centres(pixel, size[1], layers.color.dtype))
@@ -184,7 +184,7 @@ def _alpha_fault(layers: Layers, size: Size) -> str:
 
 
 def _fault(name: str, value: Tensor, low: float = -torch.inf, high: float = torch.inf) -> str:
-    """Describe the fault of numbers that should be finite and within bounds; "" if there is none."""
+    """Describe a value that is not finite or is outside its bounds; return "" if there is none."""
     if not value.isfinite().all():
         return f"{name} is not finite"
     if value.numel() and (value.min() < low or value.max() > high):

@@ -1,6 +1,6 @@
-"""Define extreme scenes, from empty to absurd: strokes, a canvas and a target each. Import it after loading plugins.
+"""Define extreme scenes, each with strokes, a canvas and a target. Import this module after all plugins are loaded.
 
-Everything is random with a fixed seed, in float32, and within the ranges of `strokes.catalogue.FIELDS`.
+All scenes are random with a fixed seed, in float32, and within the ranges of `strokes.catalogue.FIELDS`.
 """
 
 import math
@@ -31,7 +31,7 @@ def _uniform(seed: int) -> Callable[..., Tensor]:
 
 
 def random_strokes(n: int, size: Size, *, scale: tuple[float, float] = (8.0, 24.0)) -> Strokes:
-    """Sample ``n`` gently bent strokes on a canvas of ``size`` (H, W), with windows of ``scale`` pixels."""
+    """Sample ``n`` slightly curved strokes on a canvas of ``size`` (H, W), with windows of ``scale`` pixels."""
     draw = _uniform(0)
     angle = 2 * math.pi * draw(n)
     end = (0.3 + 0.4 * draw(n))[:, None] * torch.stack([angle.cos(), angle.sin()], dim=1)
@@ -48,12 +48,12 @@ def random_strokes(n: int, size: Size, *, scale: tuple[float, float] = (8.0, 24.
 
 
 def random_target(size: Size) -> Tensor:
-    """Sample a target (3, H, W) of independent pixels."""
+    """Sample a target (3, H, W) whose pixels are independent."""
     return _uniform(1)(3, *size)
 
 
 def one_bright_pixel(size: Size) -> Tensor:
-    """Make a target (3, H, W) that is 1 in its middle and 0 elsewhere."""
+    """Return a target (3, H, W) that is 1 at its middle pixel and 0 elsewhere."""
     target = torch.zeros(3, *size)
     target[:, size[0] // 2, size[1] // 2] = 1
     return target
@@ -61,7 +61,7 @@ def one_bright_pixel(size: Size) -> Tensor:
 
 @dataclass(frozen=True)
 class Scene:
-    """Random strokes with windows of ``scale`` on a canvas, with some fields replaced by ``change``."""
+    """Random strokes on a canvas, with windows in the range ``scale`` and with some fields replaced by ``change``."""
 
     change: Callable[[Strokes], Fields] = lambda strokes: {}
     n: int = 16
@@ -76,19 +76,19 @@ class Scene:
     focus: Callable[[Size], Tensor] | None = None  # (H, W), weights of pixels with mean 1
 
     def strokes(self, most: int) -> Strokes:
-        """Make at most ``most`` strokes, because a network draws a thousand times more slowly than a formula."""
+        """Return at most ``most`` strokes, because a network draws a thousand times more slowly than a formula."""
         strokes = random_strokes(min(most, self.n), self.canvas, scale=self.scale)
         return replace(strokes, **self.change(strokes))
 
 
 def _within_one_pixel(strokes: Strokes) -> Fields:
-    """Place strokes on a canvas of 2 x 3 pixels, so faint that the bottom stroke stays visible."""
+    """Place strokes on a canvas of 2 x 3 pixels, with opacities so low that the bottom stroke stays visible."""
     n, draw = len(strokes), _uniform(2)
     return {"position": torch.tensor([1.0, 0.0]) + draw(n, 2), "opacity": min(1, 10 / n) * draw(n)}
 
 
 def _coincident(strokes: Strokes) -> Fields:
-    """Repeat one stroke in several colours."""
+    """Make all strokes coincide, in different colours."""
     n, one = len(strokes), random_strokes(1, CANVAS, scale=(20.0, 24.0))
     same = {name: value.expand(n, *value.shape[1:]).clone() for name, value in one.items()}
     middle = torch.tensor(MIDDLE).expand(n, 2).clone()
@@ -96,14 +96,14 @@ def _coincident(strokes: Strokes) -> Fields:
 
 
 def _long(strokes: Strokes) -> Fields:
-    """Make strokes of normal thickness, 10,000 px long, that cross the canvas."""
+    """Return strokes of ordinary thickness that are 10,000 px long and cross the canvas."""
     end, side = 0.7 * normalize(strokes.end), 1e4 / 1.4
     bend, width = 1e-2 * strokes.control, 3 / side * (1 + strokes.opacity)
     return {"scale": torch.full_like(width, side), "start": -end, "end": end, "control": bend, "width": width}
 
 
 def _thick(strokes: Strokes) -> Fields:
-    """Make strokes 1,000 px thick whose edges cross the canvas."""
+    """Return strokes that are 1,000 px thick and whose edges cross the canvas."""
     aside = torch.tensor([0.0, 500.0]) * torch.where(strokes.opacity > 0.5, 1.0, -1.0)[:, None]
     end = torch.tensor([0.5, 0.0]).repeat(len(strokes), 1)
     width = torch.full_like(strokes.width, 1000 / 8000)
@@ -115,7 +115,10 @@ def _far_off(strokes: Strokes) -> dict[str, Tensor]:
 
 
 def _far_windows(strokes: Strokes) -> Fields:
-    """Move the windows of strokes on the canvas 1e6 px away, where float32 has steps of 1/16 px."""
+    """Move the windows of strokes 1e6 px away while the strokes themselves stay on the canvas.
+
+    At that distance, float32 has a resolution of 1/16 px.
+    """
     near = 8 + 0.7 * strokes.position - FARTHEST_POSITION
     points = {name: (near + 8 * getattr(strokes, name)) / 1000 for name in ("start", "control", "end")}
     position, scale = torch.full_like(strokes.start, FARTHEST_POSITION), torch.full_like(strokes.scale, 2000.0)

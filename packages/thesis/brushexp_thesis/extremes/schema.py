@@ -1,4 +1,4 @@
-"""Keys of ``task=extremes``."""
+"""Define the config keys of ``task=extremes``."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from brushexp.contracts.tasks import Task, key
 
 @dataclass
 class ExtremesTask(Task):
-    """Draw and optimise extreme scenes with every renderer, blend and precision, and rate each as exact or broken."""
+    """Draw and optimise extreme scenes with every renderer, blend and precision, and rate each result's accuracy."""
 
     is_research = True
     module = "brushexp_thesis.extremes.task"

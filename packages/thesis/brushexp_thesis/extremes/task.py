@@ -38,7 +38,7 @@ Cell = dict[str, Any]  # kind, scene, renderer, blend, dtype, verdict, picture, 
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Write the matrix as extremes.csv and extremes.png; then raise UserError if a cell is broken."""
+    """Check all cells, write extremes.csv and extremes.png, and raise UserError if any cell is broken."""
     L.seed_everything(cfg.seed, verbose=False)
     axes = choose_axes(renderers=cfg.renderers, blends=cfg.blends, dtypes=cfg.dtypes, scenes=cfg.scenes)
     cells = list(with_progress(examine(axes, cfg.patience), cells_in(axes), "examining cells"))
@@ -61,7 +61,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def choose_axes(**chosen: Sequence[str] | None) -> dict[str, list[str]]:
-    """List the renderers, blends, dtypes and scenes to examine; None stands for all, including the user's plugins."""
+    """Return the renderers, blends, dtypes and scenes to examine; None selects all, including the user's plugins."""
     axes = {
         "renderers": [plugin.name for plugin in plugins("renderer")],
         "blends": [plugin.name for plugin in plugins("blend")],
@@ -76,7 +76,7 @@ def choose_axes(**chosen: Sequence[str] | None) -> dict[str, list[str]]:
 
 
 def rows_in(axes: Mapping[str, Sequence[str]]) -> list[tuple[str, str]]:
-    """List the kind and scene of each row."""
+    """List the kind and the scene of each row of the matrix."""
     return [(kind, scene) for kind, scenes in KINDS.items() for scene in axes["scenes"] if scene in scenes]
 
 
@@ -86,7 +86,7 @@ def cells_in(axes: Mapping[str, Sequence[str]]) -> int:
 
 
 def examine(axes: Mapping[str, Sequence[str]], patience: float) -> Iterator[Cell]:
-    """Check every cell of the matrix; see `check_painting` for ``patience``."""
+    """Check every cell of the matrix, and yield its results; see `check_painting` for ``patience``."""
     blends = {name: build_named("blend", name, {}) for name in axes["blends"]}
     for name in axes["renderers"]:
         renderer = frozen_renderer(name)
@@ -103,12 +103,12 @@ def examine(axes: Mapping[str, Sequence[str]], patience: float) -> Iterator[Cell
 
 
 def frozen_renderer(name: str) -> Renderer:
-    """Build a renderer as painting uses it, with its default options."""
+    """Build a renderer with its default options, in evaluation mode and without trainable weights."""
     return build_named("renderer", name, {}).eval().requires_grad_(False)
 
 
 def draw_matrix(cells: Sequence[Cell], title: str, path: Path) -> None:
-    """Write a PNG with a numbered field for each cell, coloured by its verdict."""
+    """Write a PNG with one box for each cell, coloured by its verdict and labelled with its error."""
     rows = list(dict.fromkeys((cell["kind"], cell["scene"]) for cell in cells))
     columns = list(dict.fromkeys((cell["renderer"], cell["blend"], cell["dtype"]) for cell in cells))
     figure, levels = new_figure(0.2 * len(rows) + 2.5), np.full((len(rows), len(columns)), np.nan)
@@ -126,7 +126,7 @@ def draw_matrix(cells: Sequence[Cell], title: str, path: Path) -> None:
 
 
 def number_of(cell: Cell) -> str:
-    """Format a cell's pixel error or, marked with g, its gradient error if only that is out of bounds."""
+    """Format a cell's pixel error or, if only the gradient error is out of bounds, that error marked with "g"."""
     if cell["picture"] is None:
         return ""
     of_gradient = cell["verdict"] == DEGRADED and cell["picture"] <= PICTURE_BOUNDS[cell["dtype"]]

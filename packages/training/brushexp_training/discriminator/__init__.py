@@ -1,1 +1,1 @@
-"""Train and use a network that distinguishes valid strokes from corrupted ones: ``loss=discriminator``."""
+"""Train and apply a network that distinguishes valid strokes from corrupted strokes: ``loss=discriminator``."""

@@ -1,4 +1,4 @@
-"""Corrupt valid strokes to make negative examples for training a discriminator."""
+"""Corrupt valid strokes to create negative examples for training a discriminator."""
 
 import math
 from collections.abc import Callable
@@ -17,10 +17,10 @@ THICKEST_INVALID = 1e3  # sides of the window, as in FIELDS
 
 
 def corrupt(valid: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
-    """Corrupt each of the valid strokes (n, 7) by a random choice of the `CORRUPTIONS`.
+    """Corrupt each of the valid strokes (n, 7) by a randomly chosen function from `CORRUPTIONS`.
 
-    Returns the corrupted strokes; hard negatives (n, 7), in which some groups of numbers are half as corrupted; and
-    indices (n,) into `CORRUPTIONS`.
+    Returns the corrupted strokes; hard negatives (n, 7), in which some groups of parameters are only half as corrupted;
+    and the indices (n,) into `CORRUPTIONS`.
     """
     kind = torch.randint(len(CORRUPTIONS), (len(valid),), generator=generator)
     shapes = valid.clone()
@@ -33,7 +33,10 @@ def corrupt(valid: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor, 
 
 
 def _boxed(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """Draw points from a larger box than for valid strokes, up to 3000 half-windows, and widths up to 1000 sides."""
+    """Sample points from a larger box than that of valid strokes, up to 3000 half-windows.
+
+    Half of the strokes also get a width outside the valid range, up to 1000 sides of the window.
+    """
     n = len(valid)
     points = (2 * _uniform(n, 6, generator) - 1) * _log_uniform(n, INSET, FARTHEST_INVALID, generator)
     width = torch.where(_uniform(n, 1, generator) < 0.5, valid[:, 6:], _thickness(n, generator))
@@ -41,7 +44,7 @@ def _boxed(valid: Tensor, generator: torch.Generator) -> Tensor:
 
 
 def _enlarged(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """Enlarge a stroke until it leaves the window, or a thousand times further; the curve keeps its shape."""
+    """Enlarge a stroke until it crosses the window's border, by up to 3000 half-windows; its shape is preserved."""
     points, width = valid.split([6, 1], dim=1)
     farthest = INSET + _log_uniform(len(valid), SMALLEST_INTRUSION, FARTHEST_INVALID, generator)
     reach = farthest / points.abs().amax(1, keepdim=True)
@@ -49,7 +52,7 @@ def _enlarged(valid: Tensor, generator: torch.Generator) -> Tensor:
 
 
 def _shifted(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """Move a stroke until it is partly or wholly outside the window; the curve keeps its shape."""
+    """Move a stroke partly or wholly out of the window; its shape is preserved."""
     n = len(valid)
     points, width = valid.split([6, 1], dim=1)
     side = torch.where(_uniform(n, 2, generator) < 0.5, -1.0, 1.0)
@@ -65,13 +68,13 @@ def _mixed(valid: Tensor, generator: torch.Generator) -> Tensor:
 
 
 def _noisy(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """Add normal noise, with a standard deviation from a tenth of a half-window to many windows, to all numbers."""
+    """Add Gaussian noise to all parameters, with a standard deviation from 0.1 to 3000 half-windows."""
     strength = _log_uniform(len(valid), 0.1, FARTHEST_INVALID, generator)
     return valid + strength * torch.randn(valid.shape, generator=generator)
 
 
 def _partly_noisy(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """Add the noise of `_noisy` to one group of numbers."""
+    """Add the noise of `_noisy` to one group of parameters."""
     return torch.where(_one_group(len(valid), generator), _noisy(valid, generator), valid)
 
 
@@ -81,7 +84,7 @@ def _off_width(valid: Tensor, generator: torch.Generator) -> Tensor:
 
 
 def _outside(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """Move one coordinate of one point, often only slightly, outside the square of all points of valid strokes."""
+    """Move one coordinate of one point, often only slightly, out of the square that bounds valid strokes."""
     n = len(valid)
     where = functional.one_hot(torch.randint(6, (n,), generator=generator), SHAPE).bool()
     beyond = INSET + _log_uniform(n, SMALLEST_INTRUSION, FARTHEST_INVALID, generator)
@@ -89,7 +92,7 @@ def _outside(valid: Tensor, generator: torch.Generator) -> Tensor:
 
 
 def _shortened(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """Make a stroke too short for its thickness, down to a point, without changing its bend."""
+    """Shorten a stroke, possibly to a point, until it is too short for its thickness; its bend is preserved."""
     start, control, end, width = valid.split([2, 2, 2, 1], dim=1)
     middle, chord = 0.5 * (start + end), end - start
     length = torch.linalg.vector_norm(chord, dim=1, keepdim=True)
@@ -99,7 +102,7 @@ def _shortened(valid: Tensor, generator: torch.Generator) -> Tensor:
 
 
 def _bent(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """Move the control point in a random direction by many times its spread among valid strokes."""
+    """Displace the control point in a random direction by up to many times its spread among valid strokes."""
     start, _, end, width = valid.split([2, 2, 2, 1], dim=1)
     length = torch.linalg.vector_norm(end - start, dim=1, keepdim=True)
     angle = 2 * math.pi * _uniform(len(valid), 1, generator)
@@ -116,19 +119,19 @@ def _uniform(n: int, columns: int, generator: torch.Generator) -> Tensor:
 
 
 def _log_uniform(n: int, low: float, high: float, generator: torch.Generator) -> Tensor:
-    """Draw numbers (n, 1) with a uniform logarithm."""
+    """Sample values (n, 1) from a log-uniform distribution."""
     return low * (high / low) ** _uniform(n, 1, generator)
 
 
 def _thickness(n: int, generator: torch.Generator) -> Tensor:
-    """Draw widths (n, 1) outside `WIDTH`, encoded like `strokes.prior.parameters_of`."""
+    """Sample widths (n, 1) outside `WIDTH`, in the encoding of `strokes.prior.parameters_of`."""
     thin, thick = THINNEST * _uniform(n, 1, generator), _log_uniform(n, THICKEST, THICKEST_INVALID, generator)
     width = torch.where(_uniform(n, 1, generator) < 0.5, thin, thick)
     return width_parameter(width)
 
 
 def _one_group(n: int, generator: torch.Generator) -> Tensor:
-    """Draw masks (n, 7), each of one of the `GROUPS`."""
+    """Sample masks (n, 7), each of which selects one of the `GROUPS`."""
     return _columns(functional.one_hot(torch.randint(len(GROUPS), (n,), generator=generator), len(GROUPS)).bool())
 
 

@@ -1,4 +1,4 @@
-"""Penalise invalid strokes with a network that recognises valid strokes; `discriminator_module` trains the network."""
+"""Penalise invalid strokes with a network that recognises valid strokes and that `discriminator_module` trains."""
 
 from pathlib import Path
 
@@ -27,10 +27,11 @@ STRETCH = 4.0  # factor before the inverse hyperbolic sine, which is linear with
 
 
 class Discriminator(nn.Module):
-    """Score the validity of a stroke's shape with three hidden layers.
+    """A network with three hidden layers that scores how valid a stroke's shape is.
 
-    The score is a logit. Because mirroring does not change a stroke's validity, only magnitudes of coordinates and bend
-    are used. All inputs go through asinh, so that the slope does not vanish even a thousand windows away.
+    The score is a logit. Because mirroring does not affect a stroke's validity, the network receives only the
+    magnitudes of coordinates and bend. All inputs are passed through asinh, so that the gradient does not vanish even a
+    thousand windows away.
     """
 
     threshold: Tensor  # score below which a stroke counts as invalid
@@ -43,7 +44,7 @@ class Discriminator(nn.Module):
         self.register_buffer("threshold", torch.zeros(()))
 
     def forward(self, shapes: Tensor) -> Tensor:
-        """Score shapes (N, 7) of `shapes_of` by logits (N,)."""
+        """Compute the scores (N,), which are logits, for the shapes (N, 7) from `shapes_of`."""
         points, width = shapes.split([SHAPE - 1, 1], dim=1)
         square = (points[:, :2] - points[:, 4:]).square().sum(1, keepdim=True)
         length = (square + SHORTEST_CHORD**2).sqrt()  # has a slope even if both ends coincide
@@ -56,11 +57,11 @@ class Discriminator(nn.Module):
 class Discriminated(Loss):
     """Hinge loss max(0, threshold - score) of a discriminator trained to recognise valid strokes.
 
-    Source: thesis 2020, 6.3 (only mentioned there). The network, a few dense layers, was trained to distinguish strokes
-    of `strokes.prior` from corrupted strokes and is frozen here. It receives the shape in the window, that is start,
-    control, end and width, but neither position nor colour. One valid stroke in twenty scores below the threshold, so
-    valid strokes cost almost nothing (0.04, versus 160 for corrupted strokes); invalid strokes are pulled back from
-    anywhere in ``strokes.catalogue.FIELDS``.
+    Source: thesis 2020, 6.3 (only mentioned there). The network, which has a few dense layers, was trained to
+    distinguish strokes sampled from `strokes.prior` from corrupted strokes, and is frozen here. It receives the shape
+    in the window (start, control, end and width), but neither position nor colour. One valid stroke in twenty scores
+    below the threshold, so valid strokes cost almost nothing (0.04, compared with 160 for corrupted strokes); invalid
+    strokes are pulled back from anywhere in ``strokes.catalogue.FIELDS``.
 
     Args:
         weight: factor in the sum of losses. On a portrait, a third of the strokes were valid at the end with ``mse``
@@ -86,5 +87,5 @@ class Discriminated(Loss):
 
 
 def shapes_of(strokes: Strokes) -> Tensor:
-    """Encode start, control, end and width as numbers (N, 7); see `strokes.prior.parameters_of`."""
+    """Encode start, control, end and width as parameters (N, 7); see `strokes.prior.parameters_of`."""
     return parameters_of(strokes)[:, :SHAPE]

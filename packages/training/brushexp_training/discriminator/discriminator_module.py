@@ -1,4 +1,4 @@
-"""``task=train_discriminator``: train and measure a network that distinguishes valid from corrupted strokes."""
+"""``task=train_discriminator``: train and evaluate a network that distinguishes valid from corrupted strokes."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -28,7 +28,7 @@ BETAS = (0.9, 0.99)  # betas of Adam
 
 
 class ShapeBatch(NamedTuple):
-    """Valid strokes as shapes (n, 7) of `discriminator.shapes_of`, and the results of `corrupt`."""
+    """Valid strokes as shapes (n, 7) from `discriminator.shapes_of`, and the outputs of `corrupt`."""
 
     valid: Tensor
     corrupted: Tensor
@@ -37,7 +37,7 @@ class ShapeBatch(NamedTuple):
 
 
 class ShapeData(L.LightningDataModule):
-    """Sample ``batch_size`` new strokes of the prior and equally many corrupted ones, seeded by the step's number."""
+    """Sample ``batch_size`` new strokes from the prior at each step, and corrupt an equal number of other strokes."""
 
     def __init__(self, *, batch_size: int, seed: int) -> None:
         super().__init__()
@@ -57,8 +57,8 @@ class ShapeData(L.LightningDataModule):
 class DiscriminatorModule(NetworkModule):
     """Train a discriminator to distinguish valid from corrupted strokes.
 
-    The loss is -log sigma(D(valid)) - log(1 - sigma(D(corrupted))) (Goodfellow et al., 2014), plus
-    -log sigma(D(hard) - D(corrupted)), which gives a slope everywhere by scoring hard negatives higher.
+    The loss is -log sigma(D(valid)) - log(1 - sigma(D(corrupted))) (Goodfellow et al., 2014), plus a term -log
+    sigma(D(hard) - D(corrupted)), which ensures a gradient everywhere by ranking hard negatives higher.
     """
 
     def __init__(self, network: Discriminator, lr: float) -> None:
@@ -87,14 +87,14 @@ class DiscriminatorModule(NetworkModule):
 
 
 def shape_batch(n: int, seed: int, first: int) -> ShapeBatch:
-    """Draw ``n`` valid strokes of the prior, starting at number ``first``, and corrupt the next ``n`` strokes."""
+    """Sample ``n`` valid strokes from the prior, starting at number ``first``, and corrupt the next ``n`` strokes."""
     shapes = shapes_of(sample_prior(2 * n, seed, first))
     state = np.random.SeedSequence([seed, first]).generate_state(1, np.uint64)
     return ShapeBatch(shapes[:n], *corrupt(shapes[n:], torch.Generator().manual_seed(int(state[0]))))
 
 
 def held_out_shapes(seed: int, split: Split) -> ShapeBatch:
-    """Draw the strokes for validation or test."""
+    """Sample the strokes of the validation or test split."""
     return shape_batch(HELD_OUT_STROKES, seed, HELD_OUT[split])
 
 
@@ -119,7 +119,10 @@ def discriminator_figures(network: Discriminator, batch: ShapeBatch) -> dict[str
 
 
 def save_discriminator(network: Discriminator, path: Path, seed: int, training: dict[str, Any]) -> dict[str, object]:
-    """Set the threshold to the `THRESHOLD_QUANTILE` of valid scores, measure, save with a recipe, return figures."""
+    """Set the threshold to the `THRESHOLD_QUANTILE` of valid scores, and save the network with a recipe.
+
+    Returns its figures on the test split, its hash, its number of parameters and its file size.
+    """
     network.eval()
     with torch.no_grad():
         scores = network(held_out_shapes(seed, Split.VALIDATION).valid.to(network.threshold.device))
@@ -137,17 +140,20 @@ def save_discriminator(network: Discriminator, path: Path, seed: int, training: 
 
 
 def area_under_curve(above: Tensor, below: Tensor) -> float:
-    """Compute the area under the ROC curve: the share of pairs in which the first scores higher; ties count half."""
+    """Compute the area under the ROC curve.
+
+    This is the fraction of pairs in which the first score is higher; ties count as half.
+    """
     return float(mannwhitneyu(above, below, method="asymptotic").statistic) / (len(above) * len(below))
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Train a discriminator, write it and its figures into the run's folder, and return the values of metrics.json."""
+    """Train a discriminator, write it and its figures into the run's folder, and return the metrics."""
     return train_network(DiscriminatorJob, cfg, folder, start)
 
 
 class DiscriminatorJob(NetworkJob):
-    """Train a discriminator on strokes of the prior."""
+    """Job that trains a discriminator on strokes from the prior."""
 
     module: DiscriminatorModule
 

@@ -1,4 +1,4 @@
-"""Keys of ``task=train_discriminator``."""
+"""Define the config keys of ``task=train_discriminator``."""
 
 from dataclasses import dataclass
 from typing import Any, ClassVar

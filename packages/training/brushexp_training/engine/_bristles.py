@@ -1,7 +1,7 @@
-"""Simulate the bristles of a brush by position-based dynamics (Mueller et al., 2007), compiled.
+"""Simulate a brush's bristles by position-based dynamics (Mueller et al., 2007), in compiled code.
 
-Arrays of vertices are (V, N), with one row per position along a bristle, so that loops over bristles become SIMD code.
-Lengths are in units of the canvas (a window is `UNITS` wide), z points up from the canvas, and a step is one frame.
+Arrays of vertices have the shape (V, N), with one row per position along a bristle, so that loops over bristles become
+SIMD code. Lengths are in canvas units (a window is `UNITS` wide), z points up from the canvas, and a step is one frame.
 """
 
 import numpy as np
@@ -22,7 +22,7 @@ FLAT = F(1e-4)
 
 @function
 def _pull(q, a, b, rest):  # type: ignore[no-untyped-def]
-    """Constrain the distance between neighbours a and b of every bristle; the root does not move."""
+    """Constrain the distance between the vertices a and b of every bristle; the root does not move."""
     xa, ya, za, xb, yb, zb = q[0, a], q[1, a], q[2, a], q[0, b], q[1, b], q[2, b]
     share_a, share_b = (F(0), F(1)) if a == 0 else (F(0.5), F(0.5))
     for i in range(len(xa)):
@@ -39,7 +39,7 @@ def _pull(q, a, b, rest):  # type: ignore[no-untyped-def]
 
 @function
 def _straighten(q, a, stiffness):  # type: ignore[no-untyped-def]
-    """Constrain the bending of vertices a, a + 1, a + 2 of every bristle that is bent by less than 90 degrees."""
+    """Constrain the angle at the vertices a, a + 1, a + 2 of every bristle that is bent by less than 90 degrees."""
     xa, ya, za = q[0, a], q[1, a], q[2, a]
     xb, yb, zb = q[0, a + 1], q[1, a + 1], q[2, a + 1]
     xc, yc, zc = q[0, a + 2], q[1, a + 2], q[2, a + 2]
@@ -72,7 +72,7 @@ def _straighten(q, a, stiffness):  # type: ignore[no-untyped-def]
 
 @function
 def _constrain(q, rest, stiffness):  # type: ignore[no-untyped-def]
-    """Apply one round of constraints; the constraints of one pass share no vertex."""
+    """Apply one round of constraints; constraints within a pass have no vertices in common."""
     for begin in range(2):
         for a in range(begin, VERTICES - 1, 2):
             _pull(q, a, a + 1, rest)
@@ -87,10 +87,11 @@ def _constrain(q, rest, stiffness):  # type: ignore[no-untyped-def]
 
 @function
 def move(p, velocity, before, q, roots, x, y, scale, stiffness, gravity, damping, iterations):  # type: ignore[no-untyped-def]
-    """Move the brush by one frame, with its handle at (x, y, 2 scale); ``scale`` is the radius of the brush.
+    """Move the brush by one frame, with its handle at (x, y, 2 scale), where ``scale`` is the radius of the brush.
 
-    Positions ``p`` (3, V, N) and ``velocity`` per frame are updated, and old positions are left in ``before``; ``q`` is
-    scratch space. ``roots`` (2, N) are in brush scales; ``damping`` is the share of the velocity that is kept.
+    Updates the positions ``p`` (3, V, N) and the ``velocity`` per frame, and leaves the old positions in ``before``;
+    ``q`` is scratch space. ``roots`` (2, N) are in brush scales; ``damping`` is the fraction of the velocity that is
+    kept.
     """
     n = roots.shape[1]
     for axis in range(3):
@@ -116,12 +117,12 @@ def move(p, velocity, before, q, roots, x, y, scale, stiffness, gravity, damping
 
 @function
 def settle(begin, end, scales, roots, splay, stiffness, gravity, damping, iterations, frames, approach, out):  # type: ignore[no-untyped-def]
-    """Let brushes ``begin`` to ``end`` come to rest on the canvas, trailing behind their motion.
+    """Let the brushes ``begin`` to ``end`` come to rest on the canvas, with their bristles trailing behind.
 
-    Without this, a stroke would begin with a smear. For the first half of the ``frames`` the brush moves to the right,
-    by ``approach`` brush scales per frame; then it stands still. Brushes have radii ``scales`` (B,), ``roots`` (B, 2,
-    N), ``splay`` (B, N), the direction in which each bristle falls, and ``stiffness`` (B, N). Positions around the
-    handle, in brush scales, are written to ``out`` (B, 3, V, N).
+    Without this, a stroke would begin with a smear. The brush moves to the right by ``approach`` brush scales per frame
+    for the first half of the ``frames``, and then stops. Brushes have radii ``scales`` (B,), ``roots`` (B, 2, N),
+    ``splay`` (B, N), which is the direction in which each bristle falls, and ``stiffness`` (B, N). Positions relative
+    to the handle, in brush scales, are written to ``out`` (B, 3, V, N).
     """
     for b in range(begin, end):
         scale = scales[b]

@@ -1,6 +1,6 @@
-"""Deposit the bristles' paint on the canvas and let it flow while wet (compiled).
+"""Deposit the bristles' paint on the canvas, and let it flow while it is wet (compiled).
 
-Grids are flat arrays of rows with one cell of margin around the canvas, so that no index is out of bounds.
+Grids are flat row-major arrays with a margin of one cell around the canvas, so that no index is out of bounds.
 """
 
 import numpy as np
@@ -18,13 +18,16 @@ MOST_SPLATS = 8  # maximum number per segment of a bristle, as in Fluid Paint; f
 
 @inline
 def _at(a):  # type: ignore[no-untyped-def]
-    """Return an index that is provably nonnegative, so that loops over it become SIMD code."""
+    """Convert an index to an unsigned integer, which lets the compiler turn loops into SIMD code."""
     return np.uint64(a)
 
 
 @inline
 def _deposit(grid, side, ix, iy, fx, fy, paint, push_x, push_y):  # type: ignore[no-untyped-def]
-    """Distribute paint and momentum among the four cells around a point at offset (fx, fy) from the cell (ix, iy)."""
+    """Distribute paint and momentum among the four cells around a point.
+
+    The point is at the offset (fx, fy) from the cell (ix, iy).
+    """
     at = _at(iy * side + ix)
     for corner in range(4):
         wx = fx if corner & 1 else F(1) - fx
@@ -37,12 +40,13 @@ def _deposit(grid, side, ix, iy, fx, fy, paint, push_x, push_y):  # type: ignore
 
 @function
 def _splat(p, before, velocity, scale, opacity, drag, side, grid, area):  # type: ignore[no-untyped-def]
-    """Add up the capsules swept in one frame by the touching parts of all bristles.
+    """Add up the capsules that the touching parts of all bristles sweep in one frame.
 
-    Each capsule's paint and momentum are spread evenly along its path and shared by the four nearest cells, so that
-    they are conserved however thin the capsule is; the source draws capsules pixel by pixel and loses paint between
-    pixels. Sums of opacity * weight and of the two velocities are added to ``grid`` (3, side * side). ``area`` (4,),
-    the top, bottom, left and right of the touched area, is updated. A row has ``side`` cells, margin included.
+    Each capsule's paint and momentum are spread evenly along its path and distributed among the four nearest cells, so
+    that both are conserved however thin the capsule is; the source draws capsules pixel by pixel and loses paint
+    between pixels. The sums of opacity * weight and of both velocity components are added to ``grid`` (3, side * side).
+    ``area`` (4,), the top, bottom, left and right of the touched area, is updated. A row has ``side`` cells, including
+    the margin.
     """
     cells = F(side - 2)
     fine = cells / UNITS  # cells per unit
@@ -86,9 +90,10 @@ def _splat(p, before, velocity, scale, opacity, drag, side, grid, area):  # type
 
 @function
 def _widen(grid, scratch, side, area, radius):  # type: ignore[no-untyped-def]
-    """Give the splats of a frame in ``grid`` (3, side * side) their ``radius`` in cells, as a triangle along each axis.
+    """Blur a frame's splats in ``grid`` (3, side * side) with a triangular kernel of ``radius`` cells along each axis.
 
-    A splat between four cells is already such a triangle, of radius 1; the variances of the two add up. ``area`` grows.
+    Distributing a splat among four cells already amounts to such a kernel, of radius 1; the variances of the two
+    kernels add up. ``area`` is enlarged.
     """
     wide = np.sqrt(max(radius * radius - F(1), F(0)))
     reach = int(np.ceil(wide)) - 1
@@ -117,7 +122,10 @@ def _widen(grid, scratch, side, area, radius):  # type: ignore[no-untyped-def]
 
 @function
 def _lay(grid, state, side, area):  # type: ignore[no-untyped-def]
-    """Add the splats of a frame from ``grid`` to the canvas: coverage 1 - (1 - c) exp(-sum), height and velocity."""
+    """Add a frame's splats from ``grid`` to the canvas.
+
+    The coverage c becomes 1 - (1 - c) exp(-sum); height and velocity are increased.
+    """
     u, v, cover, height = state[0], state[1], state[2], state[3]
     for y in range(area[0], area[1] + 1):
         for x in range(area[2], area[3] + 1):
@@ -132,7 +140,7 @@ def _lay(grid, state, side, area):  # type: ignore[no-untyped-def]
 
 @function
 def _project(state, pressure, side, area, rounds):  # type: ignore[no-untyped-def]
-    """Make the flow nearly free of divergence by Jacobi iterations from zero pressure."""
+    """Make the flow approximately divergence-free by Jacobi iterations that start from zero pressure."""
     u, v, divergence, now, new = state[0], state[1], pressure[0], pressure[1], pressure[2]
     top, bottom, left, right = area[0], area[1], area[2], area[3]
     for y in range(top, bottom + 1):
@@ -156,7 +164,7 @@ def _project(state, pressure, side, area, rounds):  # type: ignore[no-untyped-de
 
 @inline
 def _corners(x, y, side):  # type: ignore[no-untyped-def]
-    """Return the cell above and to the left of a point, and the weights of the four cells around the point."""
+    """Return the cell above and to the left of a point, and the weights of the four surrounding cells."""
     ix, iy = np.int32(x), np.int32(y)
     fx, fy = x - F(ix), y - F(iy)
     first = _at(iy * np.int32(side) + ix)
@@ -170,7 +178,7 @@ def _mean(field, a, side, w0, w1, w2, w3):  # type: ignore[no-untyped-def]
 
 @function
 def _advect(state, new, side, area, fluidity):  # type: ignore[no-untyped-def]
-    """Carry paint and velocity along the flow by a backward midpoint rule with bilinear interpolation."""
+    """Advect paint and velocity by a backward midpoint rule with bilinear interpolation."""
     u, v, cover, height = state[0], state[1], state[2], state[3]
     new_u, new_v, new_cover, new_height = new[0], new[1], new[2], new[3]
     dt = FLOW * F(side - 2) / UNITS
@@ -192,7 +200,7 @@ def _advect(state, new, side, area, fluidity):  # type: ignore[no-untyped-def]
 
 @function
 def _set_down(curve, scale, hind, pose, roots, p, turned):  # type: ignore[no-untyped-def]
-    """Set a resting brush down at the start of a curve, rotated along it; write ``p`` and the ``turned`` roots."""
+    """Place a resting brush at the start of a curve, rotated along it; write positions ``p`` and roots ``turned``."""
     cosine, sine = _tangent(curve, F(0))
     x, y = curve[0] + hind * cosine, curve[1] + hind * sine
     for i in range(roots.shape[1]):
@@ -206,7 +214,7 @@ def _set_down(curve, scale, hind, pose, roots, p, turned):  # type: ignore[no-un
 
 @function
 def _handle(curve, t, hind, fore):  # type: ignore[no-untyped-def]
-    """Place the handle for t, ahead of the curve by the distance that the brush trails."""
+    """Return the handle's position at t, which is ahead of the curve by the distance that the bristles trail."""
     w = F(1) - t
     x = w * w * curve[0] + F(2) * t * w * curve[2] + t * t * curve[4]
     y = w * w * curve[1] + F(2) * t * w * curve[3] + t * t * curve[5]
@@ -217,7 +225,10 @@ def _handle(curve, t, hind, fore):  # type: ignore[no-untyped-def]
 
 @function
 def _tangent(curve, t):  # type: ignore[no-untyped-def]
-    """Return the unit tangent at t; the chord's direction where the velocity is 0, or rightwards without a chord."""
+    """Return the unit tangent at t.
+
+    Where the velocity is 0, this is the direction of the chord or, without a chord, the direction to the right.
+    """
     sx, sy, cx, cy, ex, ey = curve[0], curve[1], curve[2], curve[3], curve[4], curve[5]
     w = F(1) - t
     dx, dy = w * (cx - sx) + t * (ex - cx), w * (cy - sy) + t * (ey - cy)
@@ -232,14 +243,15 @@ def _tangent(curve, t):  # type: ignore[no-untyped-def]
 def draw(  # type: ignore[no-untyped-def]
     begin, end, strokes, brush, first_pose, poses, reach, roots, stiffness, physics, counts, projection, images, heights
 ):
-    """Paint strokes ``begin`` to ``end``, each on a separate canvas, into ``images`` and ``heights``.
+    """Paint the strokes ``begin`` to ``end``, each on its own canvas, into ``images`` and ``heights``.
 
     ``images`` is (n, 4, S, S) and ``heights`` (n, S, S).
 
-    ``strokes`` (n, 10) are start, control and end (x and y in units), radius of the brush, red, green and blue.
-    ``brush`` (n,) selects the brush, with ``roots`` (., 2, N) and ``stiffness`` (., N), and ``first_pose`` (n,) selects
-    its initial pose among the ``poses`` (B, 3, V, N) of `settle`. ``reach`` (B, 2) is the distance behind the handle,
-    in brush scales, at which its hindmost and its foremost part touch.
+    ``strokes`` (n, 10) contains start, control and end (x and y in units), the radius of the brush, red, green and
+    blue. ``brush`` (n,) selects the brush, which has ``roots`` (., 2, N) and ``stiffness`` (., N), and ``first_pose``
+    (n,) selects its initial pose among the ``poses`` (B, 3, V, N) from `settle`. ``reach`` (B, 2) contains the
+    distances behind the handle, in brush scales, at which the hindmost and the foremost part of the brush touch the
+    canvas.
     """
     gravity, damping, opacity, drag, fluidity, relief = physics
     frames, iterations, rounds, fine, after = counts

@@ -1,4 +1,4 @@
-"""Light wet paint: compute the picture of a stroke from its coverage and height."""
+"""Compute a stroke's lit picture from the coverage and height of its wet paint."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from brushexp_training.engine._bristles import UNITS, F
 
 @inline
 def _light(gx, gy):  # type: ignore[no-untyped-def]
-    """Compute diffuse and specular light on paint of slope (gx, gy), lit from above (GGX, Walter et al., 2007)."""
+    """Compute diffuse and specular light on paint with the slope (gx, gy) under a light (GGX, Walter et al., 2007)."""
     nz = F(7) / np.sqrt(gx * gx + gy * gy + F(49))
     ny = gy * nz / F(7)
     nl = max((nz - ny) * F(0.70710678), F(0))
@@ -22,7 +22,7 @@ def _light(gx, gy):  # type: ignore[no-untyped-def]
 
 @function
 def picture(state, side, fine, color, relief, image, heights):  # type: ignore[no-untyped-def]
-    """Shade the paint on the fine grid and average it over the pixels of the window."""
+    """Shade the paint on the fine grid, and average the result over the window's pixels."""
     cover, height, window = state[2], state[3], heights.shape[0]
     slope, share = relief * F(side - 2) / UNITS, F(1) / F(fine * fine)
     flat, bare = _light(F(0), F(0))

@@ -1,4 +1,4 @@
-"""Simulate the simplest brush, a row of discs; each worker paints a whole stroke on its own canvas."""
+"""Simulate the simplest brush, a row of discs; each worker paints one stroke at a time on its own canvas."""
 
 from typing import Annotated
 
@@ -25,11 +25,11 @@ class Disc(Engine):
     """Paint a smooth tube of 100 discs along a Bezier curve (Learning to Paint: Huang et al., 2019, arXiv:1903.04411).
 
     The discs are painted on a canvas of twice the resolution and averaged. Alpha, which is also the height, is the
-    covered share of a pixel. Nothing is random. As in the source, a curve much longer than the window breaks up into
-    single discs, and the last disc lies at t = 0.99. Coordinates are clamped to 4 half-windows.
+    fraction of a pixel that is covered. Nothing is random. As in the source, a curve much longer than the window breaks
+    up into separate discs, and the last disc is at t = 0.99. Coordinates are clamped to 4 half-windows.
 
-    Differs from the source: thickness and colour are the same at both ends; the control point is absolute instead of
-    relative to the end points; discs are not rounded to whole pixels.
+    Unlike in the source, thickness and colour are the same at both ends, the control point is absolute instead of
+    relative to the end points, and discs are not rounded to whole pixels.
 
     Args:
         window: side of a picture in pixels, 8 to 512.
@@ -54,9 +54,10 @@ class Disc(Engine):
 
 @function
 def _paint(begin, end, curve, radius, alpha):  # type: ignore[no-untyped-def]
-    """Write, for strokes ``begin`` to ``end``, the share of each pixel that their discs cover to ``alpha`` (n, S, S).
+    """Compute the fraction of each pixel that the discs of the strokes ``begin`` to ``end`` cover.
 
-    Start, control and end (n, 6) and ``radius`` (n,) are in pixels of the canvas.
+    The result is written to ``alpha`` (n, S, S). The points in ``curve`` (n, 6) and the ``radius`` (n,) are in pixels
+    of the canvas.
     """
     side = alpha.shape[1] * SUPERSAMPLE
     for i in range(begin, end):
@@ -84,6 +85,6 @@ def _disc(bare, x, y, radius):  # type: ignore[no-untyped-def]
 
 @function
 def _pixels(middle, reach, side):  # type: ignore[no-untyped-def]
-    """Return the half-open range of pixels whose centres lie within ``reach`` of ``middle``."""
+    """Return the half-open range of pixels whose centres are within ``reach`` of ``middle``."""
     low, high = np.ceil(middle - reach - 0.5), np.floor(middle + reach - 0.5) + 1
     return int(min(max(low, 0), side)), int(min(max(high, 0), side))

@@ -29,14 +29,15 @@ Array = np.ndarray
 class Fluid(Engine):
     """Bristles dragged through wet paint (Fluid Paint: Li, 2016; SPIRAL: Ganin et al., 2018): streaks, ragged ends.
 
-    Bristles follow position-based dynamics. Each splats paint and momentum where it touches the canvas, a fluid solver
-    carries both, and the height of the paint is lit. Lengths are in 256ths of the window, as in the source's constants,
-    so that a stroke looks the same in every window.
+    Bristles follow position-based dynamics. Each bristle splats paint and momentum where it touches the canvas, a fluid
+    solver transports both, and the paint is lit according to its height. As in the source, lengths are in 256ths of the
+    window, so that a stroke looks the same in windows of any size.
 
-    Differs from the source: thin splats keep their amount of paint on a coarse grid; the brush turns with the stroke,
-    as in a hand, and begins at rest, trailing, with its bristles spread in individual directions; the handle runs ahead
-    of the curve by as much as the bristles trail, so that the paint reaches from start to end; colours are mixed
-    digitally, which is exact on an empty canvas: RGB is the colour of flat paint, and alpha is its coverage.
+    There are four differences from the source. Thin splats keep their amount of paint on a coarse grid. The brush turns
+    with the stroke, as it does in a hand, and begins at rest with its bristles trailing and spread in individual
+    directions. The handle is ahead of the curve by the distance that the bristles trail, so that the paint extends from
+    start to end. Colours are mixed digitally, which is exact on an empty canvas, where RGB is the colour of flat paint
+    and alpha is its coverage.
 
     Args:
         window: side of a picture in pixels, 8 to 1024.
@@ -44,20 +45,20 @@ class Fluid(Engine):
         frames: number of frames from start to end.
         after: frames for which the paint keeps flowing after the brush has left.
         bristles: number of bristles, 10 to 200.
-        brushes: number of brushes; stroke number i is painted with brush i modulo this number.
+        brushes: number of brushes; stroke i is painted with brush i modulo this number.
         load: amount of paint on the brush, 0 to 1.
         projection: whether the flow is kept nearly free of divergence, as in Fluid Paint but not in SPIRAL's port.
         jacobi: iterations of the pressure solver.
-        fluidity: share of the flow's velocity kept from frame to frame, 0 to 1.
+        fluidity: fraction of the flow's velocity that is kept from frame to frame, 0 to 1.
         gravity: gravity on the bristles, in 256ths of the window per frame squared.
-        damping: share of a bristle's velocity kept from frame to frame, 0 to 1.
+        damping: fraction of a bristle's velocity that is kept from frame to frame, 0 to 1.
         stiffness: stiffness of the stiffest bristle, 0 to 1.
         jitter: irregularity of the bristles' positions, 0 to 1.
-        iterations: rounds of the bristles' constraints per frame.
-        rest: frames in which the brush comes to rest before painting; it moves for the first half.
-        approach: distance that it moves per frame, in brush radii; small values fray the start, and large values make
-            strokes look combed.
-        relief: height of the paint for the light; 0 is flat.
+        iterations: number of rounds of bristle constraints per frame.
+        rest: number of frames in which the brush comes to rest before painting; it moves during the first half.
+        approach: distance that the brush moves per frame while coming to rest, in brush radii; small values fray the
+            start, and large values make strokes look combed.
+        relief: factor by which lighting scales the height of the paint; 0 makes the paint look flat.
     """
 
     has_heights = True
@@ -114,7 +115,7 @@ class Fluid(Engine):
         return Simulated(torch.from_numpy(images), torch.from_numpy(heights))
 
     def _draw_brushes(self, seed: int) -> None:
-        """Draw the positions of bristles on a jittered sunflower, their stiffness, and the directions they fall in."""
+        """Sample the bristles' stiffness, direction of fall, and position in a jittered sunflower pattern."""
         n = self.bristles
         sources = (np.random.Philox(key=np.array([seed, brush], np.uint64)) for brush in range(self.brushes))
         words = np.stack([source.random_raw(4 * n).reshape(4, n) for source in sources])
@@ -129,7 +130,7 @@ class Fluid(Engine):
         self._poses, self._reach = list[Array](), list[Array]()
 
     def _poses_for(self, brush: Array, scale: Array) -> Array:
-        """Choose the initial pose (n,) of each brush; simulate brushes coming to rest for new poses."""
+        """Return the index (n,) of each brush's initial pose; poses that are not known yet are simulated."""
         node = np.rint(np.log(scale) / math.log1p(STEP)).astype(int)
         keys = list(zip(brush.tolist(), node.tolist(), strict=True))
         fresh = [key for key in dict.fromkeys(keys) if key not in self._place]

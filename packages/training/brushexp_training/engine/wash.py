@@ -1,4 +1,4 @@
-"""Simulate a watercolour wash, whose pigment gathers at the edge, where it dries first."""
+"""Simulate a watercolour wash, whose pigment gathers at the edge because the edge dries first."""
 
 import math
 from dataclasses import dataclass
@@ -26,14 +26,14 @@ class Wash(Engine):
     """A flat wash with a dark rim and the grain of paper; the paint is thin and therefore has no height.
 
     Two effects are taken from Curtis et al. (1997, "Computer-generated watercolor"): edge darkening, because water
-    carries pigment to the drying edge, and granulation in the hollows of the paper. Differs from the source: nothing
-    flows; both effects are formulas of the distance to the stroke's edge.
+    carries pigment to the drying edge, and granulation in the hollows of the paper. Unlike in the source, nothing
+    flows: both effects are computed from the distance to the stroke's edge.
 
     Args:
         window: side of a picture in pixels, 8 to 1024.
         film: coverage in the middle of a stroke, 0 to 1.
         rim: additional coverage at the edge of a stroke, 0 to 1.
-        grain: variation of coverage with the paper, as a share of the coverage, 0 to 1.
+        grain: variation in coverage caused by the paper, as a fraction of the coverage, 0 to 1.
         wander: deviation of the outline, in half widths, 0 to 0.5.
     """
 
@@ -51,7 +51,7 @@ class Wash(Engine):
         return Simulated(torch.cat([color, alpha[:, None]], dim=1), (alpha > 0).float())
 
     def _coverage(self, parameters: Tensor, seed: int, number: int) -> Tensor:
-        """Compute the coverage (1, S, S) of one stroke (1, 10) alone, so that no bit depends on other strokes."""
+        """Compute the coverage (1, S, S) of one stroke (1, 10), so that the result does not depend on other strokes."""
         strokes, pixel = strokes_of(parameters), torch.arange(self.window) + 0.5 - 0.5 * self.window
         points = torch.stack(torch.meshgrid(pixel, pixel, indexing="xy"), dim=-1).reshape(-1, 2)
         curve = torch.stack([strokes.start, strokes.control, strokes.end], dim=1).clamp(-FARTHEST_POINT, FARTHEST_POINT)
@@ -68,7 +68,7 @@ class Wash(Engine):
 
 
 def _look_up(noise: Tensor, place: Tensor) -> Tensor:
-    """Interpolate periodic noise (PERIOD, PERIOD) smoothly at points (P, 2) in cells."""
+    """Interpolate periodic noise (PERIOD, PERIOD) smoothly at points (P, 2), which are given in cells."""
     cell = place.floor()
     share = 0.5 - 0.5 * torch.cos(math.pi * (place - cell))
     column, row = cell.long().unbind(-1)

@@ -1,1 +1,1 @@
-"""Measure a renderer's accuracy on held-out strokes and its speed."""
+"""Measure a renderer's speed and its accuracy on held-out strokes."""

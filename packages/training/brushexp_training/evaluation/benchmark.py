@@ -1,4 +1,4 @@
-"""Measure a renderer: errors on held-out strokes, speed, and behaviour outside the training range."""
+"""Measure a renderer's errors on held-out strokes, its speed, and its behaviour outside the training range."""
 
 import time
 from collections.abc import Iterable, Sequence
@@ -40,7 +40,7 @@ EXTREMES: dict[str, dict[str, object]] = {
 def evaluate(
     renderer: Renderer, batches: Iterable[StrokeBatch], n: int, window: int, distances: Sequence[FeatureDistance]
 ) -> dict[str, float]:
-    """Measure `error_figures`, `bristle_figures` and distances on ``n`` held-out strokes."""
+    """Compute `error_figures`, `bristle_figures` and the given feature distances on ``n`` held-out strokes."""
     sums, bristles = torch.zeros(5, dtype=torch.float64), torch.zeros(2, 2, 2, dtype=torch.float64)
     for batch in with_progress(batches, n, "evaluating strokes", lambda batch: len(batch.number)):
         drawn, truth = draw_batch(renderer, batch, window)
@@ -56,14 +56,17 @@ def evaluate(
 
 @torch.no_grad()
 def draw_batch(renderer: Renderer, batch: StrokeBatch, window: int) -> tuple[Tensor, Tensor]:
-    """Draw the pictures (B, 4, S, S) of a batch, in [0, 1], and return them with the true pictures."""
+    """Draw the pictures (B, 4, S, S) of a batch, clamped to [0, 1], and return them with the true pictures."""
     device = device_of_weights(renderer)
     drawn = window_pictures(renderer, batch.parameters.to(device), window, batch.number.to(device))
     return drawn.clamp(0, 1), batch.images.to(device)
 
 
 def strokes_per_second(renderer: Renderer, blend: Blend, window: int, *, backward: bool) -> float:
-    """Measure the painting speed in strokes per second, in adjacent windows, as the best of several repetitions."""
+    """Measure the painting speed in strokes per second, as the best of several repetitions.
+
+    The strokes are painted in adjacent windows; ``backward`` includes the gradients.
+    """
     device, n = device_of_weights(renderer), ACROSS * DOWN
     strokes = sample_prior(n)
     place = torch.stack(torch.meshgrid(torch.arange(ACROSS), torch.arange(DOWN), indexing="xy"), dim=-1).reshape(-1, 2)
@@ -85,7 +88,10 @@ def strokes_per_second(renderer: Renderer, blend: Blend, window: int, *, backwar
 
 
 class ExtremeDrawings(NamedTuple):
-    """The drawings of `EXTREMES`: "painted", as users get them, and for networks also "bare", without ``project``."""
+    """Drawings of the strokes in `EXTREMES`.
+
+    The pictures are "painted", as users see them, and for networks also "bare", without ``project``.
+    """
 
     nearest: Tensor  # (n, 4, S, S), the engine's pictures of the nearest strokes in the training range
     pictures: dict[str, Tensor]
@@ -94,7 +100,10 @@ class ExtremeDrawings(NamedTuple):
 
 @torch.no_grad()
 def draw_extremes(renderer: Renderer, engine: Engine, seed: int) -> ExtremeDrawings:
-    """Draw the strokes `EXTREMES`, and the nearest strokes with the engine, whose brushes are determined by a seed."""
+    """Draw the strokes in `EXTREMES` with the renderer, and the nearest strokes in the training range with the engine.
+
+    ``seed`` determines the engine's brushes.
+    """
     chosen = [{**ORDINARY, **changes} for changes in EXTREMES.values()]
     values = {name: torch.tensor([stroke[name] for stroke in chosen]) for name in ORDINARY}
     side, strokes = engine.window, replace(strokes_of(torch.zeros(len(chosen), 10)), **values)
@@ -122,7 +131,7 @@ def draw_extremes(renderer: Renderer, engine: Engine, seed: int) -> ExtremeDrawi
 
 
 def speed_and_size(renderer: Renderer, blend: Blend, window: int) -> dict[str, float]:
-    """Measure the speed forward and backward (`strokes_per_second`), and count the weights."""
+    """Measure the speed with and without gradients (see `strokes_per_second`), and count the weights."""
     return {
         "strokes_per_second": strokes_per_second(renderer, blend, window, backward=False),
         "strokes_per_second_backward": strokes_per_second(renderer, blend, window, backward=True),
@@ -131,5 +140,5 @@ def speed_and_size(renderer: Renderer, blend: Blend, window: int) -> dict[str, f
 
 
 def device_of_weights(renderer: Renderer) -> torch.device:
-    """Return the device of a renderer's weights; the CPU if it has none."""
+    """Return the device of a renderer's weights, or the CPU if it has none."""
     return next((weight.device for weight in renderer.parameters()), torch.device("cpu"))

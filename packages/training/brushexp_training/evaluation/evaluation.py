@@ -1,4 +1,4 @@
-"""Assess the pictures of a renderer by errors of strokes, distances between sample sets, and contact sheets."""
+"""Assess a renderer's pictures by per-stroke errors, distances between sets of pictures, and contact sheets."""
 
 import math
 import warnings
@@ -39,25 +39,34 @@ Features = Callable[[Tensor], Tensor]  # pictures (n, 3, H, W) in [0, 1] -> (n, 
 
 
 def premultiply(images: Tensor) -> Tensor:
-    """Convert straight RGBA (..., 4, H, W) to premultiplied, in which errors count as they do in paintings."""
+    """Premultiply RGBA pictures (..., 4, H, W) by alpha, which weights colour errors as paintings do."""
     color, alpha = images.split([3, 1], dim=-3)
     return torch.cat([color * alpha, alpha], dim=-3)
 
 
 def squared_error(images: Tensor, truth: Tensor) -> Tensor:
-    """Compute L2 of pictures (..., 4, H, W): the mean squared difference over the four premultiplied channels."""
+    """Compute the L2 error of pictures (..., 4, H, W).
+
+    This is the mean squared difference over the four premultiplied channels.
+    """
     return (premultiply(images) - premultiply(truth)).square().mean()
 
 
 def fine_detail(planes: Tensor) -> Tensor:
-    """Subtract the mean of 5 x 5 pixels from planes (..., H, W), which leaves the bristles in windows of 64 pixels."""
+    """Subtract the local mean over 5 x 5 pixels from planes (..., H, W).
+
+    In windows of 64 pixels, this leaves the traces of the bristles.
+    """
     with torch.autocast(planes.device.type, enabled=False):  # 16 bits would lose small differences
         rows, columns = (_mean_of_five(side, planes) for side in planes.shape[-2:])
         return planes - rows @ planes @ columns.T
 
 
 def _mean_of_five(side: int, like: Tensor) -> Tensor:
-    """Build the matrix (side, side) of a moving mean over five numbers, which takes a tenth of avg_pool2d's time."""
+    """Return the matrix (side, side) that computes a moving average over five values.
+
+    Multiplying by it takes a tenth of the time of avg_pool2d.
+    """
     line = torch.arange(side, device=like.device)
     near = ((line[:, None] - line).abs() <= DETAIL_REACH).to(like.dtype)
     return near / near.sum(1, keepdim=True)
@@ -67,9 +76,9 @@ def _mean_of_five(side: int, like: Tensor) -> Tensor:
 def error_sums(images: Tensor, truth: Tensor) -> Tensor:
     """Compute five additive sums (5,) over pictures (n, 4, S, S), RGBA with straight alpha.
 
-    They are the number of pixels, the squared error of the four premultiplied channels (their mean per pixel), the
-    squared error of alpha, the true alpha, and the squared error of the straight colour (mean of R, G, B) times true
-    alpha.
+    These are the number of pixels; the squared error of the four premultiplied channels (averaged over channels); the
+    squared error of alpha; the true alpha; and the squared error of the straight colour (averaged over R, G and B)
+    times the true alpha.
     """
     images, truth = images.double(), truth.double()
     paint, squared = truth[:, 3], (premultiply(images) - premultiply(truth)).square().mean(1)
@@ -86,11 +95,11 @@ def error_figures(sums: Tensor) -> dict[str, float]:
 
 @torch.no_grad()
 def bristle_sums(images: Tensor, truth: Tensor, parameters: Tensor) -> Tensor:
-    """Sum energies (2, 2, 2) of pictures (n, 4, S, S): thin or thick, of alpha or light, drawn or true.
+    """Sum the energies (2, 2, 2) of pictures (n, 4, S, S); the axes are thin or thick, alpha or light, drawn or true.
 
-    The energy is that of `fine_detail` where a quarter of the surrounding 5 x 5 pixels is covered. Strokes (n, 10) are
-    thick if they are at least `THICK` windows wide. Light is the brightness of paint relative to its colour, weighted
-    by true alpha; it is 0 for strokes in which 8 bits resolve none.
+    The energy is that of `fine_detail` where at least a quarter of the surrounding 5 x 5 pixels is covered. The strokes
+    (n, 10) are thick if they are at least `THICK` windows wide. Light is the brightness of the paint relative to its
+    colour, weighted by the true alpha; it is 0 for strokes in which 8 bits resolve no light.
     """
     paint, plain = truth[:, 3:], 0.5 * (parameters[:, 7:, None, None] + 1)
     inside = functional.avg_pool2d(paint, 5, 1, 2) > INSIDE
@@ -106,19 +115,23 @@ def bristle_sums(images: Tensor, truth: Tensor, parameters: Tensor) -> Tensor:
 
 
 def bristle_figures(energies: Tensor) -> dict[str, float]:
-    """Compute the ratio of drawn to true energies of `bristle_sums`: ``bristles_thin``, ``light_thick`` and so on."""
+    """Compute the ratios between drawn and true energies from `bristle_sums`.
+
+    The keys are ``bristles_thin``, ``bristles_thick``, ``light_thin`` and ``light_thick``.
+    """
     drawn, true = energies.unbind(-1)
     shares = (drawn / true).T.flatten().tolist()  # NaN without such strokes or light
     return dict(zip(("bristles_thin", "bristles_thick", "light_thin", "light_thick"), shares, strict=True))
 
 
 class FeatureDistance:
-    """Measures FID and KID between drawn and true strokes over white, with ``count`` features of each picture.
+    """FID and KID between drawn and true strokes over white, with ``count`` features for each picture.
 
-    FID is the Frechet distance of two normal distributions of features (Heusel et al., 2017, arXiv:1706.08500). KID is
-    the squared maximum mean discrepancy with the cubic kernel (Binkowski et al., 2018, arXiv:1801.01401), here over all
-    pictures at once instead of random subsets, which makes it reproducible. Both depend on the number of pictures n, so
-    report n with them. With the features "effl0" they are not comparable with published FIDs or KIDs.
+    FID is the Frechet distance between two normal distributions of features (Heusel et al., 2017, arXiv:1706.08500).
+    KID is the squared maximum mean discrepancy with the cubic kernel (Binkowski et al., 2018, arXiv:1801.01401), here
+    over all pictures at once instead of random subsets, which makes it reproducible. Both depend on the number of
+    pictures n, which should be reported with them. With the features "effl0", they are not comparable with published
+    FIDs or KIDs.
     """
 
     def __init__(self, name: str, features: Features, count: int) -> None:
@@ -131,27 +144,27 @@ class FeatureDistance:
             self.kid = KernelInceptionDistance(feature=ready, subsets=1)
 
     def add(self, images: Tensor, truth: Tensor) -> None:
-        """Add pictures (n, 4, S, S), RGBA in [0, 1], straight alpha."""
+        """Add drawn and true pictures (n, 4, S, S), RGBA in [0, 1] with straight alpha."""
         self.compare(*(self.features(over_white(pictures)).double().cpu() for pictures in (images, truth)))
 
     def compare(self, drawn: Tensor, true: Tensor) -> None:
-        """Add the features (n, count) of n drawn and n true strokes."""
+        """Add the features (n, count) of n drawn strokes and of n true strokes."""
         for features, real in ((drawn, False), (true, True)):
             self.fid.update(features, real=real)
             self.kid.update(features, real=real)
 
     def figures(self) -> dict[str, float]:
-        """Compute ``fid_<name>`` and ``kid_<name>``; NaN for fewer than two strokes."""
+        """Compute ``fid_<name>`` and ``kid_<name>``, which are NaN for fewer than two strokes."""
         count = int(self.fid.real_features_num_samples)
         self.kid.subset_size = min(count, KID_PICTURES)
         fid, kid = (float(self.fid.compute()), float(self.kid.compute()[0])) if count > 1 else (math.nan, math.nan)
         return {f"fid_{self.name}": fid, f"kid_{self.name}": kid}
 
     def by_number(self) -> list[dict[str, object]]:
-        """Tabulate FID and KID for 64 strokes, for 128, and so on, doubling each time.
+        """Tabulate FID and KID for sets of 64, 128, 256, ... strokes.
 
         A row has ``n``, the number of disjoint ``sets`` of n strokes, the mean and standard deviation of the distances
-        over these sets, and the bias: the mean FID from one set of true strokes to the next.
+        over these sets, and the bias, which is the mean FID between successive sets of true strokes.
         """
         drawn, true = torch.cat(self.kid.fake_features), torch.cat(self.kid.real_features)
         rows: list[dict[str, object]] = []
@@ -177,7 +190,10 @@ class FeatureDistance:
 
 
 def effl0_distance(device: torch.device) -> FeatureDistance:
-    """Make the `FeatureDistance` "effl0" in 112 channels of a packaged network, averaged over a picture."""
+    """Return the `FeatureDistance` "effl0".
+
+    It uses 112 channels of a packaged network, averaged over each picture.
+    """
     network = _backbone_of("effl0").to(device)
 
     def features(pictures: Tensor) -> Tensor:
@@ -189,11 +205,12 @@ def effl0_distance(device: torch.device) -> FeatureDistance:
 
 
 def inception_distance(path: Path, device: torch.device) -> FeatureDistance:
-    """Make the `FeatureDistance` "inception", which gives the published FID and KID in 2048 features of Inception v3.
+    """Return the `FeatureDistance` "inception", which uses the 2048 features of Inception v3, as published figures do.
 
-    ``path`` is the network as TorchScript, such as inception-2015-12-05.pt of StyleGAN2-ADA; it takes bytes (n, 3, H,
+    ``path`` is the network as TorchScript, such as inception-2015-12-05.pt from StyleGAN2-ADA; it takes bytes (n, 3, H,
     W) and ``return_features=True``. An FID from fewer than 2048 strokes is too low. Raises UserError for other files.
-    torch deprecates TorchScript; without it (2.13 has it), ``task=evaluate`` loses the key ``inception``.
+    TorchScript is deprecated in torch; once it is removed (2.13 still has it), ``task=evaluate`` loses the key
+    ``inception``.
     """
     if not path.is_file():
         raise UserError(f"inception={path}: there is no such file; give inception-2015-12-05.pt, or null")
@@ -217,13 +234,16 @@ def inception_distance(path: Path, device: torch.device) -> FeatureDistance:
 
 
 def over_white(images: Tensor) -> Tensor:
-    """Composite RGBA (n, 4, H, W), straight alpha, over white: (n, 3, H, W) in [0, 1]."""
+    """Composite RGBA pictures (n, 4, H, W) with straight alpha over white; return (n, 3, H, W) in [0, 1]."""
     alpha = images[:, 3:]
     return (alpha * images[:, :3] + (1 - alpha)).clamp(0, 1)
 
 
 def stroke_sheet(images: Tensor, columns: int) -> Tensor:
-    """Arrange pictures (n, 4, H, W), RGBA in [0, 1], straight alpha, in rows over white: (3, height, width)."""
+    """Arrange pictures in rows on a white sheet (3, height, width).
+
+    The pictures (n, 4, H, W) are RGBA in [0, 1] with straight alpha.
+    """
     zoom, columns = max(1, SHEET_SIDE // images.shape[-2]), min(columns, len(images))
     large = over_white(images).repeat_interleave(zoom, 2).repeat_interleave(zoom, 3).movedim(1, 3).cpu().numpy()
     layout = {"grid_shape": (-(-len(images) // columns), columns), "padding_width": GAP_PIXELS}
@@ -231,7 +251,10 @@ def stroke_sheet(images: Tensor, columns: int) -> Tensor:
 
 
 class HeldOutSheet(L.Callback):
-    """Draws held-out strokes next to true strokes at every validation: validation.png, pictures/epoch_XXX.png."""
+    """Draw held-out strokes next to the true strokes at every validation.
+
+    The sheets are written to validation.png and pictures/epoch_XXX.png.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -251,7 +274,7 @@ class HeldOutSheet(L.Callback):
 
 
 class FrechetDistance(L.Callback):
-    """Logs ``validation/fid_effl0`` of the first ``n`` held-out strokes at every validation."""
+    """Log ``validation/fid_effl0``, computed on the first ``n`` held-out strokes, at every validation."""
 
     def __init__(self, n: int) -> None:
         self.n = n

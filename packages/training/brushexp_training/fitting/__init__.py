@@ -1,1 +1,1 @@
-"""Train networks: Lightning modules and the fitting that they share."""
+"""Train networks: the Lightning modules, and the training code that they share."""

@@ -1,4 +1,4 @@
-"""Train a network according to its config, and save its weights with a recipe."""
+"""Train a network as its config specifies, and save its weights with a recipe."""
 
 import logging
 import time
@@ -32,7 +32,7 @@ log = logging.getLogger(__name__)
 
 
 class NetworkJob(ABC):
-    """A network that a task trains, with its data and the files of the run."""
+    """Base class for jobs that train a network; it holds the network, its data and the files of the run."""
 
     module: NetworkModule
     data: L.LightningDataModule
@@ -45,13 +45,13 @@ class NetworkJob(ABC):
 
     @abstractmethod
     def finish(self) -> dict[str, object]:
-        """Write the weights with their recipe, and return their figures on held-out strokes."""
+        """Write the weights with their recipe, and return the network's figures on held-out strokes."""
 
 
 def train_network(
     begin: Callable[[DictConfig, Path, torch.device], NetworkJob], cfg: DictConfig, folder: Path, start: float
 ) -> dict[str, object]:
-    """Train one network, write it and its figures into the run's folder, and return the values of metrics.json."""
+    """Train a network, write it and its figures into the run's folder, and return the metrics."""
     cfg, checkpoint = restore_run(cfg)
     device = device_of(cfg.device)
     trackers = make_trackers(cfg, folder)  # before simulating strokes, because a tracker may refuse its options
@@ -88,9 +88,10 @@ def train_network(
 
 
 class MovingAverage(WeightAveraging):
-    """Validate an exponential moving average of the weights, which replaces the weights at the end or after a failure.
+    """Maintain an exponential moving average of the weights, which is used for validation.
 
-    Each step keeps a share ``decay`` < 1 of the old average; early averages, mostly of random weights, forget faster.
+    The average replaces the weights at the end of the training or after a failure. Each step keeps a fraction ``decay``
+    < 1 of the old average; early averages, which consist mostly of random weights, are forgotten faster.
     """
 
     def __init__(self, decay: float) -> None:
@@ -116,11 +117,14 @@ class MovingAverage(WeightAveraging):
 
 
 class Stopwatch(Timer):
-    """Time a training and end it at its time limit; a subclass, because a Trainer takes only one callback per class."""
+    """Time a training run, and end it at its time limit.
+
+    This is a subclass because a Trainer accepts only one callback of each class.
+    """
 
 
 def _check_validations(options: DictConfig, batches: int) -> None:
-    """Raise UserError if the interval between validations, in batches, is longer than an epoch."""
+    """Raise UserError if the number of batches between validations is larger than an epoch."""
     limit, interval = options.limit_train_batches, options.val_check_interval
     if limit is not None:
         batches = min(batches, limit) if isinstance(limit, int) else int(limit * batches)
@@ -139,7 +143,10 @@ def fit_network(
     callbacks: Sequence[L.Callback] = (),
     checkpoint: Path | None = None,
 ) -> BaseException | None:
-    """Train until the first limit of the config, then validate the network unless that has been done; see `fit`."""
+    """Train until the first limit in the config is reached; see `fit`.
+
+    The network is then validated unless it has already been validated at that step.
+    """
     batches = len(data.train_dataloader())
     _check_validations(cfg.trainer, batches)
     options = {"log_every_n_steps": min(cfg.trainer.log_every_n_steps, batches)}
@@ -162,13 +169,16 @@ def fit_network(
 
 
 def renderer_settings(cfg: DictConfig) -> RendererSettings:
-    """Return the settings of a renderer's training; fine-tuning uses no critic."""
+    """Collect the settings for training a renderer.
+
+    Configs for fine-tuning have no critic settings, so that the critic is off.
+    """
     names = ("lr", "detail", "tone", "critic", "critic_lr", "critic_weight", "critic_width")
     return RendererSettings(**{name: cfg[name] for name in names if name in cfg})
 
 
 def training_recipe(module: NetworkModule, cfg: DictConfig, provenance: Mapping[str, Any]) -> dict[str, object]:
-    """Describe how a network was trained, for its recipe: settings, all of ``trainer.*``, and provenance."""
+    """Return the part of a recipe that describes the training: settings, all of ``trainer.*``, and provenance."""
     recipe: dict[str, object] = {key: cfg[key] for key in ("batch_size", "lr", "epochs", "minutes", "ema", "seed")}
     recipe |= {"precision": cfg.trainer.precision, "steps": module.global_step, "seconds": module.seconds}
     trainer = OmegaConf.to_container(cfg.trainer, resolve=True, enum_to_str=True)
@@ -184,10 +194,10 @@ def save_renderer(
     path: Path, module: RendererModule, data: StrokeData, cfg: DictConfig, provenance: Mapping[str, Any],
     figures: dict[str, Any], options: dict[str, Any] | None = None, training: dict[str, Any] | None = None,
 ) -> str:  # fmt: skip
-    """Write a trained renderer, and return the hash of its weights.
+    """Write a trained renderer with its recipe, and return the hash of its weights.
 
-    ``options`` of the plugin override those of the config; where the config has null, the first checkpoint decides.
-    ``training`` is added to the settings of the training in the recipe.
+    ``options`` override the renderer's options in the config; options that are null in the config are taken from the
+    checkpoint from which training started. ``training`` is added to the training settings in the recipe.
     """
     chosen: Any = OmegaConf.to_container(cfg.renderer, resolve=True, enum_to_str=True)
     checkpoint = cfg.renderer.get("checkpoint")

@@ -1,4 +1,4 @@
-"""Train a network with a learning rate schedule, clipped gradients, and curves."""
+"""Base class for training a network, with a learning rate schedule, gradient clipping, and logged curves."""
 
 import math
 import time
@@ -18,7 +18,7 @@ FINAL_RATE = 0.01  # final learning rate as a share of the peak
 
 
 class NetworkModule(L.LightningModule):
-    """Trains a network until the first limit of its Trainer: ``max_steps``, ``max_epochs`` or a `Timer`."""
+    """Train a network until the first limit of its Trainer: ``max_steps``, ``max_epochs`` or a `Timer`."""
 
     title = "training"  # label of the progress bar
     clip_norm: float | None = None  # maximum norm of the gradient unless the Trainer sets one
@@ -50,19 +50,25 @@ class NetworkModule(L.LightningModule):
 
     @property
     def seconds(self) -> float:
-        """Wall time of the fit so far, including the time before an interruption; 0 without a `Timer`."""
+        """The wall time of the fit so far in seconds, including the time before an interruption.
+
+        It is 0 without a `Timer`.
+        """
         return max((timer.time_elapsed() for timer in self._timers()), default=0.0)
 
     @property
     def cpu_seconds(self) -> float:
-        """CPU time of all threads in the fit so far, including the time before an interruption."""
+        """The CPU time of all threads in the fit so far, in seconds, including the time before an interruption."""
         return self._cpu_seconds + (0.0 if self._since is None else time.process_time() - self._since)
 
     def state_line(self) -> str:
         raise NotImplementedError
 
     def schedule(self, optimizer: Optimizer) -> LambdaLR:
-        """Raise the learning rate linearly, then lower it along half a cosine to a share `FINAL_RATE` of the peak."""
+        """Return a schedule that raises the learning rate linearly and then decays it along a half cosine.
+
+        The final rate is a fraction `FINAL_RATE` of the peak.
+        """
 
         def factor(_: int) -> float:
             share, rise = self.progress, (self.global_step + 1) / WARMUP_STEPS
@@ -100,7 +106,10 @@ class NetworkModule(L.LightningModule):
             nn.utils.clip_grads_with_norm_(weights, longest, norm)
 
     def check_is_finite(self, norm: Tensor) -> bool:
-        """Check whether the gradient's norm and the losses are finite; if not, end the training after this step."""
+        """Check whether the gradient norm and the losses are finite.
+
+        If they are not, training ends after this step.
+        """
         well = bool(torch.stack([norm, *self.terms.values()]).isfinite().all())
         if not well and not self.trouble and getattr(self.trainer.precision_plugin, "scaler", None) is None:
             wrong = next((name for name, term in self.terms.items() if not term.isfinite()), None)

@@ -1,4 +1,4 @@
-"""Train a renderer on pictures of strokes, with or without a critic."""
+"""Train a renderer on pictures of strokes, optionally with a critic."""
 
 import logging
 from collections.abc import Callable
@@ -33,7 +33,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class RendererSettings:
-    """The settings of a renderer's training; the Trainer sets duration and precision."""
+    """The settings for training a renderer; duration and precision are set by the Trainer."""
 
     lr: float = 5e-4  # peak learning rate
     detail: float = 1.0  # weight of errors in the finest detail of alpha (`fine_detail`)
@@ -45,20 +45,20 @@ class RendererSettings:
 
 
 def relativistic_loss(above: Tensor, below: Tensor) -> Tensor:
-    """Compute the RaSGAN loss, which is small if ``above`` scores higher than ``below``.
+    """Compute the RaSGAN loss, which is small if ``above`` has higher scores than ``below``.
 
-    It is -E[log sigma(D(a) - E D(b))] - E[log(1 - sigma(D(b) - E D(a)))] of scores (n,) and (m,) before any sigmoid
-    (Jolicoeur-Martineau, 2018, arXiv:1807.00734), computed with softplus to stay finite. Differs from the thesis, whose
-    equations 4.6 to 4.10 misplace a bracket.
+    It is -E[log sigma(D(a) - E D(b))] - E[log(1 - sigma(D(b) - E D(a)))] for scores (n,) and (m,) without a sigmoid
+    (Jolicoeur-Martineau, 2018, arXiv:1807.00734), computed with softplus to stay finite. The thesis misplaces a bracket
+    in equations 4.6 to 4.10.
     """
     return functional.softplus(below.mean() - above).mean() + functional.softplus(below - above.mean()).mean()
 
 
 class Critic(nn.Module):
-    """VGG encoder: three convolutions and pooling until 4 x 4 pixels, then three dense layers to one number.
+    """VGG encoder: three convolutions and pooling at each size down to 4 x 4 pixels, then three dense layers.
 
-    Source: thesis 2020, 6.2. The ``window`` in pixels is 4 times a power of two; the number of channels, ``width`` at
-    full size, doubles at each pooling up to 256.
+    Source: thesis 2020, 6.2. The ``window`` in pixels is 4 times a power of two; the number of channels, which is
+    ``width`` at full size, doubles with each pooling, up to 256.
     """
 
     def __init__(self, window: int, width: int) -> None:
@@ -83,15 +83,15 @@ class Critic(nn.Module):
         self.to(memory_format=torch.channels_last)  # type: ignore[call-overload]  # a fifth faster on a processor
 
     def forward(self, pictures: Tensor) -> Tensor:
-        """Score premultiplied RGBA (n, 4, S, S) by raw numbers (n,)."""
+        """Compute unbounded scores (n,) for premultiplied RGBA pictures (n, 4, S, S)."""
         return self.layers(2 * pictures - 1)[:, 0].float()
 
 
 class RendererModule(NetworkModule):
-    """Train a renderer to reproduce the strokes' pictures (`evaluation.squared_error`).
+    """Train a renderer to reproduce the true pictures of strokes; see `evaluation.squared_error`.
 
-    Lightning has only one optimiser, the renderer's, so that its steps are ``global_step``; the critic takes its step
-    within ``training_step``. Raises UserError if the renderer has no weights, or windows of a different size.
+    Lightning manages only the renderer's optimiser, so that its steps are ``global_step``; the critic's step is taken
+    within ``training_step``. Raises UserError if the renderer has no weights, or if its windows have a different size.
     """
 
     clip_norm = 1.0
@@ -143,7 +143,7 @@ class RendererModule(NetworkModule):
         self._sums = torch.zeros(5, dtype=torch.float64)
 
     def validation_step(self, batch: StrokeBatch, batch_idx: int) -> Tensor:
-        """Draw the pictures (B, 4, S, S) of a batch for callbacks, in 32 bits as in painting."""
+        """Draw the pictures (B, 4, S, S) of a batch for callbacks, in 32-bit precision as in painting."""
         with torch.autocast(self.device.type, enabled=False):
             drawn = window_pictures(self.renderer, batch.parameters, self.window, batch.number)
         self._sums += error_sums(drawn, batch.images)
@@ -190,7 +190,10 @@ class RendererModule(NetworkModule):
             self.critic_optimizer.step()
 
     def _ask_critic(self, critic: Critic, drawn: Tensor, truth: Tensor, error: Tensor) -> tuple[Tensor, Tensor]:
-        """Compute the renderer's adversarial loss, and the gradient of the pictures due to error and critic."""
+        """Compute the renderer's adversarial loss, and the combined gradient with respect to the pictures.
+
+        The gradient combines the reconstruction error with the critic's loss.
+        """
         critic.requires_grad_(False)
         loss = relativistic_loss(critic(drawn), critic(truth))
         (pull,) = torch.autograd.grad(loss, drawn)
@@ -199,18 +202,18 @@ class RendererModule(NetworkModule):
 
 
 def balance(push: Tensor, pull: Tensor, weight: float) -> Tensor:
-    """Add to ``push`` a vector in the direction of ``pull`` with ``weight`` times the length of ``push``.
+    """Add to ``push`` a vector in the direction of ``pull`` whose norm is ``weight`` times that of ``push``.
 
-    A critic's scores have no scale: in 80 steps their gradients grew a thousandfold relative to those of L2, so no
-    fixed weight works (Esser et al., 2021, arXiv:2012.09841, balance them at the last layer).
+    A critic's scores have no fixed scale: in 80 steps, their gradients grew a thousandfold relative to those of L2, so
+    no constant weight works (Esser et al., 2021, arXiv:2012.09841, balance the gradients at the last layer).
     """
     return push + weight * torch.linalg.vector_norm(push) / torch.linalg.vector_norm(pull).clamp_min(1e-30) * pull
 
 
 class FreshStart(L.Callback):
-    """Replaces the weights of a network that draws all strokes alike with those of ``fresh()``.
+    """Replace the weights of a network that draws all strokes alike with those of ``fresh()``.
 
-    Such a network cannot learn, because its gradients vanish. It is replaced at most ``most`` times.
+    Such a network cannot learn, because its gradients vanish. Its weights are replaced at most ``most`` times.
     """
 
     def __init__(self, fresh: Callable[[], nn.Module], most: int = MOST_STARTS) -> None:
@@ -243,9 +246,10 @@ class FreshStart(L.Callback):
 
 
 def share_drawn(drawn: Tensor, true: Tensor) -> float | None:
-    """Compute the variance of alpha among drawn strokes (n, 4, S, S), averaged over pixels, relative to the true value.
+    """Compute the variance in alpha between drawn strokes (n, 4, S, S), as a fraction of that between true strokes.
 
-    The result is None for a single stroke.
+    Both variances are averaged over pixels. The result is None if the true strokes do not vary, as with a single
+    stroke.
     """
     ours, theirs = (float(pictures[:, 3].float().var(0, unbiased=False).mean()) for pictures in (drawn, true))
     return ours / theirs if theirs else None

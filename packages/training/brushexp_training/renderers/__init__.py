@@ -1,1 +1,1 @@
-"""Neural renderers, and their pruning."""
+"""Neural renderers, and code that prunes them."""

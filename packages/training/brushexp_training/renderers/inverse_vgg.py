@@ -1,4 +1,4 @@
-"""The thesis's neural renderer, which draws a stroke's window from ten numbers."""
+"""The thesis's neural renderer, which draws a stroke's window from ten parameters."""
 
 import math
 from collections.abc import Callable
@@ -43,10 +43,10 @@ NORMALISATIONS: dict[str, Callable[[int], nn.Module]] = {
 class InverseVGG(PatchRenderer):
     """Inverse VGG: dense layers, then upsampling and three convolutions at each size; trained on simulated strokes.
 
-    Source: thesis 2020, 6.2; its original size is the preset `neural_thesis`. Differs from the source in the default
-    size: the last convolution draws squares of ``subpixel`` pixels (Shi et al., 2016, arXiv:1609.05158), because on a
-    CPU a few channels at full size would take most of the time; the network receives the stroke's coordinates
-    (``coordconv``); and it does not draw the stroke's colour (``tint``).
+    Source: thesis 2020, 6.2; its original size is the preset `neural_thesis`. The default size differs from the source
+    in three ways: the last convolution draws squares of ``subpixel`` pixels (Shi et al., 2016, arXiv:1609.05158),
+    because on a CPU a few channels at full size would take most of the time; the network receives the stroke's
+    coordinates (``coordconv``); and it does not draw the stroke's colour (``tint``).
 
     Args:
         window: side of the picture in pixels: 64, 128 or 256.
@@ -54,13 +54,14 @@ class InverseVGG(PatchRenderer):
         widest: maximum number of channels at any size.
         dense: widths of the dense layers before the layer that makes the coarsest picture.
         subpixel: side of the squares that the last convolution draws at once: 1 (the source), 2 or 4.
-        coordconv: coordinates given to the network. none; window: x and y as two extra channels of every convolution
-            (Liu et al., 2018, arXiv:1807.03247); stroke: along and across the stroke, at the first convolution of each
-            size (`stroke_planes`), so that the network only has to learn the look of paint, not its position.
+        coordconv: coordinates given to the network: none; window, x and y as two extra channels of every convolution
+            (Liu et al., 2018, arXiv:1807.03247); or stroke, coordinates along and across the stroke at the first
+            convolution of each size (`stroke_planes`), so that the network only has to learn the look of paint, not its
+            position.
         tint: whether the stroke's colour is added to the output, so that the network only has to learn the light on it.
         noise: initial strength of the noise added to every convolution, learned per channel (Karras et al., 2019,
-            arXiv:1812.04948, who start at 0); 1 is about as strong as the signal; 0 = none. It is drawn anew at each
-            training step, and is the same for every stroke in painting. Differs from the source: all channels share one
+            arXiv:1812.04948, who start at 0); 1 is about as strong as the signal; 0 = none. It is sampled anew at each
+            training step, but is the same for every stroke in painting. Unlike in the source, all channels share one
             plane.
         activation: activation after every layer but the last: relu, leaky_relu, elu, gelu or silu.
         normalisation: normalisation of every convolution but the last: none, or over batch, group (of channels) or
@@ -72,7 +73,7 @@ class InverseVGG(PatchRenderer):
             BF16, AMX). Training has a separate precision.
         project: whether strokes are moved into the training range before they are drawn; false shows the output
             outside the range.
-        checkpoint: trained weights: a .safetensors file of task=train, or the name of shipped weights; null = random
+        checkpoint: trained weights: a .safetensors file from task=train, or the name of shipped weights; null = random
             weights, for training.
     """
 
@@ -148,12 +149,12 @@ class InverseVGG(PatchRenderer):
 
     @property
     def widths(self) -> list[int]:
-        """List the widths of all layers but the last, in the form of the option ``channels``."""
+        """The widths of all layers but the last, in the format of the option ``channels``."""
         dense = [len(layer.weight) for layer in self.dense]  # type: ignore[arg-type]
         return [*dense, self.first.channels, *(len(layer.convolution.weight) for layer in self.convolving)]  # type: ignore[arg-type, union-attr]
 
     def _planes(self, parameters: Tensor, side: int) -> Tensor | None:
-        """Return the coordinates of pixels (n or 1, ., side, side); the finest are the picture's own, folded."""
+        """Return the coordinate planes (n or 1, ., side, side); at the finest size, those of the picture, folded."""
         if self.coordconv == "stroke":
             zoom = self.subpixel if side * self.subpixel == self.window else 1
             return stroke_planes(parameters, side * zoom, zoom)
@@ -163,7 +164,10 @@ class InverseVGG(PatchRenderer):
 
 
 def _checked(widths: list[int], channels: list[int] | None) -> list[int]:
-    """Return the ``channels`` of a pruned network, if given, instead of ``widths``; raise UserError if invalid."""
+    """Return the ``channels`` of a pruned network if they are given, and otherwise ``widths``.
+
+    Raises UserError if the channels are invalid or the network is too large.
+    """
     if channels is not None:
         possible = isinstance(channels, list) and all(isinstance(n, int) and 1 <= n <= 65536 for n in channels)
         if not possible or len(channels) != len(widths):
@@ -177,7 +181,7 @@ def _checked(widths: list[int], channels: list[int] | None) -> list[int]:
 
 
 class Coarsest(nn.Linear):
-    """A dense layer (n, F) -> (n, C, 4, 4), with channels last in memory."""
+    """A dense layer (n, F) -> (n, C, 4, 4), whose output is stored with channels last."""
 
     def __init__(self, before: int, channels: int) -> None:
         super().__init__(before, channels * COARSEST**2)
@@ -188,14 +192,14 @@ class Coarsest(nn.Linear):
 
 
 def _enlarge(channels: int, upsampling: str) -> nn.Module:
-    """Make an upsampling layer (n, C, h, w) -> (n, C, 2h, 2w)."""
+    """Return a layer that doubles the resolution: (n, C, h, w) -> (n, C, 2h, 2w)."""
     if upsampling == "pixel_shuffle":
         return nn.Sequential(nn.Conv2d(channels, 4 * channels, 1), nn.PixelShuffle(2))
     return nn.Upsample(scale_factor=2, mode=upsampling)
 
 
 class _Layer(CoordConv):
-    """A convolution with its normalisation and noise, without the activation."""
+    """A convolution followed by noise and normalisation, without the activation."""
 
     grain: Tensor
 
@@ -213,14 +217,14 @@ class _Layer(CoordConv):
 
 
 def stroke_planes(parameters: Tensor, side: int, zoom: int = 1) -> Tensor:
-    """Compute planes (n, PLANES, side, side) of strokes (n, 10) encoded like `strokes.prior.parameters_of`.
+    """Compute coordinate planes (n, PLANES, side, side) for strokes (n, 10) from `strokes.prior.parameters_of`.
 
-    With a ``zoom`` z the planes are folded as by pixel_unshuffle: (n, PLANES * z * z, side / z, side / z).
+    With a ``zoom`` z, the planes are folded as by pixel_unshuffle: (n, PLANES * z * z, side / z, side / z).
 
-    The planes are the coordinate along the chord from -1 (start) to 1 (end), the coordinate across it in half widths,
-    the distance beyond an end in half widths, and waves across, which fade away from the stroke. The curve is
-    approximated by a parabola over its chord, corrected for its lean to first order. Valid strokes deviate little from
-    this, the network corrects the rest, and no search is needed.
+    The planes contain the coordinate along the chord from -1 (start) to 1 (end), the coordinate across it in half
+    widths, the distance beyond an end in half widths, and waves across the stroke, which fade away from it. The curve
+    is approximated by a parabola over its chord, with a first-order correction for an asymmetric control point. Valid
+    strokes deviate little from this approximation, the network corrects the remaining error, and no search is needed.
     """
     line = (torch.arange(side, device=parameters.device, dtype=parameters.dtype) + 0.5) * (2 / side) - 1
     line = line.reshape(-1, zoom).T  # (z, side / z)

@@ -1,4 +1,4 @@
-"""Draw strokes with a network that turns ten numbers and a brush into a texture along and across the stroke."""
+"""Draw strokes with a network that turns ten parameters and a brush into a texture along and across the stroke."""
 
 import math
 from collections.abc import Sequence
@@ -38,21 +38,23 @@ CHUNK = 256  # number of strokes processed by the network at once
 class Neural(Renderer):
     """A network, trained on simulated strokes, that draws a texture along and across every stroke.
 
-    Streaks run along a stroke, and the brush turns with it. The network therefore does not draw a picture of the
-    window, as in the thesis (`inverse_vgg`), but a texture in the stroke's coordinates. It is a smooth function of
-    length, bend, thickness, direction and colour (for the light), and of the brush in the data set, represented by a
-    learned code and by learned maps at every size of the texture. Kernels look the texture up at the pixels of the
-    canvas, so a stroke is as sharp as its texture at any size of the picture. The colour of a texel is the stroke's
-    colour, mixed with white or black. During painting, the texture follows the stroke, but gradients treat it as
-    constant and flow through the texture coordinates, which matter far more.
+    Streaks follow a stroke, and the brush turns with it. The network therefore does not draw a picture of the window,
+    as in the thesis (`inverse_vgg`), but a texture in the stroke's coordinates. It is a smooth function of length,
+    bend, thickness, direction and colour (for the light), and of the brush in the data set, represented by a learned
+    code and by learned maps at every size of the texture. Kernels sample the texture at the canvas pixels, so that a
+    stroke is as sharp as its texture at any picture size. The colour of a texel is the stroke's colour, mixed with
+    white or black. During painting, the texture follows the stroke, but gradients treat it as constant and flow through
+    the texture coordinates, which matter far more.
 
     Args:
-        window: side in pixels of the training pictures; textures are averaged for smaller windows of strokes.
-        brushes: number of brushes in the data set (``engine.brushes``); a stroke's number decides its brush.
+        window: side in pixels of the training pictures; textures are averaged for strokes with smaller windows.
+        brushes: number of brushes in the data set (``engine.brushes``); a stroke's number determines its brush.
         code: size of the learned code of a brush.
         dense: width of the two dense layers.
-        width: number of channels of the convolutions at a texture's second-largest size; twice as many before.
-        stages: doublings of the texture before the last; with 2 it has 32 texels across a stroke and 64 along it.
+        width: number of channels of the convolutions at a texture's second-largest size; smaller sizes have twice as
+            many.
+        stages: number of doublings of the texture before the last; with 2, a texture has 32 texels across a stroke and
+            64 along it.
         project: whether the network receives the nearest stroke in its training range; false shows its output for
             other strokes.
         precision: precision of the network in painting: float32, bfloat16, or auto, which is bfloat16 on CPUs that
@@ -118,7 +120,7 @@ class Neural(Renderer):
         )
 
     def textures(self, parameters: Tensor, brush: Tensor) -> Tensor:
-        """Draw opacity in [0, 1] and tone in [-1, 1], (n, 2, rows, columns), for strokes (n, 10) of ``brush`` (n,)."""
+        """Draw opacity in [0, 1] and tone in [-1, 1] (n, 2, rows, columns) for strokes (n, 10) of ``brush`` (n,)."""
         weight = self.last.weight
         shapes = shape_numbers(parameters).to(weight.dtype)
         chunks = zip(shapes.split(CHUNK), brush.split(CHUNK), strict=True) if len(shapes) else ()
@@ -148,7 +150,7 @@ class Neural(Renderer):
 
 
 class _Stage(nn.Module):
-    """Double rows and columns, and convolve twice with a map of each brush in between."""
+    """Double the rows and columns, and convolve twice, adding a learned map of the brush in between."""
 
     def __init__(self, before: int, after: int, brushes: int, sides: Sequence[int]) -> None:
         super().__init__()
@@ -163,9 +165,9 @@ class _Stage(nn.Module):
 
 
 def shape_numbers(parameters: Tensor) -> Tensor:
-    """Describe strokes (n, 10), encoded like `parameters_of`, by NUMBERS numbers from about -2 to 2.
+    """Describe strokes (n, 10), encoded as by `parameters_of`, by NUMBERS features that range from about -2 to 2.
 
-    They are length, both absolute and in half widths, bend, thickness, direction and colour.
+    The features are length, both absolute and in half widths, bend, thickness, direction and colour.
     """
     start, control, end, width, color = parameters.split([2, 2, 2, 1, 3], dim=1)
     half = width_of(width).clamp_min(1e-3)  # a width in windows is a half width in half-windows
@@ -177,7 +179,7 @@ def shape_numbers(parameters: Tensor) -> Tensor:
 
 
 def initialise(module: nn.Module) -> None:
-    """Initialise weights as in He et al. (2015), so that differences between strokes reach the last layer."""
+    """Initialise weights after He et al. (2015), so that differences between strokes reach the last layer."""
     if isinstance(module, nn.Conv2d | nn.Linear):
         nn.init.kaiming_normal_(module.weight, nonlinearity="relu")
         if module.bias is not None:

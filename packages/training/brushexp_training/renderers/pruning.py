@@ -1,4 +1,4 @@
-"""Remove whole channels from a trained network, which makes it smaller and faster on any machine."""
+"""Remove whole channels from a trained network, which makes it smaller and faster on any hardware."""
 
 import warnings
 from collections.abc import Iterable
@@ -16,12 +16,12 @@ MULTIPLE = 8  # widths stay multiples of this number of channels, which CPUs com
 
 
 def prune(renderer: InverseVGG, ratio: float, batches: Iterable[StrokeBatch]) -> InverseVGG:
-    """Copy the network without the share ``ratio`` of each layer's channels that affects its pictures least.
+    """Copy a network without the fraction ``ratio`` of each layer's channels that affects its pictures least.
 
     The remaining widths are rounded to multiples of `MULTIPLE`. torch-pruning (Fang et al., 2023, arXiv:2301.12900)
-    groups channels that are used together and ranks them by the first-order change of the loss on ``batches`` if their
-    weights were 0 (Molchanov et al., 2019, arXiv:1906.10771). Raises UserError if it is not installed, or if channels
-    cannot be removed separately.
+    groups channels that are used together, and ranks them by the first-order change in the loss on ``batches`` if their
+    weights were set to 0 (Molchanov et al., 2019, arXiv:1906.10771). Raises UserError if torch-pruning is not
+    installed, or if channels cannot be removed separately.
     """
     try:
         import torch_pruning  # noqa: PLC0415  (an extra)
@@ -55,7 +55,7 @@ def prune(renderer: InverseVGG, ratio: float, batches: Iterable[StrokeBatch]) ->
 
 
 def check_prunable(renderer: nn.Module) -> None:
-    """Raise UserError if single channels cannot be removed, or if no option could describe the remaining widths."""
+    """Raise UserError if single channels cannot be removed, or if no option can describe the remaining widths."""
     if not isinstance(renderer, InverseVGG):
         raise UserError(
             f"{type(renderer).__name__} has no option for the widths of its layers; use renderer=inverse_vgg"
@@ -70,7 +70,7 @@ def check_prunable(renderer: nn.Module) -> None:
 
 
 def _ratios(renderer: InverseVGG, ratio: float) -> dict[nn.Module, float]:
-    """Compute the exact share to remove from every layer but the last."""
+    """Compute the exact fraction of channels to remove from every layer but the last."""
     layers: dict[nn.Module, int] = {layer: len(layer.weight) for layer in renderer.dense}  # type: ignore[arg-type]
     layers[renderer.first.convolution] = renderer.first.convolution.out_channels  # type: ignore[index, union-attr, assignment]
     for layer in renderer.convolving:
@@ -81,7 +81,7 @@ def _ratios(renderer: InverseVGG, ratio: float) -> dict[nn.Module, float]:
 
 
 class _Spread(nn.Module):
-    """`Coarsest` as a transposed convolution plus a picture, whose channels torch-pruning can distinguish."""
+    """`Coarsest` as a transposed convolution plus a bias, whose channels torch-pruning can identify."""
 
     def __init__(self, layer: Coarsest) -> None:
         super().__init__()
@@ -97,7 +97,7 @@ class _Spread(nn.Module):
         return self.convolution(x[:, :, None, None]) + self.bias
 
     def as_linear(self) -> Coarsest:
-        """Convert back to `Coarsest` with the remaining channels."""
+        """Convert the layer back to `Coarsest`, with only the remaining channels."""
         weight = self.convolution.weight
         layer = Coarsest(len(weight), len(self.bias)).to(weight)
         with torch.no_grad():

@@ -1,4 +1,4 @@
-"""Read batches of strokes in random order without holding all in memory, or simulate them on demand."""
+"""Read batches of strokes in random order without loading all strokes into memory, or simulate them on demand."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
@@ -23,7 +23,7 @@ HELD_OUT = {Split.VALIDATION: 2**40, Split.TEST: 2**41}  # number of the first s
 
 
 class StrokeBatch(NamedTuple):
-    """Strokes and their pictures; the number of a stroke decides its split."""
+    """A batch of strokes and their pictures; a stroke's number determines its split."""
 
     parameters: Tensor  # (B, 10) float32 in [-1, 1], encoded like `strokes.prior.parameters_of`
     images: Tensor  # (B, 4, S, S) float32 in [0, 1], RGBA, straight alpha
@@ -31,7 +31,7 @@ class StrokeBatch(NamedTuple):
 
 
 class StrokeLoader:
-    """Iterates over the ``length`` batches of each epoch, yielded by ``batches(epoch, first batch)``."""
+    """Iterate over the ``length`` batches of each epoch, which ``batches(epoch, first batch)`` yields."""
 
     def __init__(self, batches: Callable[[int, int], Iterator[Any]], length: int) -> None:
         self.batches, self.length = batches, length
@@ -51,13 +51,13 @@ class StrokeLoader:
         return {"epoch": self.position[0], "batch": self.position[1]}
 
     def load_state_dict(self, state: dict[str, int]) -> None:
-        """Continue after the last batch that was returned."""
+        """Continue after the last batch that was yielded."""
         epoch, batch = state["epoch"], state["batch"]
         self.next = self.position = (epoch, batch) if batch < self.length else (epoch + 1, 0)
 
 
 class StrokeData(L.LightningDataModule, ABC):
-    """Training, validation and test strokes; the last batch of an epoch may be smaller."""
+    """Base class for training, validation and test strokes; the last batch of an epoch may be smaller."""
 
     origin: Origin  # origin of the strokes, or of the first of several sets
     sets: Sequence[StrokeSet] = ()  # opened sets; empty if strokes are simulated on demand
@@ -66,16 +66,16 @@ class StrokeData(L.LightningDataModule, ABC):
 
     @property
     def first_seed(self) -> int:
-        """The seed of the strokes, or of the first of several sets."""
+        """The seed of the strokes, or of the first set if there are several."""
         return self.sets[0].seed if self.sets else self.seed
 
     @abstractmethod
     def size(self, split: Split) -> int:
-        """Count the strokes of a split; for training, count those of an epoch."""
+        """Return the number of strokes in a split or, for training, in an epoch."""
 
     @abstractmethod
     def batches(self, split: Split, epoch: int, first: int) -> Iterator[StrokeBatch]:
-        """Yield the batches of an epoch, starting at number ``first``; only training strokes are shuffled."""
+        """Yield an epoch's batches, starting with batch number ``first``; only training strokes are shuffled."""
 
     def train_dataloader(self) -> StrokeLoader:
         return self._loader(Split.TRAINING)
@@ -87,11 +87,11 @@ class StrokeData(L.LightningDataModule, ABC):
         return self._loader(Split.TEST)
 
     def count(self, split: Split, most: int | None) -> int:
-        """Count the strokes of a split, up to ``most`` if it is given."""
+        """Return the number of strokes in a split, or ``most`` if that is smaller."""
         return min(self.size(split), most or self.size(split))
 
     def first(self, split: Split, n: int) -> Iterator[StrokeBatch]:
-        """Yield the first n held-out strokes of a split."""
+        """Yield the first ``n`` held-out strokes of a split in batches."""
         for batch in self._loader(split):
             if n <= 0:
                 break
@@ -99,7 +99,7 @@ class StrokeData(L.LightningDataModule, ABC):
             n -= len(batch.number)
 
     def first_batch(self, split: Split, n: int) -> StrokeBatch:
-        """Return the first n held-out strokes of a split in one batch."""
+        """Return the first ``n`` held-out strokes of a split as one batch."""
         return StrokeBatch(*map(torch.cat, zip(*self.first(split, n), strict=True)))
 
     def _loader(self, split: Split) -> StrokeLoader:
@@ -107,7 +107,10 @@ class StrokeData(L.LightningDataModule, ABC):
 
 
 class SimulatedData(StrokeData):
-    """Simulates strokes on demand, ``held_out`` strokes each for validation and test; training strokes never repeat."""
+    """Simulate strokes on demand, with ``held_out`` strokes each for validation and for testing.
+
+    Training strokes never repeat.
+    """
 
     def __init__(
         self, engine: Engine, origin: Origin, *, batch_size: int = 64, seed: int = 0, held_out: int = 1000
@@ -134,7 +137,10 @@ class SimulatedData(StrokeData):
 
 
 class StoredData(StrokeData):
-    """Reads strokes from sets: the first ``limit`` training strokes once per epoch, ordered by seed and epoch."""
+    """Read strokes from stored sets.
+
+    The first ``limit`` training strokes are read once per epoch, in an order that depends on seed and epoch.
+    """
 
     def __init__(self, paths: Sequence[Path], *, batch_size: int = 64, seed: int = 0, limit: int | None = None) -> None:
         super().__init__()
@@ -179,7 +185,7 @@ class StoredData(StrokeData):
 
 
 def require_compatible(sets: Sequence[StrokeSet]) -> None:
-    """Raise UserError unless the sets share one engine and window, and none repeats another."""
+    """Raise UserError unless all sets have the same engine and window, and no two sets have the same strokes."""
     if not sets:
         raise UserError("no set of strokes is given; give one, made with brushexp task=simulate")
     for one, other in combinations(sets, 2):
@@ -194,7 +200,10 @@ def require_compatible(sets: Sequence[StrokeSet]) -> None:
 
 
 def shuffle_groups(places: Numbers, blocks: Numbers, random: np.random.Generator) -> list[Numbers]:
-    """Shuffle positions (n,): first the order of blocks, then the positions within each group of whole blocks."""
+    """Shuffle positions (n,) in groups of whole blocks.
+
+    The order of the blocks is shuffled first, then the positions within each group.
+    """
     parts = np.split(places, 1 + np.flatnonzero(np.diff(blocks)))
     order = random.permutation(len(parts))
     groups = (order[k : k + GROUP] for k in range(0, len(order), GROUP))

@@ -1,8 +1,8 @@
-"""Read a set of simulated strokes, a folder of shards (HDF5 files, docs/formats.md), block by block.
+"""Read a set of simulated strokes, which is a folder of shards (HDF5 files, docs/formats.md), block by block.
 
-Blocks of 16 strokes are the chunks on disk; the number of a block alone determines its split. A set therefore keeps its
-splits when it grows, and reading one split does not decompress any of another. With 5 % for test, a set of 50,000 has
-enough test strokes (2500) for an FID of 2048 features.
+Blocks of 16 strokes are the chunks on disk; a block's number alone determines its split. A set therefore keeps its
+splits when it grows, and reading one split does not decompress any blocks of the others. With 5 % of the strokes for
+testing, a set of 50,000 has enough test strokes (2500) for an FID with 2048 features.
 """
 
 import json
@@ -47,33 +47,36 @@ Numbers = NDArray[np.int64]
 
 
 class Split(Enum):
-    """The part of a set to which a stroke belongs; values are remainders of its block's number."""
+    """The part of a set to which a stroke belongs; values are remainders of the block number."""
 
     TEST = 0
     VALIDATION = 1
     TRAINING = 2
 
     def places(self, numbers: Numbers) -> Numbers:
-        """Find the indices in ``numbers`` of this split's strokes, in order."""
+        """Return the indices of this split's strokes in ``numbers``, in ascending order."""
         return np.flatnonzero(np.minimum(numbers // BLOCK % PERIOD, Split.TRAINING.value) == self.value)
 
 
 @dataclass(frozen=True)
 class Origin:
-    """The engine, its options and the window with which a set of strokes was made; the seed is stored separately."""
+    """The engine, its options and the window with which a set of strokes was simulated.
+
+    The seed is stored separately.
+    """
 
     engine: str  # name of the plugin
     engine_config: dict[str, Any]  # all of its options
     window: int  # pixels on the side of a picture
 
     def settings(self) -> dict[str, object]:
-        """List each setting in which sets can differ, as it would be typed."""
+        """Map the name of each setting in which sets can differ to its value."""
         options = {f"engine.{key}": value for key, value in sorted(self.engine_config.items())}
         return {"engine": self.engine, **options, "the window": self.window}
 
 
 def origin_of(node: DictConfig, engine: Engine) -> Origin:
-    """Describe the origin of strokes of an engine built from a config node."""
+    """Return the origin of the strokes that an engine simulates, given the config node from which it was built."""
     options = OmegaConf.to_container(node, resolve=True, enum_to_str=True)
     assert isinstance(options, dict)
     config = {str(key): value for key, value in options.items() if not str(key).startswith("_")}
@@ -81,7 +84,7 @@ def origin_of(node: DictConfig, engine: Engine) -> Origin:
 
 
 def first_difference(first: dict[str, object], second: dict[str, object]) -> tuple[str, str] | None:
-    """Find the first setting that differs, as ``key=value`` of each side; None if all agree."""
+    """Return the first setting that differs, as ``key=value`` for each side, or None if all settings agree."""
     for key in first | second:
         one, other = (f"{key}={side[key]}" if key in side else f"no {key}" for side in (first, second))
         if one != other:
@@ -90,7 +93,7 @@ def first_difference(first: dict[str, object], second: dict[str, object]) -> tup
 
 
 class Shard:
-    """A file of a set, which begins at stroke ``first``; pictures are read and checked on demand."""
+    """One file of a set, whose first stroke has the number ``first``; pictures are read and checked on demand."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -134,7 +137,7 @@ class Shard:
         return len(self.parameters)
 
     def rows(self, dataset: h5py.Dataset, rows: Numbers) -> NDArray[Any]:
-        """Read rows of ``images`` or ``heights``, each block only once; raise UserError if a block is damaged."""
+        """Read rows of ``images`` or ``heights``, with each block read once; raise UserError if a block is damaged."""
         values = np.empty((len(rows), *dataset.shape[1:]), dataset.dtype)
         blocks = rows // BLOCK
         with explaining(self.path, CURE):
@@ -148,7 +151,7 @@ class Shard:
 
 
 class StrokeSet:
-    """The shards of a set, strokes 0 to n - 1, in a folder or a single file; faults raise UserError."""
+    """All shards of a set, in a folder or a single file; invalid shards raise UserError."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -174,7 +177,7 @@ class StrokeSet:
 
 
 def pictures_of(shards: Sequence[Shard], places: Numbers) -> Bytes:
-    """Read the images (n, S, S, 4) of strokes, numbered across all shards, block by block."""
+    """Read the images (n, S, S, 4) of strokes, which are numbered consecutively across all shards, block by block."""
     starts = np.cumsum([0, *map(len, shards)])
     owner = np.searchsorted(starts, places, side="right") - 1
     pictures = np.empty((len(places), *shards[0].images.shape[1:]), np.uint8)
@@ -184,7 +187,7 @@ def pictures_of(shards: Sequence[Shard], places: Numbers) -> Bytes:
 
 
 def _whole_dataset(file: h5py.File, name: str, dtype: type, shape: tuple[int, ...]) -> h5py.Dataset:
-    """Open a dataset and check its chunks without reading its numbers."""
+    """Open a dataset, and check that all of its chunks exist, without reading its values."""
     dataset = dataset_of(file, name, dtype, shape)
     if dataset.chunks is None or dataset.chunks[0] != BLOCK:
         raise UserError(f"{name} has chunks {dataset.chunks}, not of {BLOCK} strokes")

@@ -1,4 +1,4 @@
-"""Find the strokes on which a task trains or measures, according to its config."""
+"""Provide the strokes on which a task trains or evaluates, as its config specifies."""
 
 import hashlib
 import json
@@ -22,7 +22,10 @@ log = logging.getLogger(__name__)
 
 
 def stroke_data(cfg: DictConfig) -> StrokeData:
-    """Open the sets of ``data``; without data, simulate a set first, or strokes on demand."""
+    """Open the sets in ``data``.
+
+    Without ``data``, a set is simulated first, or strokes are simulated on demand.
+    """
     batch_size, paths = cfg.get("batch_size", BATCH_STROKES), [Path(path) for path in cfg.data or ()]
     if not paths:
         node = engine_node(cfg)
@@ -40,7 +43,7 @@ def stroke_data(cfg: DictConfig) -> StrokeData:
 
 
 def measured_count(data: StrokeData, split: Split, n: int | None) -> int:
-    """Count the strokes of a split that can be measured, up to ``n``; warn if there are fewer."""
+    """Return the number of strokes to measure in a split, at most ``n``; warn if the split has fewer."""
     count = data.count(split, n)
     if n is not None and count < n:
         log.warning(
@@ -51,7 +54,7 @@ def measured_count(data: StrokeData, split: Split, n: int | None) -> int:
 
 
 def data_recipe(data: StrokeData, cfg: DictConfig) -> dict[str, object]:
-    """Describe the origin of the strokes for a recipe."""
+    """Return the part of a recipe that describes the origin of the strokes."""
     origin = data.origin
     return {
         "engine": origin.engine,
@@ -64,7 +67,10 @@ def data_recipe(data: StrokeData, cfg: DictConfig) -> dict[str, object]:
 
 
 def origin_for(cfg: DictConfig) -> tuple[Origin, list[int]]:
-    """Describe the origin of the strokes of `stroke_data` before any are simulated, and list the seeds of the sets."""
+    """Return the origin of the strokes that `stroke_data` would provide, and the seeds of the sets.
+
+    No strokes are simulated.
+    """
     if cfg.data is None:
         node = engine_node(cfg)
         return origin_of(node, build(node)), []
@@ -73,7 +79,10 @@ def origin_for(cfg: DictConfig) -> tuple[Origin, list[int]]:
 
 
 def engine_node(cfg: DictConfig) -> DictConfig:
-    """Return the engine of the config; options not set by the user come from the training of a measured renderer."""
+    """Return the config node of the engine.
+
+    Options that the user has not set are taken from the training of the renderer that is measured.
+    """
     plugin, (trained, _) = plugin_of(cfg.engine), training_of(cfg)
     if trained is None or trained.engine != plugin.name:
         return cfg.engine
@@ -88,7 +97,10 @@ def engine_node(cfg: DictConfig) -> DictConfig:
 
 
 def training_of(cfg: DictConfig) -> tuple[Origin | None, list[int]]:
-    """Read origin and seeds of the strokes on which a renderer was trained, unless ``other_data`` allows others."""
+    """Read the origin and seeds of the strokes on which a renderer was trained.
+
+    Returns (None, []) if they are unknown, or if ``other_data`` allows strokes of other origins.
+    """
     checkpoint = cfg.renderer.get("checkpoint")
     if checkpoint is None or cfg.get("other_data", True):
         return None, []
@@ -101,9 +113,9 @@ def training_of(cfg: DictConfig) -> tuple[Origin | None, list[int]]:
 
 
 def check_origin(cfg: DictConfig) -> Origin:
-    """Return the origin of the strokes; raise UserError if a renderer was trained on other brushes, unless allowed.
+    """Return the origin of the strokes; raise UserError if the renderer was trained on strokes of another origin.
 
-    Brushes depend on the seeds of the sets.
+    Brushes depend on the seeds of the sets, so these must also agree. ``other_data`` allows other origins.
     """
     (origin, seeds), (trained, trained_seeds) = origin_for(cfg), training_of(cfg)
     if trained is not None and (difference := first_difference(trained.settings(), origin.settings())):

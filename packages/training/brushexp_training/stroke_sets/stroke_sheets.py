@@ -1,4 +1,4 @@
-"""Draw labelled sheets of strokes by renderers and by the engine."""
+"""Draw labelled sheets that compare strokes drawn by renderers with those of the engine."""
 
 from brushexp_studies.contact_sheet import SheetCell, draw_sheet
 from PIL import Image
@@ -16,7 +16,7 @@ ZOOM = 2  # pixels of a sheet per pixel of a window
 
 
 def sheet_of_strokes(renderers: dict[str, Renderer], batch: StrokeBatch, origin: Origin) -> Image.Image:
-    """Draw a sheet of strokes, with true strokes above those of each renderer."""
+    """Draw a sheet with the true strokes above the same strokes as drawn by each renderer."""
     kinds = {origin.engine: batch.images}
     for name, renderer in renderers.items():
         kinds[name] = draw_batch(renderer, batch, origin.window)[0]
@@ -25,7 +25,7 @@ def sheet_of_strokes(renderers: dict[str, Renderer], batch: StrokeBatch, origin:
 
 
 def sheet_of_extremes(name: str, engine: str, drawings: ExtremeDrawings) -> Image.Image:
-    """Draw a sheet of strokes outside the training range, below the nearest strokes inside it."""
+    """Draw a sheet of strokes outside the training range, below the nearest strokes within it."""
     kinds = {f"{engine}, nearest": drawings.nearest} | {f"{name}, {kind}": p for kind, p in drawings.pictures.items()}
     labels: list[tuple[str, ...]] = [(label,) for label in EXTREMES]
     side = ZOOM * drawings.nearest.shape[-1]
@@ -33,7 +33,7 @@ def sheet_of_extremes(name: str, engine: str, drawings: ExtremeDrawings) -> Imag
 
 
 def _sheet(kinds: dict[str, Tensor], labels: list[tuple[str, ...]], side: int, title: str) -> Image.Image:
-    """Arrange pictures (n, 4, S, S) over white, with a named row for each kind and labels below the last row."""
+    """Arrange pictures (n, 4, S, S) over white, with a labelled row for each kind and labels below the last row."""
     rows = []
     for k in range(0, len(labels), COLUMNS):
         here = slice(k, k + COLUMNS)

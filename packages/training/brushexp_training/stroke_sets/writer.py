@@ -1,7 +1,7 @@
-"""Write a set of strokes shard by shard; each shard is moved to its place when it is complete.
+"""Write a set of strokes shard by shard; each shard is moved into the set's folder when it is complete.
 
-The folder therefore always holds a valid, possibly smaller set, and ends with the same strokes however often the
-simulation is interrupted.
+The folder therefore always holds a valid, though possibly smaller, set, and its final strokes do not depend on how
+often the simulation is interrupted.
 """
 
 import io
@@ -51,10 +51,10 @@ Rows = dict[str, NDArray[Any]]  # arrays of some strokes by name of the dataset
 
 
 def simulate_set(path: Path, engine: Engine, origin: Origin, seed: int, n: int, *, wait: bool = False) -> int:
-    """Simulate the missing strokes of a set of ``n``, with a progress bar, and return their number.
+    """Simulate the missing strokes of a set of ``n`` strokes, with a progress bar, and return their number.
 
-    With ``wait``, wait for another process that is making the same set instead of raising an error. Raises UserError
-    for a set that is larger or was made differently. Ctrl-C stops after the current batch and keeps all simulated
+    If ``wait`` is true, wait for another process that is simulating the same set instead of raising an error. Raises
+    UserError if the set is larger or has other settings. Ctrl-C stops after the current batch and keeps all simulated
     strokes.
     """
     with _locked(path, wait):
@@ -69,7 +69,7 @@ def simulate_set(path: Path, engine: Engine, origin: Origin, seed: int, n: int, 
 
 
 def _simulate_missing(path: Path, engine: Engine, origin: Origin, seed: int, n: int, shards: dict[int, Shard]) -> None:
-    """Write the shards that are missing or not full; keep all simulated strokes after Ctrl-C or an error."""
+    """Write the shards that are missing or incomplete; keep all simulated strokes after Ctrl-C or an error."""
     pressed, done = Event(), sum(map(len, shards.values()))
     with interruptible(pressed.set, "stopping after this batch"), counting("simulating strokes", n, done) as show:
         for first in range(0, n, SHARD_STROKES):
@@ -100,7 +100,10 @@ def _locked(path: Path, wait: bool) -> AbstractContextManager[object]:
 
 
 def whole_shards(path: Path, origin: Origin, seed: int, n: int) -> dict[int, Shard]:
-    """Open the finished shards by number of the first stroke; raise UserError if they do not belong to this set."""
+    """Open the valid shards in a folder, and return them by the number of their first stroke.
+
+    Raises UserError if a shard does not belong to this set.
+    """
     shards = {}
     for file in sorted(path.glob("[0-9]*.h5")):
         try:
@@ -144,14 +147,14 @@ def _write(path: Path, parts: list[Rows], first: int, origin: Origin, seed: int)
 
 
 def shard_rows(shard: Shard) -> Rows:
-    """Read the stored rows of a shard."""
+    """Read all rows of a shard."""
     numbers = np.arange(len(shard))
     pictures, heights = shard.rows(shard.images, numbers), shard.rows(shard.heights, numbers)
     return {"params": shard.parameters.numpy(), "images": pictures, "heights": heights}
 
 
 def to_rows(parameters: Tensor, simulated: Simulated, first: int) -> Rows:
-    """Convert n strokes to the rows of a shard; raise UserError if the engine's output is not finite."""
+    """Convert simulated strokes to rows of a shard; raise UserError if the engine's output is not finite."""
     images, heights = simulated.images.detach().cpu(), simulated.heights.detach().cpu()
     for value in (images, heights):
         broken = ~value.flatten(1).sum(1).isfinite()  # needs one pass; sums of finite numbers here are finite

@@ -1,1 +1,1 @@
-"""The tasks of this package, one module each, and their keys."""
+"""The tasks of this package, with one module for each."""

@@ -1,4 +1,4 @@
-"""``task=evaluate``: measure a renderer on strokes that it was not trained on."""
+"""``task=evaluate``: measure a renderer on strokes on which it was not trained."""
 
 import logging
 import time
@@ -26,7 +26,7 @@ log = logging.getLogger(__name__)
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Write figures and pictures of one renderer into the run's folder, and return the figures."""
+    """Write a renderer's figures and pictures into the run's folder, and return the figures."""
     L.seed_everything(cfg.seed, verbose=False)
     device = device_of(cfg.device)
     name, checkpoint = plugin_of(cfg.renderer).name, cfg.renderer.get("checkpoint")

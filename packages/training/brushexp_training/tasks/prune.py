@@ -1,4 +1,4 @@
-"""``task=prune``: make a trained renderer smaller and faster, and measure the loss of quality."""
+"""``task=prune``: make a trained renderer smaller and faster, and measure the loss in quality."""
 
 import logging
 import time
@@ -42,7 +42,7 @@ Row = dict[str, float]
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Prune by every ratio, fine-tune and measure; update the table after each ratio."""
+    """Prune a renderer by each ratio, fine-tune and measure the result, and update the table after each ratio."""
     device = device_of(cfg.device)
     L.seed_everything(cfg.seed, verbose=False)
     provenance = provenance_of(cfg)
@@ -80,7 +80,7 @@ def carry_out(
     trained: InverseVGG,
     ratio: float,
 ) -> tuple[Row, Renderer]:
-    """Prune a copy by ``ratio``, fine-tune it, measure it on ``n`` strokes, and write a checkpoint."""
+    """Prune a copy by ``ratio``, fine-tune it, measure it on ``n`` strokes, and write its checkpoint."""
     name, path = f"{100 * ratio:g}", whole / f"{plugin_of(cfg.renderer).name}_{100 * ratio:g}.safetensors"
     folder, window, device = whole / f"ratio_{name}", data.origin.window, device_of_weights(trained)
     folder.mkdir(exist_ok=True)

@@ -1,4 +1,4 @@
-"""Keys of ``task=prune``."""
+"""Define the config keys of ``task=prune``."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -14,7 +14,7 @@ from brushexp_training.schema import DATA, EMA, LIMIT, NETWORK_FIT, NetworkTrain
 
 @dataclass
 class PruneTask(Task):
-    """Remove channels of a trained renderer, fine-tune the rest, and compare."""
+    """Remove channels from a trained renderer, fine-tune the remaining network, and compare the results."""
 
     is_research = True
     module = "brushexp_training.tasks.prune"

@@ -22,7 +22,10 @@ log = logging.getLogger(__name__)
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Write ``n`` strokes to ``path``, or continue a smaller set there; write ``strokes.png`` into the run's folder."""
+    """Simulate ``n`` strokes into ``path``, or continue a smaller set that is already there.
+
+    A contact sheet, ``strokes.png``, is written into the run's folder.
+    """
     path = folder / "strokes" if cfg.path is None else Path(cfg.path)
     engine: Engine = build(cfg.engine)
     before = time.monotonic()

@@ -26,12 +26,12 @@ TEST_STROKES = 2500  # maximum number of strokes on which the final figures are 
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Train a renderer, write it and its figures into the run's folder, and return the values of metrics.json."""
+    """Train a renderer, write it and its figures into the run's folder, and return the metrics."""
     return train_network(RendererJob, cfg, folder, start)
 
 
 class RendererJob(NetworkJob):
-    """Train a renderer on strokes of an engine."""
+    """Job that trains a renderer on an engine's strokes."""
 
     module: RendererModule
     data: StrokeData
@@ -71,7 +71,10 @@ class RendererJob(NetworkJob):
 
 
 def renderer_words(node: DictConfig, weights: Path) -> str:
-    """Write the arguments that set a renderer's weights and those of its options that differ from their defaults."""
+    """Return the command-line arguments that load a renderer's weights.
+
+    They include all options that differ from their defaults.
+    """
     defaults = OmegaConf.structured(plugin_of(node).config)
     chosen = {str(key): value for key, value in {**node, "checkpoint": str(weights)}.items() if value != defaults[key]}
     typed = {key: value if isinstance(value, str) else json.dumps(value, default=list) for key, value in chosen.items()}
@@ -79,7 +82,10 @@ def renderer_words(node: DictConfig, weights: Path) -> str:
 
 
 def first_renderer(cfg: DictConfig, data: StrokeData) -> Renderer:
-    """Build the renderer to train; a new renderer may first be distilled from large strokes of the engine."""
+    """Build the renderer to train.
+
+    A renderer without a checkpoint may first be distilled from large strokes of the engine.
+    """
     renderer: Renderer = build(cfg.renderer)
     if cfg.renderer.get("checkpoint") is None:
         engine = cache(partial(large_engine, data.origin))  # built only if the renderer requests strokes
@@ -88,7 +94,10 @@ def first_renderer(cfg: DictConfig, data: StrokeData) -> Renderer:
 
 
 def large_engine(origin: Origin) -> Engine:
-    """Build the engine of some strokes with the window of `DISTILLED`, or the largest window that it supports."""
+    """Build the engine with which strokes were simulated, but with the options in `DISTILLED`.
+
+    The window is limited to the largest one that the engine supports.
+    """
     options = {key: DISTILLED.get(key, value) for key, value in origin.engine_config.items()}
     bounds = next((one.bounds.get("window") for one in plugins("engine") if one.name == origin.engine), None)
     if "window" in options and isinstance(bounds, Bounds):

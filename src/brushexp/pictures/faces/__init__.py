@@ -1,1 +1,1 @@
-"""Find faces, and eyes of animals, with a small frozen network that is loaded on demand."""
+"""Find faces and the eyes of animals, using a small frozen network that is loaded on demand."""

@@ -1,4 +1,4 @@
-"""Restore the shape of eyes and mouths that a reduced palette has flattened."""
+"""Restore the forms of eyes and mouths that a reduced palette has flattened."""
 
 from collections.abc import Sequence
 
@@ -18,11 +18,11 @@ Place = tuple[float, float, float]  # x, y and radius in pixels
 
 
 def restore_forms(target: Tensor, picture: Tensor, places: Sequence[Place]) -> Tensor:
-    """Restore the forms of ``picture`` in round areas of ``target`` (3, H, W), its version in a reduced palette.
+    """Restore the forms of ``picture`` in round areas of its reduced-palette version ``target``, both (3, H, W).
 
-    A form is the difference of CIELAB from its blur. Lightness keeps the blur of the target and gets the forms of the
-    picture, as strong as the target's or as the picture's own, whichever is stronger. Colours change only in
-    dark places, such as lips, where the palette weakened them.
+    A form is the difference between the CIELAB values and their blurred version. The lightness keeps the blurred
+    version of the target and gets the forms of the picture, at the strength of the target's forms or of the picture's
+    own, whichever is greater. Colours change only in dark areas, such as lips, where the palette has weakened them.
     """
     restored = target.clone()
     for x, y, radius in places:

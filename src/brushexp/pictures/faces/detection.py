@@ -1,4 +1,4 @@
-"""Find faces of any size and tilt in a picture."""
+"""Detect faces of various sizes and tilts in a picture."""
 
 import math
 from collections.abc import Sequence
@@ -28,20 +28,21 @@ FACES_APART = 0.5  # distance of two faces above which they are different, in si
 
 
 def find_faces(picture: Tensor, least: float = LEAST_SCORE) -> list[Face]:
-    """Find the faces in a picture (3, H, W), sRGB in [0, 1], most certain first.
+    """Detect the faces in a picture (3, H, W), sRGB in [0, 1], in order of decreasing confidence.
 
-    Detects frontal faces and profiles from about 16 pixels, tilted by up to 45 degrees and more. The picture is
-    searched at several sizes and turned both ways; a face must be detected more than once unless it is certain
-    (``least`` is the confidence needed otherwise). The best of several candidates for a face is kept.
+    It detects frontal faces and profiles from a size of about 16 pixels, tilted by up to 45 degrees and more. The
+    picture is searched at several sizes and rotated in both directions. A face must be detected at least twice unless
+    its score is very high; ``least`` is the score that it needs in any case. Of several candidates for a face, the best
+    is kept.
     """
     return faces_among(search(picture, min(least, SEEN_AGAIN_SCORE)), least)
 
 
 def find_faces_and_heads(picture: Tensor) -> tuple[list[Face], list[Face]]:
-    """Find the faces in a picture like `find_faces`; if there are none, find the heads of animals.
+    """Detect the faces in a picture as `find_faces` does; if there are none, detect the heads of animals.
 
-    The network detects the heads of animals with low confidence, and its landmarks miss their eyes. It detects them at
-    several sizes and tilts, however, which is rare for false detections.
+    The network detects animal heads with low confidence, and the landmarks miss the eyes. However, it detects the same
+    head at several sizes and tilts, which rarely happens with false detections.
     """
     looks = search(picture, HEAD_SEEN_SCORE)
     faces = faces_among(looks, LEAST_SCORE)
@@ -49,7 +50,7 @@ def find_faces_and_heads(picture: Tensor) -> tuple[list[Face], list[Face]]:
 
 
 def search(picture: Tensor, least: float) -> list[list[Face]]:
-    """Search a picture (3, H, W) at several sizes and tilts; list, by search, candidates scoring ``least`` or more."""
+    """Search a picture (3, H, W) at several sizes and tilts; return lists of candidates with scores >= ``least``."""
     if min(picture.shape[1:]) < SMALLEST_SIDE:
         return []
     longer = max(picture.shape[1:])
@@ -67,7 +68,7 @@ def search(picture: Tensor, least: float) -> list[list[Face]]:
 
 
 def faces_among(looks: Sequence[Sequence[Face]], least: float) -> list[Face]:
-    """Choose the faces among the candidates of several searches, most certain first."""
+    """Select the faces among the candidates from several searches, highest scores first."""
     found, again = [], min(least, SEEN_AGAIN_SCORE)
     for look in looks:
         others = [face for other in looks if other is not look for face in other if face.score >= again]
@@ -79,7 +80,7 @@ def faces_among(looks: Sequence[Sequence[Face]], least: float) -> list[Face]:
 
 
 def heads_among(looks: Sequence[Sequence[Face]]) -> list[Face]:
-    """Choose the heads of animals among the candidates of several searches, most certain first."""
+    """Select the animal heads among the candidates from several searches, highest scores first."""
     heads: list[Face] = []
     for head in distinct([face for look in looks for face in look]):
         times = sum(any(is_at_one_place(head, other) for other in look) for look in looks)
@@ -99,13 +100,13 @@ def distinct(faces: list[Face]) -> list[Face]:
 
 
 def is_at_one_place(one: Face, other: Face) -> bool:
-    """Check whether two faces are so close together that they must be the same."""
+    """Check whether two detections are so close together that they must show the same face."""
     return math.hypot(one.x - other.x, one.y - other.y) <= FACES_APART * max(one.side, other.side)
 
 
 @torch.no_grad()
 def _search(picture: Tensor, zoom: float, tilt: float, least: float) -> list[Face]:
-    """Search a picture (3, h, w) turned by ``tilt``; return faces in pixels of the picture enlarged by ``zoom``."""
+    """Search a picture (3, h, w) rotated by ``tilt``; return faces in pixels of the picture enlarged by ``zoom``."""
     candidates: Candidates = open_network()(rotate(picture, tilt))
     height, width = picture.shape[1:]
     found = []
@@ -143,7 +144,7 @@ def rotate_back(places: Tensor, tilt: float, size: tuple[int, int]) -> Tensor:
 
 
 def _canvas_of(size: tuple[int, int], tilt: float) -> tuple[int, int]:
-    """Compute height and width of the smallest canvas for a rotated picture of ``size`` (H, W)."""
+    """Compute the height and width of the smallest canvas that holds a rotated picture of ``size`` (H, W)."""
     height, width = size
     c, s = abs(math.cos(tilt)), abs(math.sin(tilt))
     return math.ceil(c * height + s * width - ROUNDING), math.ceil(c * width + s * height - ROUNDING)

@@ -1,4 +1,4 @@
-"""Read faces from a mask where the network detects none: profiles, animals, painted and partly hidden faces."""
+"""Read from a mask the faces that the network misses: profiles, animals, painted faces and partly hidden faces."""
 
 import math
 from collections.abc import Sequence
@@ -20,11 +20,11 @@ LONGEST = 1.6  # largest aspect ratio of such a mark
 
 
 def marked_faces(picture: Tensor, mask: Tensor, known: Sequence[Face] = ()) -> list[Face]:
-    """Read faces from the bright areas of a mask (H, W) over a picture (3, H, W) with some ``known`` faces.
+    """Find the faces marked by bright areas of a mask (H, W) for a picture (3, H, W), in addition to ``known`` faces.
 
-    A mark that contains the middle of a known face adds none. At every other mark the network searches again, with a
-    lower confidence. If it detects none, a mark about as round as a face becomes a face without landmarks and with a
-    score of 0; other marks are ignored.
+    A mark that contains the centre of a known face adds no face. At every other mark, the network searches again with a
+    lower score threshold. If it detects no face, a mark that is about as round as a face becomes a face without
+    landmarks and with a score of 0, and any other mark is ignored.
     """
     from skimage.measure import label, regionprops  # noqa: PLC0415  (rarely needed)
 
@@ -48,7 +48,7 @@ def marked_faces(picture: Tensor, mask: Tensor, known: Sequence[Face] = ()) -> l
 
 
 def _lies_in(face: Face, mark: np.ndarray, corner: tuple[int, int]) -> bool:
-    """Check whether the middle of a face lies in a ``mark`` (h, w), whose ``corner`` is (top, left)."""
+    """Check whether the centre of a face is inside a ``mark`` (h, w), whose ``corner`` is (top, left)."""
     y, x = math.floor(face.y) - corner[0], math.floor(face.x) - corner[1]
     return 0 <= y < mark.shape[0] and 0 <= x < mark.shape[1] and bool(mark[y, x])
 
@@ -60,7 +60,7 @@ def _shift(face: Face, shift: tuple[int, int]) -> Face:
 
 
 def _is_round(mark: np.ndarray) -> bool:
-    """Check whether a mark (h, w) is about as round as a face: an ellipse not much longer than wide."""
+    """Check whether a mark (h, w) is about as round as a face: nearly an ellipse, and not much longer than wide."""
     height, width = mark.shape
     is_compact = max(height, width) <= LONGEST * min(height, width)
     return is_compact and bool(mark.sum() >= ROUND * math.pi / 4 * height * width)

@@ -22,7 +22,7 @@ HEADS = {"cls": 1, "obj": 1, "bbox": 4, "kps": 2 * LANDMARKS}  # channels of eac
 
 @dataclass(frozen=True)
 class Candidates:
-    """Boxes that may contain a face, in pixels from the upper left corner of the picture."""
+    """Bounding boxes that may contain a face, in pixels from the upper left corner of the picture."""
 
     score: Tensor  # (N,) 0 to 1
     middle: Tensor  # (N, 2: x, y)
@@ -31,7 +31,7 @@ class Candidates:
 
 
 class YuNet(nn.Module):
-    """Detector of upright faces of about 10 to 300 pixels, with eyes, nose and corners of the mouth.
+    """Detector of upright faces of about 10 to 300 pixels and their eyes, nose and corners of the mouth.
 
     Source: Wu, Peng and Yu (2023), "YuNet: a tiny millisecond-level face detector"; the weights are those of March 2023
     in OpenCV's model zoo, with batch norms folded into the convolutions (docs/decisions/027-faces.md).
@@ -52,7 +52,7 @@ class YuNet(nn.Module):
 
     @classmethod
     def trained(cls) -> "YuNet":
-        """Open the network with the shipped weights, frozen."""
+        """Load the network with the shipped weights, frozen."""
         network = cls()
         network.load_state_dict(read_safetensors(WEIGHTS, "reinstall brushexp"))
         # Depthwise convolutions take half the time in this format, which torch's type stubs lack.
@@ -60,7 +60,7 @@ class YuNet(nn.Module):
         return network.eval().requires_grad_(False)
 
     def forward(self, picture: Tensor) -> Candidates:
-        """Score every position of a picture (3, H, W), sRGB in [0, 1]; most candidates score near 0."""
+        """Compute a candidate for every position in a picture (3, H, W), sRGB in [0, 1]; most have a score near 0."""
         height, width = picture.shape[1:]
         largest = STRIDES[-1]
         padded = functional.pad(255 * picture.flip(0), (0, -width % largest, 0, -height % largest))  # its input is BGR
@@ -89,7 +89,7 @@ class YuNet(nn.Module):
 
 
 class Unit(nn.Module):
-    """A convolution across channels and one within each channel, followed by a rectifier except in output layers."""
+    """A pointwise and a depthwise convolution, followed by a rectifier except in output layers."""
 
     def __init__(self, channels: int, answers: int, *, rectify: bool = True) -> None:
         super().__init__()

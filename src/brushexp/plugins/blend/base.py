@@ -1,4 +1,4 @@
-"""The contract of blends, which composite strokes."""
+"""Base class of blends, which composite strokes."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from brushexp.plugins.color.base import ColorSpace
 
 
 class Blend(ABC):
-    """Composites strokes over the background: out = sum_n a_n c_n prod_{i above n} (1 - a_i) + background term.
+    """Composites strokes over a background: out = sum_n a_n c_n prod_{i above n} (1 - a_i) + background term.
 
     >>> from brushexp.registry import build_named
     >>> from brushexp.strokes.prior import sample_prior
@@ -43,25 +43,24 @@ class Blend(ABC):
         Args:
             layers: layers of N strokes.
             front_to_back: (N,) indices of the strokes, top stroke first.
-            size: height and width in pixels; pixel (row, column) lies at (column + 0.5, row + 0.5).
-            background: (3,) colour of the bare canvas; the picture has the precision of ``layers``, not of the
-                background.
+            size: height and width in pixels; pixel (row, column) is centred at (column + 0.5, row + 0.5).
+            background: (3,) colour of the bare canvas; the picture has the dtype of ``layers``, not of the background.
             target: (3, H, W); if given, ``accuracy`` is measured against it in the same pass.
         """
 
     def importance(
         self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor, weight: Tensor
     ) -> Tensor | None:
-        """Compute how much (N,) the squared error grows when each stroke is removed; None if there is no fast method.
+        """Compute how much (N,) the squared error increases without each stroke; None if there is no fast method.
 
-        The arguments are those of ``__call__``; ``weight`` (H, W) weights the error at each pixel.
+        The arguments are the same as those of ``__call__``; ``weight`` (H, W) weights the error at each pixel.
         """
         return None
 
 
 @dataclass(frozen=True)
 class Compositor:
-    """Composites strokes in a colour space: encodes their colours, blends them, and decodes the picture.
+    """Composites strokes in a colour space: encodes the stroke colours, blends the strokes, and decodes the picture.
 
     The accuracy of a stroke refers to its own colour, not to composited colours, so it is the same in every space.
     Importance is computed only in RGB, because errors in other channels rank strokes differently.
@@ -88,10 +87,10 @@ class Compositor:
 
 
 def match_dtype(layers: Layers, background: Tensor, target: Tensor | None) -> tuple[Tensor, Tensor | None]:
-    """Convert background and target to the precision of the layers, in which the picture is computed."""
+    """Convert the background and the target to the dtype of the layers, in which the picture is computed."""
     return background.to(layers.color.dtype), None if target is None else target.to(layers.color.dtype)
 
 
 def pixel_centres(pixel: Tensor, width: int, dtype: torch.dtype) -> Tensor:
-    """Compute the centres (..., 2: x, y) of pixels (...) numbered row by row on a canvas ``width`` pixels wide."""
+    """Compute the centres (..., 2: x, y) of pixels, given as row-major indices (...), on a canvas of this ``width``."""
     return torch.stack([pixel % width, pixel // width], dim=-1).to(dtype) + 0.5

@@ -44,8 +44,8 @@ class Dense(Blend):
 def over(alpha: Tensor, color: Tensor) -> tuple[Tensor, Tensor]:
     """Composite K strokes, top stroke first ("over", Porter and Duff, 1984).
 
-    Alpha (T, K, P) and color (T, K, P or 1, C) give the picture (T, P, C) and the light that reaches the background
-    (T, P).
+    From ``alpha`` (T, K, P) and ``color`` (T, K, P or 1, C), it returns the picture (T, P, C) and the fraction (T, P)
+    of light that reaches the background.
     """
     light = torch.cumprod(1 - alpha, dim=1)
     above = torch.cat([torch.ones_like(light[:, :1]), light[:, :-1]], dim=1)

@@ -33,10 +33,10 @@ class Tiled(Blend):
     """Blends the strokes that touch each 8 x 8 tile, front to back, in one fused kernel; exact except for ``opaque``.
 
     Args:
-        opaque: deeper strokes are skipped when no pixel of a tile transmits more than this fraction of light;
-            the picture changes by at most this. 0 skips none.
-        kernel: numba (compiled, float32, CPU), triton (compiled, float32, CUDA), torch (everything, slower), or auto,
-            the compiled kernel of the device if there is one.
+        opaque: transmitted fraction of light at which deeper strokes are skipped, once no pixel of a tile transmits
+            more; it also bounds the change of the picture. 0 skips none.
+        kernel: numba (compiled, float32, CPU), triton (compiled, float32, CUDA), torch (any device and dtype, slower),
+            or auto (the device's compiled kernel if there is one).
     """
 
     cost = "1"
@@ -67,7 +67,7 @@ class Tiled(Blend):
     def _rasterizer(
         self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor
     ) -> tuple[Rasterizer | None, tuple[Tensor, ...]]:
-        """Choose kernels, and list the tensors they can differentiate; None if PyTorch has to draw."""
+        """Return the rasteriser and the tensors it can differentiate; it is None if PyTorch has to draw."""
         device, single = layers.color.device.type, layers.color.dtype == torch.float32
         kernel = {"cpu": "numba", "cuda": "triton"}.get(device, "torch") if self.kernel == "auto" else self.kernel
         draw = _drawer(kernel) if single and (kernel != "numba" or device == "cpu") else None
@@ -83,7 +83,7 @@ class Tiled(Blend):
 
 @cache
 def _drawer(kernel: str) -> Callable[..., Rasterizer | None] | None:
-    """Find the function that makes the rasteriser for a kernel of the core or of a package."""
+    """Find the function that creates the rasteriser of a kernel, in the core or in a package."""
     if kernel == "numba":
         return Rasterization
     point = published(KERNELS).get(kernel)

@@ -1,4 +1,4 @@
-"""The contract of callbacks."""
+"""Base class of callbacks, which act during a painting or a training."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ if TYPE_CHECKING:  # Lightning takes seconds to import; --help should not
 
 
 class Callback(ABC):
-    """A Lightning callback that acts during a painting or the training of a network.
+    """Creates a Lightning callback that acts during a painting or the training of a network.
 
-    It may use any hook of https://lightning.ai/docs/pytorch/stable/extensions/callbacks.html. The module has
-    ``progress`` (0 to 1), ``state_line()`` and ``global_step``; the module of a painting also has ``latest()``, which
-    returns the picture.
+    The callback may use any hook described at https://lightning.ai/docs/pytorch/stable/extensions/callbacks.html. The
+    Lightning module has ``progress`` (0 to 1), ``state_line()`` and ``global_step``; the module of a painting also has
+    ``latest()``, which returns the current picture.
 
     >>> class Steps(Callback):
     ...     def open(self, folder):
@@ -25,4 +25,4 @@ class Callback(ABC):
 
     @abstractmethod
     def open(self, folder: Path) -> L.Callback:
-        """Create the callback of a run; it may write only to the run's folder."""
+        """Create the callback for a run; it may write only to the run's folder."""

@@ -1,1 +1,1 @@
-"""Changes vary how a painting is made; choose several with ``'change=[wet,guides]'``."""
+"""Changes modify how a painting is made; choose several with ``'change=[wet,guides]'``."""

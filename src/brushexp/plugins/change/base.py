@@ -1,4 +1,4 @@
-"""The contract of changes."""
+"""Base class of changes, which modify how a painting is made."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from brushexp.strokes.catalogue import Strokes
 
 @dataclass(frozen=True)
 class PaintingState:
-    """The state of a painting at one moment, for changes; read-only."""
+    """Read-only state of a painting at one moment, passed to changes."""
 
     target: Tensor  # (3, H, W) in [0, 1], target of the steps
     focus: Tensor | None  # (H, W) weights of the pixels, of mean 1; None for equal weights
@@ -48,19 +48,20 @@ class PaintingState:
 
 
 class Change:
-    """Changes how a painting is made; a painting may have several changes. All methods are optional.
+    """Modifies how a painting is made; a painting may have several changes. All methods are optional.
 
     The painter calls, in this order:
 
-    - `settings` and `check` before anything runs: adapt the settings, and check whether they fit;
-    - `target`, `ground` and `order` once: change what is painted, on what, and which stroke lies on top;
+    - `settings` and `check` before anything runs: adapt the settings, and check them;
+    - `target`, `ground` and `order` once: change the target, the colour of the bare canvas and the stroke order;
     - `begin` once: change the initial strokes;
     - `aim` before each step: change the target and ground of this step;
-    - `limit` after each step: bring the moved strokes within limits;
-    - `end` once, after the last step: change the finished strokes. Films skip it, because their strokes keep moving;
+    - `limit` after each step: clamp the moved strokes to limits;
+    - `end` once, after the last step: change the finished strokes (skipped in films, whose strokes keep moving);
     - `enlarge` once, after `end`: correct strokes that were scaled from the target to the painting.
 
-    Changes apply by ascending `rank`, so the highest rank has the last word; equal ranks apply in the order of names.
+    Changes are applied in order of ascending `rank`, so that the highest rank has the last word; changes of equal rank
+    are applied in alphabetical order.
 
     >>> from dataclasses import replace
     >>> class Red(Change):
@@ -75,46 +76,46 @@ class Change:
     for_all_painters: ClassVar[bool] = False  # whether `end` also applies to painters other than ``gradient``
 
     def settings(self, cfg: DictConfig) -> DictConfig:
-        """Return the settings for the painting, or raise a UserError if it cannot be painted."""
+        """Return adapted settings for the painting, or raise a UserError if it cannot be painted."""
         return cfg
 
     def check(self, cfg: DictConfig, size: tuple[int, int]) -> None:
-        """Raise a UserError for settings that do not fit this change for a picture of ``size`` (H, W)."""
+        """Raise a UserError if the settings are incompatible with this change for a picture of ``size`` (H, W)."""
 
     def target(self, picture: Tensor) -> Tensor:
-        """Return the target (3, H, W) in [0, 1] for a picture in the colours of its palette."""
+        """Return the target (3, H, W) in [0, 1] for a picture whose colours the palette has already mapped."""
         return picture
 
     def ground(self, color: Tensor) -> Tensor:
-        """Return the colour (3,) of the bare canvas."""
+        """Return the new colour (3,) of the bare canvas."""
         return color
 
     def order(self, order: Order) -> Order:
-        """Return the order, which decides which stroke lies on top."""
+        """Return the new order, which decides which stroke is on top."""
         return order
 
     def begin(self, strokes: Strokes, state: PaintingState) -> Strokes:
-        """Return the initial N strokes."""
+        """Return the changed N initial strokes."""
         return strokes
 
     def aim(self, target: Tensor, ground: Tensor, state: PaintingState) -> tuple[Tensor, Tensor]:
-        """Return the target (3, H, W) and ground (3,) of the next step; the same tensors mean no change."""
+        """Return the target (3, H, W) and the ground (3,) of the next step; return the same tensors for no change."""
         return target, ground
 
     def limit(self, strokes: Strokes, before: Strokes | None, rows: Tensor | None, state: PaintingState) -> Strokes:
-        """Bring A strokes, ``rows`` (A,) of all N, within limits; ``rows`` is None for all strokes.
+        """Clamp A strokes, those with indices ``rows`` (A,) among all N, to limits; ``rows`` is None for all strokes.
 
-        ``before`` holds these strokes before the step; None without a step. Strokes that are already within the limits
-        change only by rounding.
+        ``before`` holds the same strokes before the step; it is None if there was no step. Strokes that are already
+        within the limits may change only by rounding.
         """
         return strokes
 
     def end(self, strokes: Strokes, front_to_back: Tensor, state: PaintingState) -> tuple[Strokes, Tensor]:
-        """Return the finished strokes and their order: the N strokes first, then any added strokes."""
+        """Return the finished strokes, with any added strokes after the N strokes, and their order, top first."""
         return strokes, front_to_back
 
     def enlarge(self, strokes: Strokes) -> Strokes:
-        """Return the N finished strokes after they were scaled from the target to the pixels of the painting."""
+        """Return the N finished strokes, corrected after they were scaled from the target to the painting's pixels."""
         return strokes
 
     def state_dict(self) -> dict[str, Any]:
@@ -126,5 +127,5 @@ class Change:
 
 
 def by_rank(changes: Mapping[str, Change]) -> dict[str, Change]:
-    """Sort changes by rank, equal ranks by name."""
+    """Sort changes by rank, and by name if their ranks are equal."""
     return dict(sorted(changes.items(), key=lambda pair: (pair[1].rank, pair[0])))

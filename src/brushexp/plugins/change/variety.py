@@ -42,7 +42,7 @@ PALE, PALE_SLOPE = 85.0, 0.05  # L* above which colours vary less, and the decre
 class Variety(Change):
     """Varies the colour of each finished stroke ("broken colour"), warmer in the light and cooler in the shade.
 
-    Goals such as psnr= apply during the steps; this change then lowers the PSNR somewhat.
+    Goals such as psnr= apply to the steps; this change lowers the PSNR somewhat afterwards.
 
     Args:
         amount: variation from the best-fitting colour towards warm and cool, 0 to 1.
@@ -66,15 +66,15 @@ class Variety(Change):
 
 @torch.no_grad()
 def break_colors(strokes: Strokes, state: PaintingState, amount: float) -> Strokes:
-    """Vary the colours of N strokes in CIELAB by an ``amount``, 0 to 1, so that they differ from their neighbours'.
+    """Vary the colours of N strokes in CIELAB by an ``amount``, 0 to 1, so that neighbouring strokes differ.
 
-    Strokes lighter than their surroundings become warmer, darker ones cooler. In addition, colours vary at random,
-    partly together with nearby strokes: greys towards warm and cool, hues towards neighbouring hues. Small strokes,
-    near-black and near-white strokes, and strokes in the focus vary less.
+    Strokes that are lighter than their surroundings become warmer, and darker strokes become cooler. In addition,
+    colours vary at random, partly in the same way as those of nearby strokes: greys become warmer or cooler, and hues
+    shift to neighbouring hues. Small strokes, near-black and near-white strokes, and strokes in the focus vary less.
 
     Source: the impressionists' "broken colour", after Chevreul (1839); Hertzmann (1998) varies hue, saturation and
-    value of each stroke. Differs from both: the variation depends on light and place, and is added at the end, because
-    steps would undo it.
+    value of each stroke. Unlike in both sources, the variation depends on lightness and position, and is added at the
+    end, because steps would undo it.
     """
     if not amount or not len(strokes):
         return strokes
@@ -126,17 +126,17 @@ def _sample_places(strokes: Strokes, state: PaintingState) -> Places:
 
 
 def _share_by_width(strokes: Strokes) -> np.ndarray:
-    """Compute the strength of variation (N,) from the width: full for broad strokes, smallest for details."""
+    """Compute the strength (N,) of the variation from the stroke width: full for broad strokes, least for details."""
     width = half_width_of(strokes).double().cpu().numpy()
     return np.asarray((width / np.quantile(width, BROAD).clip(1e-9)).clip(SMALLEST_SHARE, 1))
 
 
 def _share_by_lightness(lightness: np.ndarray) -> np.ndarray:
-    """Compute the strength of variation (N,) from L* (N,): smallest for near-black and near-white colours."""
+    """Compute the strength (N,) of the variation from L* (N,): least for near-black and near-white colours."""
     return np.asarray((lightness / DARK).clip(DARKEST_SHARE, 1) * (1 - PALE_SLOPE * (lightness - PALE).clip(0, 10)))
 
 
 def _unit_between(first: np.ndarray, second: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Interpolate unit vectors (N, 2) from ``first`` (N, 2) to ``second`` (2,) by a ``share`` (N,)."""
+    """Interpolate unit vectors (N, 2) between ``first`` (N, 2) and ``second`` (2,) with weights ``share`` (N,)."""
     mean = first + share[:, None] * (second - first)
     return mean / np.hypot(mean[:, 0], mean[:, 1])[:, None].clip(1e-9)

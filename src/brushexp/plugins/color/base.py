@@ -1,4 +1,4 @@
-"""The contract of colour spaces, in which paint is composited."""
+"""Base class of colour spaces, in which paint is composited."""
 
 from abc import ABC, abstractmethod
 from typing import ClassVar
@@ -7,12 +7,12 @@ from torch import Tensor
 
 
 class ColorSpace(ABC):
-    """A space in which paint is composited: out = sum_n a_n c_n prod_{i above n} (1 - a_i) in each channel.
+    """A colour space for compositing paint: out = sum_n a_n c_n prod_{i above n} (1 - a_i) in each channel.
 
-    Stroke colours are encoded in C channels, and the finished picture is decoded from them; everything in between works
-    alike in every space. Black is 0 and white is 1 in each channel, so mixing a colour with white or black, as textured
-    strokes do, works in every space. Both functions are differentiable and inverses of each other, so that opaque paint
-    keeps its colour.
+    Stroke colours are encoded as C channels, and the finished picture is decoded from them; all computations in between
+    are the same in every space. In each channel, black is 0 and white is 1, so a colour can be mixed with white or
+    black, as in textured strokes, in every space. Both functions are differentiable and inverses of each other, so that
+    opaque paint keeps its colour.
 
     >>> import torch
     >>> class Squared(ColorSpace):

@@ -8,7 +8,7 @@ from brushexp.registry import register
 
 @register("color", "rgb")
 class Rgb(ColorSpace):
-    """Mixes the values of the picture file (sRGB), like most programs."""
+    """Mixes the sRGB values of the picture file, as most programs do."""
 
     cost, mixes, is_rgb = "1", "grey", True
 

@@ -1,4 +1,4 @@
-"""Find isolated marks: marks that differ from their surroundings and belong to no line or group of marks."""
+"""Find isolated marks, which differ from their surroundings and do not belong to a line or group of marks."""
 
 import numpy as np
 import torch
@@ -22,13 +22,13 @@ CROWD = 5  # smallest number of marks in a line, foliage or hatching
 
 
 def find_lone_marks(strokes: Strokes, image: Tensor, target: Tensor, least: float) -> Tensor:
-    """Find strokes (N,) that stand alone in a picture (3, H, W) where the ``target`` (3, H, W) does not justify them.
+    """Mark the strokes (N,) that are isolated in a picture (3, H, W) and not justified by the ``target`` (3, H, W).
 
-    The contrast of a stroke is the median difference between its colour and the pixels around it. A stroke stands out
-    if it is visible, not broad, not at the edge of the picture, and if at most 40 % of the pixels around it differ by
-    less than half of its contrast. It stands alone if fewer than five such strokes lie close together, as in a spot or
-    tick. The target justifies a stroke if it differs there from its surroundings by at least ``least`` (0 to 1), in the
-    same direction of colour.
+    A stroke's contrast is the median difference between its colour and the pixels around it. A stroke is conspicuous if
+    it is visible, not broad, not at the edge of the picture, and if fewer than 40 % of the pixels around it differ from
+    its colour by less than half of its contrast. It is isolated if it belongs to a group of fewer than five conspicuous
+    strokes, such as a spot or a tick. The target justifies a stroke if, at its position, the target differs from the
+    surroundings by at least ``least`` (0 to 1), in the same direction in colour space.
     """
     painting, aim = (picture.detach().cpu().double().numpy() for picture in (image, target))
     curve = (strokes.position[:, None] + shape_of(strokes)).detach().cpu().double()
@@ -55,7 +55,7 @@ def find_lone_marks(strokes: Strokes, image: Tensor, target: Tensor, least: floa
 
 
 def _points(curve: Tensor, count: int) -> Array:
-    """Compute ``count`` points (count, N, 2) of curves (N, 3, 2)."""
+    """Compute ``count`` points (count, N, 2) along curves (N, 3, 2)."""
     points: Array = np.stack([point_at(curve, t).numpy() for t in torch.linspace(0, 1, count, dtype=curve.dtype)])
     return points
 
@@ -78,9 +78,10 @@ def _sample(picture: Array, places: Array) -> Array:
 
 
 def _size_of_groups(points: Array, color: Array, reach: float) -> Array:
-    """Count the marks (n,) in each mark's group.
+    """Count the marks in each mark's group (n,).
 
-    Marks belong to a group if their points (P, n, 2) lie within ``reach`` pixels and their colours (n, 3) are alike.
+    Two marks belong to the same group if some of their points (P, n, 2) are within ``reach`` pixels of each other and
+    their colours (n, 3) are similar.
     """
     from scipy.sparse import coo_array  # noqa: PLC0415  (slow to import)
     from scipy.sparse.csgraph import connected_components  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""Propose strokes of any size and estimate the gain of each."""
+"""Propose strokes of various sizes and estimate the gain of each."""
 
 import math
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Patches:
-    """M rectangles, each of one colour and with a gain: the decrease in squared error."""
+    """M rectangles of uniform colour, each with its gain, which is the decrease in squared error."""
 
     top: Array  # (M,) first row; all in pixels
     bottom: Array  # (M,) first row below the patch
@@ -52,8 +52,8 @@ class Patches:
 def proposals(state: DensificationState, most: int, least: float) -> tuple[Strokes, Tensor]:
     """Propose at most ``most`` strokes, each with a gain above ``least``, best first; also return their gains (M,).
 
-    The gain is the decrease in squared error, summed over pixels and channels and weighted by the focus, if a rectangle
-    of the stroke's size is painted in the target's mean colour.
+    The gain is the decrease in squared error (summed over pixels and channels, and weighted by the focus) if a
+    rectangle of the stroke's size is painted in the target's mean colour.
     """
     like = state.strokes.position
     if most < 1:
@@ -67,11 +67,12 @@ def proposals(state: DensificationState, most: int, least: float) -> tuple[Strok
 
 
 def patches_of(target: Array, error: Array, weight: Array, most: int, least: float) -> Patches:
-    """Find the best patches of each size with a gain above ``least``, at most one per cell of a lattice.
+    """Find the best patches of each size with gains above ``least``, at most one in each cell of a lattice.
 
-    A patch of the target's mean colour replaces the error (H, W), a sum over channels, by the variance of the target
-    (C, H, W), both weighted by (H, W). The gain therefore follows from sums over rectangles, which a summed-area table
-    provides (Crow, 1984). Each size is tried at the points of a lattice with a spacing of `STRIDE` sides.
+    A patch of the target's mean colour replaces the error (H, W), which is a sum over channels, with the variance of
+    the target (C, H, W); both are weighted by ``weight`` (H, W). The gain therefore follows from sums over rectangles,
+    which are read from a summed-area table (Crow, 1984). Patches of each size are tried at the points of a lattice with
+    a spacing of `STRIDE` times their side.
     """
     size = target.shape[1:]
     maps = np.concatenate([(error - np.square(target).sum(0))[None], target, np.ones_like(target[:1])]) * weight
@@ -98,13 +99,13 @@ def patches_of(target: Array, error: Array, weight: Array, most: int, least: flo
 
 
 def _spans(length: int, extent: int, stride: int) -> tuple[Array, Array]:
-    """Place spans of a ``length`` at every ``stride`` of an ``extent``, cropped to it: start and end in pixels."""
+    """Compute the starts and ends, in pixels, of spans of this ``length`` at each ``stride``, cropped to ``extent``."""
     first = np.arange(0, extent, stride) - length // 2
     return first.clip(0), (first + length).clip(max=extent)
 
 
 def _apart(patches: Patches, most: int, size: tuple[int, ...]) -> Array:
-    """Choose at most ``most`` patches with the largest gains and little overlap."""
+    """Select at most ``most`` patches with the largest gains and little overlap."""
     taken = np.zeros(size, bool)
     chosen: list[int] = []
     for number in np.argsort(-patches.gain, kind="stable").tolist():
@@ -118,7 +119,7 @@ def _apart(patches: Patches, most: int, size: tuple[int, ...]) -> Array:
 
 
 def _strokes(patches: Patches, target: Array, like: Tensor) -> Strokes:
-    """Convert patches to strokes; strokes of square patches follow the edges of the picture."""
+    """Convert patches to strokes; strokes for square patches follow the edges in the target."""
     height, width = patches.bottom - patches.top, patches.right - patches.left
     long, thick = np.maximum(height, width), np.minimum(height, width)
     row, column = (patches.bottom + patches.top) // 2, (patches.right + patches.left) // 2
@@ -135,7 +136,7 @@ def _strokes(patches: Patches, target: Array, like: Tensor) -> Strokes:
 
 
 def _mean_colors(patches: Patches, target: Array) -> Array:
-    """Compute the mean colours (M, C) of a target (C, H, W) in patches."""
+    """Compute the mean colour (M, C) of a target (C, H, W) in each patch."""
     sums = np.pad(target, ((0, 0), (1, 0), (1, 0))).cumsum(1).cumsum(2)
     top, bottom, left, right = patches.top, patches.bottom, patches.left, patches.right
     total = sums[:, bottom, right] - sums[:, top, right] - sums[:, bottom, left] + sums[:, top, left]

@@ -19,10 +19,11 @@ TOP = 0.3  # share of the rounds after which the surplus of strokes is largest
 
 @dataclass(kw_only=True)
 class Rounds(Density):
-    """Starts with fewer strokes; each round drops useless strokes, adds new ones and relocates the weakest.
+    """Starts with fewer strokes; each round removes useless strokes, adds new ones and replaces the weakest.
 
-    A stroke is useless if removing it increases the squared error by no more than ``tolerance`` at one pixel. With a
-    ``surplus``, the number of strokes temporarily exceeds the final number, and later rounds drop the least important.
+    A stroke is useless if its removal increases the squared error no more than an error of ``tolerance`` at a single
+    pixel would. With a ``surplus``, the number of strokes temporarily exceeds the final number, and later rounds remove
+    the least important strokes.
     """
 
     start: Annotated[float, between(MIN_SHARE, 1)] = 0.7
@@ -37,13 +38,13 @@ class Rounds(Density):
 
     @abstractmethod
     def replacements(self, state: DensificationState, missing: int, weakest: Tensor) -> tuple[Strokes, int]:
-        """Return new strokes, at most ``missing`` plus the number replaced, and how many of the weakest they replace.
+        """Return new strokes, at most ``missing`` plus the number replaced, and how many of the weakest are replaced.
 
         ``weakest`` (M,) holds the importance of the strokes that may be replaced, least important first.
         """
 
     def is_good_enough(self, state: DensificationState) -> bool:
-        """Return whether to skip a round because the picture is already good enough."""
+        """Return whether to skip a round, because the picture is already good enough."""
         return False
 
     def first(self, budget: int, steps: int) -> int:

@@ -1,4 +1,4 @@
-"""Test whether a painting that is good enough can do with fewer strokes."""
+"""Test whether fewer strokes suffice for a painting that is good enough."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -17,10 +17,10 @@ MOST_FAILURES = 4  # largest number of consecutive trials that may fail
 
 @dataclass
 class Trials:
-    """Removes strokes on trial, and restores the best painting so far if the others do not make up for them.
+    """Removes strokes on trial, and restores the best painting so far if the other strokes cannot replace them.
 
-    The best painting is the one that is good enough with the fewest strokes: ``strokes`` (N,), bottom stroke first, and
-    the ``importance`` (N,) of each; both are None before any painting is good enough.
+    The best painting is the one that is good enough with the fewest strokes. It is stored as ``strokes`` (N,), bottom
+    stroke first, and the ``importance`` (N,) of each stroke; both are None until a painting is good enough.
     """
 
     strokes: Strokes | None = field(default=None)
@@ -28,10 +28,11 @@ class Trials:
     failures: int = field(default=0)  # number of consecutive failed trials
 
     def next(self, state: DensificationState, slack: float, steps: int | None) -> DensificationUpdate | None:
-        """Return the next trial; after the last one, the best painting, or None if ``state`` already is this painting.
+        """Return the next trial or, after the last one, the best painting; None if ``state`` is that painting.
 
-        A painting is good enough if its squared error may grow by a ``slack`` of 0 or more; the first painting must be.
-        A trial extends the painting to ``steps``, or is impossible if that is None.
+        A painting is good enough if its ``slack``, the amount by which its squared error may grow, is 0 or more; this
+        must hold for the first painting. A trial extends the painting to ``steps`` steps; if ``steps`` is None, no
+        trial is possible.
         """
         if slack >= 0:
             return self._from_best(state, slack, steps)

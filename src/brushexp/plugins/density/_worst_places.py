@@ -17,9 +17,10 @@ STRUCTURE = 1.5  # pixels over which the direction of the picture is measured
 
 
 def new_strokes(state: DensificationState, n: int, size: float, tolerance: float) -> Strokes:
-    """Make at most ``n`` strokes at the places of largest error, largest first, at most one per cell of a lattice.
+    """Create up to ``n`` strokes where the error is largest, in descending order, at most one in each lattice cell.
 
-    The strokes have the target's colour and follow its edges; ``size`` and ``tolerance`` are as in density=adaptive.
+    The strokes have the target's colour and follow its edges; ``size`` and ``tolerance`` are the options of
+    density=adaptive.
     """
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (--help does not need it)
 

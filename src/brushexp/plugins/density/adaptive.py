@@ -18,23 +18,24 @@ MIN_PITCHES = 1e-3  # smallest size of a new stroke, in pitches
 @register("density", "adaptive")
 @dataclass(kw_only=True)
 class Adaptive(Rounds):
-    """Starts with fewer strokes, adds small strokes where the error is largest, and moves the least important there.
+    """Starts with fewer strokes, adds small strokes where the error is largest, and moves unimportant strokes there.
 
     Each round removes hidden strokes and the strokes whose removal increases the squared error least, and adds new
-    strokes at the worst places, in the picture's colour and along its edges.
+    strokes where the error is largest, in the picture's colour and along its edges.
 
     Source: GaussianImage++ (2025), which adds at the worst pixels, and 3D Gaussian splatting (Kerbl et al., 2023),
-    which alternates adding and removing. Differs from both: it removes by importance, not by opacity, and continues to
-    replace strokes after their final number is reached.
+    which alternates adding and removing. Unlike both, this policy removes strokes by importance, not by opacity, and
+    continues to replace strokes after their final number is reached.
 
     Args:
-        start: initial share of the strokes, above 0 and at most 1.
+        start: initial fraction of the strokes, above 0 and at most 1.
         rounds: number of times that strokes are added and removed, at least 8 steps apart.
-        until: share of the steps after which no strokes are added or removed.
-        moved: share of the strokes that each round moves elsewhere, 0 to 0.5.
-        size: size of new strokes, in pitches (mean distances between strokes).
-        tolerance: error (root mean square over a stroke, 0 to 1) below which a place needs no more strokes.
-        surplus: share of temporary extra strokes, 0 to 3; the least important are removed before the end.
+        until: fraction of the steps after which no strokes are added or removed.
+        moved: fraction of the strokes that each round moves elsewhere, 0 to 0.5.
+        size: size of new strokes, in mean distances between strokes.
+        tolerance: root mean square error over a stroke, 0 to 1, below which an area needs no more strokes.
+        surplus: number of temporary extra strokes relative to the final number, 0 to 3; the least important strokes are
+            removed before the end.
         psnr: PSNR in dB above which no strokes are added; null for none.
     """
 

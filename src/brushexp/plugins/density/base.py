@@ -1,4 +1,4 @@
-"""The contract of density policies."""
+"""Base class of density policies, which add and remove strokes."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -12,10 +12,10 @@ from brushexp.strokes.catalogue import Strokes
 
 @dataclass(frozen=True)
 class DensificationState:
-    """The whole painting after a step, with pictures, strokes and importance all at ``zoom`` times its size.
+    """The whole painting after a step; pictures, strokes and importance refer to ``zoom`` times its size.
 
-    ``importance()`` measures how much the squared error, summed over pixels and channels and weighted by the focus,
-    grows when each stroke is removed (N,). It takes as long as about five steps.
+    ``importance()`` returns, for each stroke (N,), the increase in squared error if it is removed, summed over pixels
+    and channels and weighted by the focus. The call takes about as long as five steps.
     """
 
     image: Tensor  # (3, H, W) as last painted, display-referred RGB in [0, 1]
@@ -35,9 +35,9 @@ class DensificationState:
 
 @dataclass(frozen=True)
 class DensificationUpdate:
-    """A change to the set of strokes: which strokes to keep (N,), bool, and which to add, at the state's zoom.
+    """A change to the set of strokes: which of the N strokes to keep (bool), and new ones to add, at the state's zoom.
 
-    ``steps`` is the new total number of steps, if the change alters the plan.
+    ``steps`` is the new total number of steps; None keeps the current number.
     """
 
     keep: Tensor
@@ -70,13 +70,16 @@ class Density(ABC):
         return budget
 
     def idle_reason(self, steps: int) -> str:
-        """Explain, after the policy's name, why it changes no stroke in a painting of ``steps`` steps; otherwise ""."""
+        """Explain why the policy adds and removes no strokes in ``steps`` steps; "" if it does.
+
+        The text continues a sentence that begins with the policy's name.
+        """
         return ""
 
     def zoom(self, n: int, size: tuple[int, int], psnr: float | None) -> float:
-        """Choose the size of the picture for the next step of ``n`` strokes, relative to a canvas (H, W).
+        """Choose the size of the picture, relative to a canvas of ``size`` (H, W), for the next step of ``n`` strokes.
 
-        ``psnr`` is the goal in dB, or None.
+        ``psnr`` is the PSNR to reach in dB, or None.
         """
         return 1.0
 
@@ -85,18 +88,19 @@ class Density(ABC):
         return True
 
     def conclude(self, state: DensificationState) -> None:  # noqa: B027
-        """Examine the final strokes and their picture."""
+        """Evaluate the final strokes and their picture for `findings`."""
 
     def findings(self) -> dict[str, Any]:
-        """Return the findings of `conclude`, by name as in metrics.json.
+        """Return the results of `conclude`, by their names in metrics.json.
 
-        ``verdict`` is a sentence for readers; ``strokes_psnr`` pairs numbers of strokes with their PSNR in dB.
+        ``verdict`` is a sentence that sums up the results; ``strokes_psnr`` is a list of pairs: a number of strokes and
+        its PSNR in dB.
         """
         return {}
 
     @abstractmethod
     def revise(self, state: DensificationState) -> DensificationUpdate | None:
-        """Return the change of the strokes after a step; None for no change."""
+        """Return the changes to the set of strokes after a step, or None for no change."""
 
     def state_dict(self) -> dict[str, Any]:
         """Return the tensors and numbers that a resumed run needs."""

@@ -1,4 +1,4 @@
-"""Remove hairlines, strokes that run across all their neighbours, and isolated marks."""
+"""Remove hairlines, strokes that cross all their neighbours, and isolated marks."""
 
 import math
 from dataclasses import dataclass, field
@@ -24,17 +24,18 @@ MIN_COHERENCE = 0.5  # shortest mean direction of the neighbours; ten random dir
 class Strays(Density):
     """Removes hairlines, strokes that cross all their neighbours, and isolated marks that the picture hardly needs.
 
-    This happens once, before the last steps, which then close the gaps. The need for a stroke is the increase in
-    squared error when it is removed, relative to its area. An isolated mark, such as a spot or a tick, stays if it lies
-    in the focus, or where the picture itself differs from its surroundings. Strokes that draw eyes and mouths stay.
+    This happens once, before the last steps, which then close the gaps. A stroke is hardly needed if its removal
+    increases the squared error little, relative to its area. An isolated mark, such as a spot or a tick, stays if it is
+    in the focus, or if the picture itself differs from its surroundings there. Strokes that draw eyes and mouths stay.
 
     Args:
-        after: share of the steps after which strays are removed.
+        after: fraction of the steps after which strays are removed.
         thin: thickness in pixels below which a stroke is a hairline.
-        askew: a stroke crosses its ten nearest if its angle to their mean direction exceeds this, in degrees.
-        missed: root mean square error, 0 to 1, that the removal of a stray may add to its area.
-        lone: smallest difference of the picture from its surroundings, 0 to 1, that justifies an isolated mark; 0 keeps
-            all marks.
+        askew: angle in degrees between a stroke and the mean direction of its ten nearest neighbours, above which it
+            crosses them.
+        missed: root mean square error, 0 to 1, that the removal of a stray may add over its area.
+        lone: smallest difference between the picture and its surroundings, 0 to 1, that justifies an isolated mark; 0
+            keeps all marks.
     """
 
     after: Annotated[float, between(0, 1)] = 0.7
@@ -75,7 +76,7 @@ class Strays(Density):
 
 
 def _in_focus(strokes: Strokes, focus: Tensor | None) -> Tensor:
-    """Find the strokes (N,) at positions where ``focus`` (H, W) is closer to its maximum than to its minimum."""
+    """Mark the strokes (N,) at whose positions ``focus`` (H, W) is closer to its maximum than to its minimum."""
     if focus is None:
         return torch.zeros_like(strokes.opacity, dtype=torch.bool)
     return _at_places(strokes, focus) > (focus.min() + focus.max()) / 2

@@ -1,4 +1,4 @@
-"""Trace lines through missing detail, and paint new strokes along them in place of the least important strokes."""
+"""Trace lines through missing detail, and add strokes along them in place of the least important strokes."""
 
 import math
 from dataclasses import dataclass, fields
@@ -36,27 +36,27 @@ Array = np.ndarray
 @register("density", "traced")
 @dataclass(kw_only=True)
 class Traced(Rounds):
-    """Start with fewer strokes, and add long strokes that remove most of the error, replacing the least important.
+    """Starts with fewer strokes, and adds long strokes that remove most of the error, replacing the least important.
 
-    From each peak of the error, a line grows in both directions along the picture's edges as long as it lowers the
-    error; least squares give its colour. Its gain is known before it is painted, so a stroke is replaced only if the
-    gain outweighs the stroke's importance.
+    From each peak of the error, a line is extended in both directions along the picture's edges as far as this lowers
+    the error; its colour is fitted by least squares. The gain is known before the line is painted, so a stroke is
+    replaced only if the gain outweighs its importance.
 
     Source: Dual Parameterization (Liu et al., 2026), which traces polylines through the residual from the peaks of its
-    worst eighth. Differs from the source: lines of three widths are sought at once, each on a picture downsampled until
-    the line is about three pixels wide; seeds are more numerous and closer together; a line becomes one quadratic
+    worst eighth. Unlike in the source, lines of three widths are traced at once, each in a picture downsampled until
+    the line is about three pixels wide; there are more seeds, closer together; each line becomes a single quadratic
     stroke; and the number of strokes is given.
 
     Args:
-        start: initial share of the strokes, above 0 and at most 1.
+        start: initial fraction of the strokes, above 0 and at most 1.
         rounds: number of rounds that add and remove strokes, at least 8 steps apart.
-        until: share of the steps after which no strokes are added or removed.
-        moved: share of the strokes that each round may move elsewhere, 0 to 0.5.
+        until: fraction of the steps after which no strokes are added or removed.
+        moved: fraction of the strokes that each round may move elsewhere, 0 to 0.5.
         price: minimum ratio of a new stroke's gain to the importance of the stroke that it replaces; below 1, because
             further steps improve the new stroke.
-        tolerance: error (root mean square over a pixel, 0 to 1) below which no stroke is added.
-        surplus: excess of strokes before the last round, as a share of the final number, 0 to 3; the least important
-            strokes are then removed.
+        tolerance: root mean square error over a pixel, 0 to 1, below which no stroke is added.
+        surplus: number of extra strokes before the last round, relative to the final number, 0 to 3; the least
+            important strokes are then removed.
     """
 
     price: Annotated[float, at_least(0)] = 0.1
@@ -70,7 +70,7 @@ class Traced(Rounds):
 
 @dataclass(frozen=True)
 class Lines:
-    """M lines in pixels, with the amount by which each would lower the squared error if painted on top."""
+    """M lines, in pixels, each with the amount by which it would lower the squared error if it were painted on top."""
 
     points: Array  # (M, 2 * POINTS + 1, 2), on both sides of the seed
     used: Array  # (M, 2 * POINTS + 1) bool, the points that the line includes
@@ -80,10 +80,10 @@ class Lines:
 
 
 def traced_strokes(state: DensificationState, n: int, least: float) -> tuple[Strokes, Tensor]:
-    """Make at most ``n`` strokes with gains above ``least``, best first, and return them with their gains (n,).
+    """Trace at most ``n`` strokes with gains above ``least``, best first, and return them with their gains (n,).
 
-    The gain is the decrease of the squared error, summed over pixels and channels and weighted by the focus, with the
-    stroke on top.
+    The gain is the decrease in squared error, summed over pixels and channels and weighted by the focus, if the stroke
+    is painted on top.
     """
     target, like = state.target.cpu().numpy(), state.strokes.position
     maps, pitch = _maps(state), math.sqrt(target[0].size / max(state.budget, 1))
@@ -134,7 +134,7 @@ def _reduced(maps: Array, zoom: int) -> Array:
 
 
 def _traced(angle: Array, seeds: Array, sign: int) -> Array:
-    """Follow directions (H, W), in radians, from ``seeds`` (M, 2: x, y) forwards or backwards to points (M, ., 2)."""
+    """Trace points (M, ., 2) along directions (H, W), in radians, forwards or backwards from ``seeds`` (M, 2: x, y)."""
     points, place, direction = [], seeds, np.zeros_like(seeds)
     for number in range(POINTS):
         here = sampled_at(angle, place[:, 0], place[:, 1])
@@ -148,11 +148,11 @@ def _traced(angle: Array, seeds: Array, sign: int) -> Array:
 
 
 def best_parts(points: Array, maps: Array, width: float, soft: float) -> tuple[Array, Array, Array]:
-    """Choose how far lines (M, 2 * POINTS + 1, 2) extend from their middle, in one direction and then in the other.
+    """Choose how far lines (M, 2 * POINTS + 1, 2) extend from their midpoints, in one direction and then the other.
 
-    A stroke of colour c with coverage a on top lowers the squared error by the sum of 2 a (c - P).R - a^2 |c - P|^2,
-    which is largest for c = sum(a^2 P + a R) / sum(a^2). Returns the points that the stroke includes (bool; its round
-    ends reach one point farther), its colour (M, 3) and its gain (M,).
+    A stroke on top with colour c and coverage a lowers the squared error by the sum of 2 a (c - P).R - a^2 |c - P|^2,
+    which is largest for c = sum(a^2 P + a R) / sum(a^2). The result is the set of points that each stroke includes
+    (bool; its round ends reach one point farther), its colour (M, 3) and its gain (M,).
     """
     each, numbers = np.arange(len(points)), np.arange(points.shape[1])
     sums = np.pad(_moments(points, maps, width, soft).cumsum(2), ((0, 0), (0, 0), (1, 0)))  # (5, M, .)
@@ -167,7 +167,7 @@ def best_parts(points: Array, maps: Array, width: float, soft: float) -> tuple[A
 
 
 def _moments(points: Array, maps: Array, width: float, soft: float) -> Array:
-    """Sum a^2 P + a R (3), a^2, and a^2 P.P + 2 a P.R across lines, at each of their points: (5, M, points)."""
+    """Sum a^2 P + a R (3 channels), a^2, and a^2 P.P + 2 a P.R across each line, at each point: (5, M, points)."""
     forward = np.gradient(points, axis=1)
     across = np.stack([-forward[..., 1], forward[..., 0]], -1)
     across /= np.linalg.norm(across, axis=2, keepdims=True).clip(1e-6)
@@ -183,20 +183,20 @@ def _moments(points: Array, maps: Array, width: float, soft: float) -> Array:
 
 
 def _coverage(distance: Array, width: float, soft: float) -> Array:
-    """Compute the coverage of a stroke at a distance from its curve, as in `compositing.profile`."""
+    """Compute a stroke's coverage at a distance from its curve, as `compositing.profile` does."""
     inner, outer = (np.clip((width / 2 + sign * np.abs(distance)) / soft, -0.5, 0.5) for sign in (-1, 1))
     total: Array = inner * (1.5 - 2 * inner**2) + outer * (1.5 - 2 * outer**2)
     return total
 
 
 def _explained(moments: Array) -> tuple[Array, Array]:
-    """Compute the best colour (3, ...) of strokes from their moments (5, ...), and its gain (...)."""
+    """Compute the best colour (3, ...) for each stroke and the resulting gain (...) from moments (5, ...)."""
     color = (moments[:3] / moments[3].clip(1e-9)).clip(0, 1)
     return color, 2 * (color * moments[:3]).sum(0) - (color**2).sum(0) * moments[3] - moments[4]
 
 
 def _apart(lines: Lines, n: int, least: float, size: tuple[int, ...]) -> Array:
-    """Choose at most ``n`` lines with the largest gains that hardly overlap."""
+    """Select at most ``n`` lines with the largest gains and little overlap."""
     taken = np.zeros(size, bool)
     chosen: list[int] = []
     x, y = (lines.points[..., axis].astype(int).clip(0, size[1 - axis] - 1) for axis in (0, 1))
@@ -214,7 +214,7 @@ def _apart(lines: Lines, n: int, least: float, size: tuple[int, ...]) -> Array:
 
 
 def _curves(lines: Lines, chosen: Array) -> Array:
-    """Fit quadratic curves (n, 3, 2) to the end points and midpoints of lines; dots become short horizontal curves."""
+    """Fit quadratic curves (n, 3, 2) to the endpoints and midpoints of lines; dots become short horizontal curves."""
     points, used, each = lines.points[chosen], lines.used[chosen], np.arange(len(chosen))
     first = used.argmax(1)
     last = first + used.sum(1) - 1

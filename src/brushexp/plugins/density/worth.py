@@ -1,4 +1,4 @@
-"""Choose the number of strokes so that each is worth its bits."""
+"""Choose the number of strokes so that each stroke is worth its bits."""
 
 import math
 from dataclasses import dataclass, field, replace
@@ -57,21 +57,22 @@ class Worth(Density):
     The painting minimises distortion + price * rate. Distortion is the squared error, summed over pixels and channels
     and weighted by the focus; the rate is 150 bits per stroke.
 
-    - It starts with 4 strokes, or up to 16 if there are few steps. Every 10 steps it proposes strokes of all sizes
-      where they lower the error most, adds up to half as many as exist, and removes strokes whose removal costs less
-      than their price.
-    - Strokes grow on the picture at a quarter, then half of its size, as long as that has 100 pixels per stroke and a
-      round lowers distortion + price * rate by 3 %. When rounds on the whole picture lower it by less, growth ends.
-    - Steps with a falling learning rate follow, until 20 of them lower it by less than 1 %. Strokes no longer worth
-      their price are removed.
-    - With ``psnr=`` the price follows from the PSNR: growth ends when the remaining steps should reach it; later rounds
-      remove the least important strokes while the others are good enough, and add some if they are not. At the end,
-      strokes are added until the PSNR is reached, each time with 60 more steps. Then a trial removes a tenth of the
-      strokes, and they are restored if the others miss the PSNR 60 steps later. After a failed trial it removes half as
-      many, up to four times.
+    - It starts with 4 strokes, or up to 16 if there are few steps. Every 10 steps, it proposes strokes of all sizes
+      where they lower the error most, adds up to half as many strokes as exist, and removes each stroke whose removal
+      costs less than its price.
+    - The number of strokes grows on the picture at a quarter and then at half of its size, as long as this picture has
+      100 pixels per stroke and a round lowers distortion + price * rate by 3 %. When rounds at full size lower it by
+      less, growth ends.
+    - Steps with a falling learning rate follow, until 20 of them lower distortion + price * rate by less than 1 %.
+      Strokes that are no longer worth their price are removed.
+    - With ``psnr=``, the price follows from the PSNR. Growth ends when the remaining steps are expected to reach the
+      PSNR; later rounds remove the least important strokes while the others are good enough, and add strokes if they
+      are not. At the end, strokes are added until the PSNR is reached, each time with 60 more steps. Then a trial
+      removes a tenth of the strokes, which are restored if the others miss the PSNR 60 steps later. After each failed
+      trial, up to four times, the next trial removes half as many.
 
-    ``strokes=`` or ``max_strokes=`` limits the number of strokes (the default limit is one per 16 pixels); ``steps=``
-    limits the number of steps, which corrections and trials may double.
+    ``strokes=`` or ``max_strokes=`` limits the number of strokes (the default limit is one per 16 pixels). ``steps=``
+    limits the number of steps, but corrections and trials may double it.
 
     Source: rate-distortion optimisation with a Lagrange multiplier (Shoham and Gersho, 1988), applied to strokes.
 
@@ -158,7 +159,7 @@ class Worth(Density):
         return DensificationUpdate(keep, new, min(self._limit, state.step + steps) if state.may_replan else None)
 
     def _is_resting(self, state: DensificationState) -> bool:
-        """Check whether a round changes nothing because the size of the picture has changed."""
+        """Check whether a round leaves the strokes unchanged because the picture's size has just changed."""
         halvings = round(-math.log2(state.zoom))
         if halvings < self._halvings:  # there are too many strokes for a smaller picture, or it would be too small
             self._enlarge(halvings)
@@ -167,18 +168,18 @@ class Worth(Density):
         return self._rest >= 0
 
     def _enlarge(self, halvings: int) -> None:
-        """Start adding strokes on a larger picture."""
+        """Start to add strokes on a larger picture."""
         self._halvings, self._idle, self._cost, self._rest = halvings, 0, math.inf, REST
 
     def _falls(self, state: DensificationState, share: float) -> bool:
-        """Check whether distortion + price * rate is lower by a ``share`` than in any earlier round."""
+        """Check whether distortion + price * rate is lower by a fraction ``share`` than in all earlier rounds."""
         cost = _total_error(state) / state.zoom**2 + BITS * self.price * len(state.strokes)
         is_lower = cost <= (1 - share) * self._cost
         self._cost = min(self._cost, cost)
         return is_lower
 
     def _settle(self, state: DensificationState) -> DensificationUpdate:
-        """Remove strokes that are no longer worth their price; in early rounds, add proposals that are."""
+        """Remove strokes that are no longer worth their price; in early rounds, also add proposals that are."""
         n, price = len(state.strokes), BITS * self.price
         done = (state.step - self._grown) / max(1, state.steps - self._grown)
         if not self._falls(state, STEPS_PAY) and done >= LAST_ROUNDS and state.may_replan:
@@ -189,14 +190,14 @@ class Worth(Density):
         return DensificationUpdate(_worth_more(state.importance(), price), new)
 
     def _approach(self, state: DensificationState, psnr: float) -> DensificationUpdate:
-        """Add or remove strokes so that the remaining steps are expected to end at the given PSNR."""
+        """Add or remove strokes so that the painting is expected to end at the given PSNR."""
         left = min(1.0, 2 * (1 - state.step / state.steps))
         expected = _total_error(state) / (1 + (SETTLED - 1) * left)
         slack = _allowed(state, psnr) - expected
         return self._more(state, -slack) if slack < 0 else self._fewer(state, slack / (1 - RECOVERED))
 
     def _correct(self, state: DensificationState) -> DensificationUpdate | None:
-        """Add strokes if the painting is not good enough, try fewer if it is, or finish."""
+        """Add strokes if the painting is not good enough, otherwise try fewer strokes, or finish."""
         assert state.psnr is not None
         slack = _allowed(state, state.psnr) - _total_error(state)
         steps = state.step + EXTRA if state.step + EXTRA <= LONGEST * self._limit else None
@@ -222,7 +223,7 @@ class Worth(Density):
         return DensificationUpdate(keep, Strokes.none(state.strokes.position))
 
     def conclude(self, state: DensificationState) -> None:
-        """Measure the worth of the least important strokes and the gain from a hundred more."""
+        """Measure the worth of the least important strokes and the gain from a hundred more strokes."""
         n, values = len(state.strokes), state.target.numel()
         mean, ranked = _mean_error(state), state.importance().clamp_min(0).sort().values.cumsum(0)
         _, gain = proposals(state, HUNDRED, 0.0)
@@ -288,7 +289,7 @@ def _mean_error(state: DensificationState) -> float:
 
 
 def _psnr_of(mean_squared_error: float) -> float:
-    """Compute the PSNR in dB after rounding to 8 bits, at most 59 dB."""
+    """Compute the PSNR, in dB, after rounding to 8 bits, which limits it to 59 dB."""
     return psnr_of(mean_squared_error + ROUNDING)
 
 
@@ -297,12 +298,12 @@ def _total_error(state: DensificationState) -> float:
 
 
 def _allowed(state: DensificationState, psnr: float) -> float:
-    """Compute the squared error, summed over pixels and channels, at which an 8-bit painting has this PSNR."""
+    """Compute the squared error, summed over pixels and channels, at which an 8-bit painting reaches this PSNR."""
     return (10 ** (-(psnr + MARGIN) / 10) - ROUNDING) * state.target.numel()
 
 
 def _worth_more(importance: Tensor, price: float) -> Tensor:
-    """Return which strokes (N,) are worth more than their price; the most important one always counts."""
+    """Mark the strokes (N,) that are worth more than their price; the most important stroke is always included."""
     keep = importance > price
     if len(keep):
         keep[importance.argmax()] = True
@@ -310,6 +311,6 @@ def _worth_more(importance: Tensor, price: float) -> Tensor:
 
 
 def _as_many_as_gain(missing: float, new: Strokes, gain: Tensor) -> tuple[Strokes, Tensor]:
-    """Select the first proposals whose gains add up to ``missing``, or all of them."""
+    """Select the first proposals, until their gains add up to ``missing`` or no proposals are left."""
     count = 0 if missing <= 0 else int((gain.cumsum(0) < missing).sum()) + 1
     return new[:count], gain[:count]

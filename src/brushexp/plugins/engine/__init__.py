@@ -1,1 +1,1 @@
-"""Brush simulators turn stroke parameters into a picture of one stroke; choose one with ``engine=...``."""
+"""Brush simulators paint a single stroke from its parameters; choose one with ``engine=...``."""

@@ -1,4 +1,4 @@
-"""The contract of brush simulators."""
+"""Base class of brush simulators, which paint single strokes."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from torch import Tensor
 
 @dataclass(frozen=True)
 class Simulated:
-    """Pictures and heights of n strokes, each on its own canvas."""
+    """Pictures and paint heights of n strokes, each on its own canvas."""
 
     images: Tensor  # (n, 4, S, S) float32 RGBA in [0, 1], straight alpha; pixels without paint have the stroke's colour
     heights: Tensor  # (n, S, S) float32 >= 0, amount of paint; 1 is about enough to cover the canvas
@@ -18,8 +18,8 @@ class Simulated:
 class Engine(ABC):
     """Simulates the mark of one stroke on an empty canvas.
 
-    Points of the curve are in half-windows from the window's centre (-1 and 1 are its edges); the width is in windows.
-    An engine with a larger window therefore draws the same strokes larger.
+    The points of the curve are in half-windows from the window's centre, so that the edges are at -1 and 1; the width
+    is a fraction of the window. An engine with a larger window therefore paints the same strokes larger.
 
     >>> from brushexp.registry import build_named
     >>> from brushexp.strokes.prior import parameters_of, sample_prior
@@ -41,9 +41,9 @@ class Engine(ABC):
 
     @abstractmethod
     def __call__(self, parameters: Tensor, *, seed: int, first: int = 0) -> Simulated:
-        """Simulate the strokes numbered ``first`` to ``first + n - 1``.
+        """Simulate n strokes, which have the numbers ``first`` to ``first + n - 1``.
 
-        Stroke i depends only on its parameters, ``seed`` and its own number, and not on n or the number of threads.
-        ``parameters`` (n, 10) in [-1, 1] have the format of `strokes.prior.parameters_of`, but all finite values are
-        drawn; ``seed`` is 0 to 2**64 - 1.
+        Each stroke depends only on its parameters, its number and ``seed``, and not on n or the number of threads.
+        ``parameters`` (n, 10) in [-1, 1] have the format of `strokes.prior.parameters_of`, but any finite values can be
+        simulated; ``seed`` is 0 to 2**64 - 1.
         """

@@ -1,4 +1,4 @@
-"""Prepare pictures for print, and pack chunks of PNG files (ISO/IEC 15948), for several exporters."""
+"""Prepare pictures for printing, and encode PNG chunks (ISO/IEC 15948), for several exporters."""
 
 import re
 import struct
@@ -30,7 +30,7 @@ SUB, UP = 1, 2  # numbers of the PNG filters that store differences from the pre
 
 @dataclass(kw_only=True)
 class PrintExporter(Exporter):
-    """Base class of exporters of pictures with a print size; its fields are their options.
+    """Base class of exporters that write pictures with a print size; its fields are their options.
 
     Args:
         size_cm: maximum width and height in cm, such as 60x40; the picture is as large as possible; null = as many
@@ -55,7 +55,7 @@ class PrintExporter(Exporter):
         return self.dpi or (None if self.size_cm is None else DPI)
 
     def scale_to_paper(self, job: ExportJob) -> ExportJob:
-        """Scale the painting to its print size; raise a UserError if that has too many pixels."""
+        """Scale the painting to its print size; raise a UserError if it would have too many pixels."""
         if self.size_cm is None:
             return job
         width, height = (float(side) for side in self.size_cm.split("x"))
@@ -68,7 +68,7 @@ class PrintExporter(Exporter):
 
 @dataclass(frozen=True)
 class Sheet:
-    """The position of a picture on its paper, in pixels."""
+    """Layout of a picture on its paper, in pixels."""
 
     job: ExportJob  # draws the picture at its print size, including any part that is cropped
     shown: tuple[int, int]  # height and width of the visible part, the middle of the picture
@@ -77,7 +77,7 @@ class Sheet:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Height and width including margin and bleed."""
+        """Height and width of the sheet, including margin and bleed."""
         height, width = self.shown
         around = 2 * (self.margin + self.bleed)
         return height + around, width + around
@@ -85,10 +85,10 @@ class Sheet:
 
 @dataclass(kw_only=True)
 class SheetExporter(PrintExporter):
-    """Base class of exporters of pictures on a sheet of paper; its fields are their options.
+    """Base class of exporters that write a picture on a sheet of paper; its fields are their options.
 
     Args:
-        fill: whether the picture fills ``size_cm``, cropped on two sides; false = the whole picture, as large as
+        fill: whether the picture fills ``size_cm`` and is cropped on two sides; false = the whole picture, as large as
             possible.
         margin: white paper on every side in mm, within ``size_cm``.
         bleed: mirrored edge of the picture in mm, beyond ``size_cm`` on every side, to be trimmed by the printer;
@@ -110,7 +110,7 @@ class SheetExporter(PrintExporter):
         return super().density or (DPI if self.margin or self.bleed else None)
 
     def sheet(self, job: ExportJob) -> Sheet:
-        """Lay out the painting on its paper; raise a UserError if no picture fits or there are too many pixels."""
+        """Lay out the painting on its paper; raise a UserError if it does not fit or has too many pixels."""
         dpi = self.density or DPI
         margin, bleed = (round(length * dpi / MM) for length in (self.margin, self.bleed))
         if self.size_cm is not None and (self.fill or margin):
@@ -132,9 +132,9 @@ class SheetExporter(PrintExporter):
         return Sheet(job, shown, margin, bleed)
 
     def rows(self, sheet: Sheet, *, transparent: bool = False) -> Iterator[np.ndarray]:
-        """Paint the sheet from top to bottom in bands (h, W, 3) uint8, over white.
+        """Paint the sheet, over white, in bands (h, W, 3) uint8 from top to bottom.
 
-        If ``transparent`` and the painting has alpha, bands are (h, W, 4) with straight alpha.
+        If ``transparent`` is set and the painting has alpha, the bands are (h, W, 4) with straight alpha.
         """
         picture = crop(self._picture_rows(sheet.job, transparent=transparent), sheet.job.size, sheet.shown)
         if sheet.margin:
@@ -150,7 +150,7 @@ class SheetExporter(PrintExporter):
             yield pixels
 
     def pack_rows(self, bands: Iterator[np.ndarray], compression: int) -> Iterator[bytes]:
-        """Pack bands (h, W, C) as in PNG (ISO/IEC 15948) and PDF: filtered rows, in pieces of a zlib stream."""
+        """Encode bands (h, W, C) for PNG (ISO/IEC 15948) and PDF as pieces of a zlib stream of filtered rows."""
         packer, above = zlib.compressobj(compression), np.zeros((1, 1), dtype=np.uint8)
         for band in bands:
             rows = band.reshape(len(band), -1)
@@ -161,7 +161,7 @@ class SheetExporter(PrintExporter):
         yield packer.flush()
 
     def add_weave(self, band: torch.Tensor, top: int, job: ExportJob) -> torch.Tensor:
-        """Add lit canvas threads to rows (3, h, W) of the picture, from row ``top``."""
+        """Add lit canvas threads to rows (3, h, W) of the picture that start at row ``top``."""
         if not self.weave:
             return band
         pitch = (self.density or 0) / CM / THREADS_PER_CM or THREAD_PIXELS
@@ -171,7 +171,7 @@ class SheetExporter(PrintExporter):
 
 
 def crop(bands: Iterator[np.ndarray], size: tuple[int, int], shown: tuple[int, int]) -> Iterator[np.ndarray]:
-    """Crop the central ``shown`` (H, W) from a picture of ``size`` (H, W) in bands (h, W, C).
+    """Crop a picture of ``size`` (H, W), given in bands (h, W, C), to its central ``shown`` (H, W) pixels.
 
     >>> picture = np.arange(16).reshape(4, 4, 1)
     >>> np.concatenate([*crop(iter([picture[:1], picture[1:]]), (4, 4), (2, 4))])[..., 0].tolist()
@@ -187,7 +187,7 @@ def crop(bands: Iterator[np.ndarray], size: tuple[int, int], shown: tuple[int, i
 
 
 def add_white(bands: Iterator[np.ndarray], count: int) -> Iterator[np.ndarray]:
-    """Add ``count`` white pixels on every side of a picture in bands (h, W, C)."""
+    """Add ``count`` white pixels on every side of a picture given in bands (h, W, C)."""
     edge = np.empty(0)
     for band in bands:
         sides = np.pad(band, ((0, 0), (count, count), (0, 0)), constant_values=WHITE)
@@ -199,7 +199,7 @@ def add_white(bands: Iterator[np.ndarray], count: int) -> Iterator[np.ndarray]:
 
 
 def mirror(bands: Iterator[np.ndarray], count: int) -> Iterator[np.ndarray]:
-    """Extend a picture in bands (h, W, C) with its mirror image, ``count`` pixels on every side.
+    """Extend a picture, given in bands (h, W, C), by mirroring ``count`` pixels on every side.
 
     >>> picture = np.arange(6).reshape(3, 2, 1)
     >>> np.concatenate([*mirror(iter([picture[:2], picture[2:]]), 1)])[..., 0].tolist()
@@ -230,9 +230,10 @@ def over_white(pixels: np.ndarray, alpha: np.ndarray) -> np.ndarray:
 
 
 def weave_height(top: int, rows: int, columns: int, pitch: float) -> np.ndarray:
-    """Compute the height (rows, columns) of a plain weave with threads ``pitch`` pixels apart.
+    """Compute the height (rows, columns) of a plain weave whose threads are ``pitch`` pixels apart.
 
-    A thread is a round ridge that alternately passes over and under the threads it crosses; the upper one is visible.
+    Each thread is a round ridge that passes alternately over and under the threads it crosses; the upper of two threads
+    is visible.
     """
     y = (np.arange(top, top + rows, dtype=np.float32)[:, None] + 0.5) / pitch
     x = (np.arange(-1, columns - 1, dtype=np.float32)[None] + 0.5) / pitch
@@ -242,19 +243,19 @@ def weave_height(top: int, rows: int, columns: int, pitch: float) -> np.ndarray:
 
 
 def chunk(name: bytes, data: bytes) -> bytes:
-    """Pack a chunk of a PNG with its length and checksum."""
+    """Encode a PNG chunk with its length and checksum."""
     return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(data, zlib.crc32(name)))
 
 
 def header(width: int, height: int, kind: int) -> bytes:
-    """Pack the header chunk with size and colour type."""
+    """Encode the PNG header chunk with size and colour type."""
     return chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, DEPTH, kind, 0, 0, 0))
 
 
 def bitmap(pixels: np.ndarray) -> bytes:
-    """Pack pixels (H, W, 4) uint8 with straight alpha as a PNG; Pillow is too slow for thousands of pictures.
+    """Encode uint8 pixels (H, W, 4), with straight alpha, as PNG; Pillow is too slow for thousands of pictures.
 
-    Differences are computed along the longer side, the direction of a stroke's texture.
+    Differences are computed along the longer side, which is usually the direction of the stroke's texture.
     """
     height, width, channels = pixels.shape
     bytes_of = np.ascontiguousarray(pixels).reshape(height, -1)

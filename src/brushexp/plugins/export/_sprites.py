@@ -1,4 +1,4 @@
-"""Draw a bitmap of every stroke with its renderer, and find its position on the canvas."""
+"""Render a bitmap of every stroke and find its position on the canvas."""
 
 import math
 from collections.abc import Iterator
@@ -20,7 +20,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Sprites:
-    """Bitmaps of the visible strokes of a painting, bottom first, side by side on a sheet."""
+    """Bitmaps of a painting's visible strokes, side by side on a sheet; their order is from bottom to top."""
 
     sheet: Array  # (h, SHEET_WIDTH, 4) uint8: RGBA, straight alpha
     number: Array  # (N,) index of each stroke in the catalogue
@@ -29,7 +29,7 @@ class Sprites:
     zoom: float  # pixels of the sheet per pixel of the canvas
 
     def bitmaps(self, number: Array | None = None) -> Iterator[tuple[int, tuple[int, int], Array]]:
-        """Yield index, position and pixels (h, w, 4) of each visible stroke, of all or of ``number`` (n,), in order."""
+        """Yield index, position and pixels (h, w, 4) of each visible stroke, or only of those in ``number`` (n,)."""
         row = {stroke: k for k, stroke in enumerate(self.number.tolist())}
         for stroke in row if number is None else number.tolist():
             if stroke in row:
@@ -39,16 +39,16 @@ class Sprites:
 
 
 def has_sprites(job: ExportJob) -> bool:
-    """Check whether strokes have a texture and are fast to draw."""
+    """Check whether the strokes are textured and fast to render."""
     return job.renderer.warm_up is None and not isinstance(job.renderer(job.strokes[:0]), Profile)
 
 
 @torch.no_grad()
 def draw_sprites(job: ExportJob) -> Sprites:
-    """Draw every stroke once, in a single pass of a blend; the strokes do not touch, so they do not mix.
+    """Render every stroke once, in a single pass of a blend; the strokes are kept apart, so they do not mix.
 
-    On black, a blend shows the contribution of a stroke; on white, also the light that it transmits. Strokes are drawn
-    at a smaller size if the sheet would exceed ``MOST_PIXELS``.
+    On black, the blend shows a stroke's contribution; on white, it also shows the light that the stroke transmits.
+    Strokes are rendered at a smaller size if the sheet would exceed ``MOST_PIXELS``.
     """
     strokes = job.strokes
     boxes = _boxes(job, strokes)
@@ -82,7 +82,7 @@ def draw_sprites(job: ExportJob) -> Sprites:
 
 
 def _boxes(job: ExportJob, strokes: Strokes) -> Array:
-    """Bound the pixels of each stroke by left, top, width and height (N, 4), int64; empty outside the canvas."""
+    """Compute each stroke's bounding box (N, 4: left, top, width, height), int64; it is empty outside the canvas."""
     layers = job.renderer(strokes)
     curve, reach = layers.curve.cpu().numpy(), layers.reach.cpu().numpy()[:, None]
     low, high = np.floor(curve.min(1) - reach), np.ceil(curve.max(1) + reach)
@@ -94,7 +94,7 @@ def _boxes(job: ExportJob, strokes: Strokes) -> Array:
 
 
 def _lay_on_shelves(sizes: Array) -> tuple[Array, int]:
-    """Pack boxes (N, 2) in rows, highest first; return their corners (N, 2) and the total height."""
+    """Pack boxes (N, 2: width, height) in rows, tallest first; return their corners (N, 2) and the total height."""
     corners, (left, top, row) = np.zeros_like(sizes), (0, 0, 0)
     for k in np.argsort(-sizes[:, 1], kind="stable"):
         width, height = sizes[k]

@@ -1,4 +1,4 @@
-"""Divide the strokes of an SVG into layers, and each layer into colours, to suit the layer lists of design programs."""
+"""Divide the strokes of an SVG into layers, and each layer by colour, for the layer lists of design programs."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ ITERATIONS = 20  # iterations of k-means
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """A group of strokes: indices ``number`` (n,) in the catalogue, bottom stroke first."""
+    """A group of strokes, given by their indices ``number`` (n,) in the catalogue, bottom stroke first."""
 
     layer: int  # from 1, the bottom layer
     color: str | None  # '#rrggbb', the mean colour of the strokes; None if layers are not divided
@@ -23,10 +23,10 @@ class Group:
 
 
 def stroke_groups(job: ExportJob, layers: int, colors: int) -> Iterator[Group]:
-    """Yield groups of all strokes, bottom first: layers of equal numbers of strokes, divided by colour, dark first.
+    """Yield all strokes in groups: layers of equal numbers of strokes, bottom first, divided by colour, dark first.
 
-    ``colors`` is the number of k-means clusters in sRGB over all strokes; 0 leaves layers undivided and keeps the order
-    of the strokes.
+    ``colors`` is the number of k-means clusters, in sRGB, of all stroke colours; 0 leaves layers undivided and keeps
+    the order of the strokes.
     """
     order = job.bottom_up.cpu()
     parts = order.tensor_split(max(1, min(layers, len(order))))

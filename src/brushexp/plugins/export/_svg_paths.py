@@ -1,4 +1,4 @@
-"""Draw the shapes and colours of strokes as SVG paths and gradients."""
+"""Write the shapes and colours of strokes as SVG paths and gradients."""
 
 from collections.abc import Iterator
 
@@ -15,15 +15,15 @@ TURN = 1e-3  # a folding curve is sampled this close to its sharpest bend, on ei
 
 
 def hexadecimal(color: Tensor) -> list[str]:
-    """Write colours (N, 3) in [0, 1] as ``#rrggbb``."""
+    """Format colours (N, 3) in [0, 1] as ``#rrggbb``."""
     levels = (color * 255 + 0.5).clamp(0, 255).long().tolist()
     return [f"#{red:02x}{green:02x}{blue:02x}" for red, green, blue in levels]
 
 
 def gradients(profile: Profile, number: Tensor, digits: int) -> Iterator[tuple[str, str]]:
-    """Yield the linear gradient of each stroke whose colour drifts, and the name by which its paint refers to it.
+    """Yield each stroke's linear gradient, which is "" unless its colour drifts, and the value of its paint attribute.
 
-    The gradient is the best linear fit, over the plane, to 2 t - 1 along the curve.
+    The gradient is the function linear in x and y that best fits 2 t - 1 along the curve.
     """
     if not profile.drifts:
         yield from (("", paint) for paint in hexadecimal(profile.color))
@@ -52,7 +52,7 @@ def _numbers(*values: float) -> str:
 
 
 def curve_paths(curve: Tensor, digits: int) -> Iterator[str]:
-    """Write quadratic Bezier curves (N, 3, 2); a point becomes a very short line."""
+    """Write quadratic Bezier curves (N, 3, 2) as SVG path data; a point becomes a very short line."""
     curve = rounded(curve, digits)
     further = rounded((curve[:, 1:] - curve[:, :1]).flatten(1), digits)
     for start, ends in zip(curve[:, 0].tolist(), further.tolist(), strict=True):
@@ -65,11 +65,11 @@ def rounded(values: Tensor, digits: int) -> Tensor:
 
 
 def outline_paths(profile: Profile, middle: Tensor, offset: Tensor, digits: int) -> Iterator[list[str]]:
-    """Outline strokes of varying thickness with round ends, for the fill rule nonzero.
+    """Write outlines of round-ended strokes of varying thickness, for the fill rule nonzero.
 
-    The half width at parameter t is ``middle * (1 - taper * u^2) * (1 + widening * u) + offset`` with u = 2 t - 1, and
-    0 if that is negative. Sides are polylines. A curve that folds gets a disc at the fold, and a point becomes a disc.
-    Yields the K outlines of each stroke; ``middle`` (N,) and ``offset`` (N, K) are in pixels.
+    The half width at parameter t is ``middle * (1 - taper * u^2) * (1 + widening * u) + offset``, with u = 2 t - 1, or
+    0 if this is negative. The sides are polylines. A curve that folds gets a disc at the fold, and a point becomes a
+    disc. Each iteration yields the K outlines of a stroke; ``middle`` (N,) and ``offset`` (N, K) are in pixels.
     """
     curve, taper, widening = profile.curve, profile.taper, profile.widening[:, None]
     bend, folds = sharpest_bend(curve, middle)
@@ -99,7 +99,7 @@ def outline_paths(profile: Profile, middle: Tensor, offset: Tensor, digits: int)
 
 
 def sharpest_bend(curve: Tensor, half: Tensor) -> tuple[Tensor, Tensor]:
-    """Find the parameter (N,) of the sharpest bend of curves (N, 3, 2), and whether its radius is below ``half``."""
+    """Find the parameter (N,) of each curve's sharpest bend, and whether the bend's radius is below ``half``."""
     start, control, end = curve.unbind(1)
     bend, forward = start - 2 * control + end, control - start
     at = -(forward * bend).sum(1) / bend.square().sum(1).clamp_min(torch.finfo(curve.dtype).tiny)

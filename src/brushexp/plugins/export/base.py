@@ -1,4 +1,4 @@
-"""The contract of exporters, which write a painting to files."""
+"""Base class of exporters, which write a painting to files."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
@@ -65,30 +65,30 @@ class ExportJob:
         return replace(self, light=UNLIT, paper=None)
 
     def at_most(self, side: int) -> "ExportJob":
-        """Return the job reduced to at most ``side`` pixels on the longer side."""
+        """Return the job, scaled down to at most ``side`` pixels on the longer side if it is larger."""
         return self if side >= max(self.size) else self.scaled(side / max(self.size))
 
     def scaled(self, zoom: float) -> "ExportJob":
-        """Return the job scaled by ``zoom``; strokes rather than pixels are scaled, so the picture stays sharp."""
+        """Return the job scaled by ``zoom``; strokes are scaled, not pixels, so the picture stays sharp."""
         return self.at_size((max(1, round(self.size[0] * zoom)), max(1, round(self.size[1] * zoom))), zoom)
 
     def at_size(self, size: tuple[int, int], zoom: float | None = None) -> "ExportJob":
-        """Return the job at a ``size`` (H, W), with strokes scaled by ``zoom`` or by the ratio of longer sides."""
+        """Return the job at a ``size`` (H, W), with strokes scaled by ``zoom`` or by the ratio of the longer sides."""
         zoom = max(size) / max(self.size) if zoom is None else zoom
         return replace(self, saved=replace(self.saved, strokes=self.strokes.moved(zoom=zoom), size=size))
 
     def picture(self, flat: Tensor | None = None) -> np.ndarray:
-        """Paint the picture (H, W, 3) uint8; ``flat`` is as in `bands`."""
+        """Paint the picture (H, W, 3) uint8; for ``flat``, see `bands`."""
         picture = np.empty((*self.size, 3), dtype=np.uint8)
         for top, band in self.bands(flat):
             picture[top : top + band.shape[1]] = to_bytes(band)
         return picture
 
     def bands(self, flat: Tensor | None = None) -> Iterator[tuple[int, Tensor]]:
-        """Paint from top to bottom under the lamp; yield the first row and pixels (3, h, W) in [0, 1] of each band.
+        """Paint the lit picture from top to bottom; yield each band's first row and its pixels (3, h, W) in [0, 1].
 
-        This needs little more memory than the pixels of the picture. ``job.bare()`` paints only the colours; ``flat``
-        (3, H, W) holds these colours if they have already been painted.
+        This needs little more memory than the pixels of the picture. ``job.bare().bands()`` paints the colours only;
+        ``flat`` (3, H, W) holds these colours if they have already been painted.
         """
         if self.light.depth:
             painting = self._lit(flat)
@@ -114,7 +114,7 @@ class ExportJob:
         return to_bytes(functional.grid_sample(share, places, padding_mode="border", align_corners=False)[0])
 
     def height(self) -> np.ndarray:
-        """Compute the height of paint and paper (H, W), float32, in pixels of the picture, like `heights`."""
+        """Compute the height (H, W) of paint and paper, float32, in pixels of the picture, as `heights` does."""
         height = np.empty(self.size, np.float32)
         for top, rows, band in self._heights():
             height[top : top + rows] = band[top > 0 :][:rows]
@@ -122,11 +122,11 @@ class ExportJob:
 
     @property
     def compositor(self) -> Compositor:
-        """The blend in the colour space of the painting."""
+        """Compositor that blends in the painting's colour space."""
         return Compositor(self.blend, self.space)
 
     def _heights(self) -> Iterator[tuple[int, int, np.ndarray]]:
-        """Compute heights like `heights`, including the paper."""
+        """Compute heights as `heights` does, and add the paper."""
         canvas, typical = (self.size, self.renderer, self.blend), typical_width(self.strokes)
         for top, rows, _, paint in heights(self.strokes, self.bottom_up.flip(0), *canvas):
             wide = Rows(top, rows, self.size).widened(1)
@@ -140,7 +140,7 @@ class ExportJob:
             yield top, torch.from_numpy(shade_picture(colors.float().cpu().numpy(), facing, self.light))
 
     def on_paper(self, rows: Rows, flat: Tensor | None = None) -> Tensor:
-        """Paint rows on the paper: pixels (3, h, W); ``flat`` is as in `bands`."""
+        """Paint rows (3, h, W) on the paper; for ``flat``, see `bands`."""
         wide = rows if self.paper is None else rows.widened(self.paper.margin(self.size))
         colors = self._colors(wide) if flat is None else flat[:, wide.top : wide.top + wide.count]
         if self.paper is None:
@@ -156,7 +156,7 @@ class ExportJob:
 
     @cached_property
     def _places(self) -> tuple[Tensor, Tensor | None]:
-        """Compute each stroke's rank (N,), 0 for the top one, and the rows (N, 2) that it may touch, if known."""
+        """Compute each stroke's rank (N,), 0 for the top stroke, and the rows (N, 2) that it may touch, if known."""
         return self.bottom_up.flip(0).argsort(), self.renderer.rows(self.strokes)
 
 
@@ -193,7 +193,7 @@ class Exporter(ABC):
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
         """Write one or more files into ``folder`` and return their paths, main file first.
 
-        Nothing else is written, the job is not changed, and the same job gives the same bytes (for a video, the same
-        frames). A painting without strokes is also written. A UserError explains why the format cannot represent a
-        painting.
+        It must not write any other files or change the job, and the same job must produce the same bytes (for a video,
+        the same frames). It must also accept a painting without strokes. If the format cannot represent a painting, it
+        raises a UserError that explains why.
         """

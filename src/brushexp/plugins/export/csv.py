@@ -21,14 +21,14 @@ COLUMNS = (*POINTS, "width_px", *PAINT, "length_px", "direction_deg")
 class Csv(Exporter):
     """Writes ``strokes.csv``: one stroke per line, bottom first, for spreadsheets, pandas and R.
 
-    Columns: ``stroke``, its index in the catalogue; ``start``, ``control``, ``end`` of its quadratic Bezier curve in
-    pixels of the canvas, x to the right and y down from the upper left corner; ``width_px``, its full thickness;
-    ``red``, ``green``, ``blue`` (sRGB) and ``opacity`` from 0 to 1; ``softness_px``, how much wider its edge is than
-    its renderer's; ``widening``, the share by which it is thicker at its end and thinner at its start; ``red_drift``,
-    ``green_drift`` and ``blue_drift``, added to its colour at its end and subtracted at its start; ``length_px`` along
-    the curve; ``direction_deg`` from start to end, clockwise: 0 is to the right, 90 down, -90 up; empty if the two
-    coincide. Numbers have seven digits, the precision of float32. In a painting by gradient descent, lengths and widths
-    come from ``init``.
+    The columns are: ``stroke``, the index in the catalogue; ``start``, ``control`` and ``end`` of the quadratic Bezier
+    curve in pixels of the canvas, x to the right and y down from the upper left corner; ``width_px``, the full
+    thickness; ``red``, ``green``, ``blue`` (sRGB) and ``opacity`` from 0 to 1; ``softness_px``, the width of the edge
+    in addition to the renderer's own; ``widening``, the fraction by which the stroke is thicker at its end and thinner
+    at its start; ``red_drift``, ``green_drift`` and ``blue_drift``, which are added to the colour at the end and
+    subtracted at the start; ``length_px`` along the curve; ``direction_deg``, the clockwise angle from start to end,
+    where 0 points right, 90 down and -90 up (empty if start and end coincide). Numbers have seven digits, the precision
+    of float32. In a painting by gradient descent, lengths and widths come from ``init``.
     """
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
@@ -49,7 +49,7 @@ def _lines(job: ExportJob) -> Iterator[str]:
 
 
 def heading_degrees(curve: Tensor) -> Tensor:
-    """Compute clockwise angles (N,) in (-180, 180] from start to end of curves (N, 3, 2); NaN if these coincide."""
+    """Compute clockwise angles (N,), in (-180, 180], from start to end of curves (N, 3, 2); NaN for equal ends."""
     x, y = (curve[:, 2] - curve[:, 0]).unbind(1)
     angle = torch.atan2(y, x).rad2deg()
     return torch.where((x == 0) & (y == 0), torch.nan, torch.where(angle == -180, 180.0, angle)) + 0.0  # no -0

@@ -1,4 +1,4 @@
-"""Write the catalogue as text."""
+"""Write the catalogue as JSON text."""
 
 from pathlib import Path
 
@@ -12,10 +12,10 @@ from brushexp.system.files import write_text
 
 @register("to", "json")
 class Json(Exporter):
-    """Writes ``strokes.json``: the whole catalogue as editable text, one stroke per line, for catalogue=strokes.json.
+    """Writes ``strokes.json``: the whole catalogue as editable text, which can be loaded with catalogue=strokes.json.
 
-    It contains exactly the data of ``catalogue.h5``, in the units stated in the file. Each line is one stroke.
-    ``depth`` ranks them, 0 at the bottom; if no stroke has a ``depth``, the first stroke is at the bottom.
+    It contains exactly the data in ``catalogue.h5``, in the units stated in the file, with one stroke per line.
+    ``depth`` is a stroke's rank, 0 at the bottom; if no stroke has a ``depth``, the first stroke is at the bottom.
     """
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:

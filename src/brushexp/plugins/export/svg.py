@@ -47,18 +47,18 @@ FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 @register("to", "svg")
 @dataclass(kw_only=True, eq=False)
 class Svg(Exporter):
-    """Writes ``strokes.svg``: one path per stroke, bottom first, which browsers and Inkscape draw like the painting.
+    """Writes ``strokes.svg``: one path per stroke, bottom first, shown by browsers and Inkscape like the painting.
 
     A path is a curve with a width and round ends, or a filled outline if the thickness changes along the stroke. Sizes
-    are pixels of the canvas. Viewers draw sharper edges than the renderer's soft edge; two ``outlines`` come close to
-    it, and strokes with their own softness use more. A stroke thinner than its edge is drawn wider and fainter, as the
-    renderer draws it. A drifting colour becomes a linear gradient. An invisible stroke (no width, no opacity) has no
-    path; a stroke without length is a dot.
+    are in pixels of the canvas. A single path has a sharper edge than the rendered stroke; two ``outlines`` approximate
+    the soft edge closely, and strokes with a softness of their own get more. A stroke thinner than its edge is drawn
+    wider and fainter, as the renderer draws it. A drifting colour becomes a linear gradient. An invisible stroke
+    (without width or opacity) has no path; a stroke without length is a dot.
 
-    Textured strokes are bitmaps with transparency, one image per stroke, coarser than the picture if the file would be
-    too large; strokes of a slow renderer (``neural``) are paths without texture. The last image, ``light``, holds the
-    effect of the lamp (``light.*``) and the paper: black over darkened areas, the ground colour over areas that the
-    paint skips.
+    Textured strokes are bitmaps with transparency, one image per stroke, at a lower resolution than the picture if the
+    file would be too large; strokes of a slow renderer (``neural``) are paths without texture. The last image,
+    ``light``, contains the effects of the lamp (``light.*``) and of the paper: black over darkened areas, and the
+    ground colour over areas that the paint skips.
 
     Args:
         digits: number of decimals of coordinates and widths.
@@ -82,7 +82,7 @@ class Svg(Exporter):
         return bool(self.layers or self.colors)
 
     def write(self, job: ExportJob, folder: Path, pictures: tuple[np.ndarray, np.ndarray] | None = None) -> list[Path]:
-        """Write the file; ``pictures`` are the job's pictures without and with its lamp, if already painted."""
+        """Write the file; ``pictures`` are the job's unlit and lit pictures, if they have already been painted."""
         path = folder / "strokes.svg"
         has_bitmaps = not self.paths and has_sprites(job)
         sprites = draw_sprites(job) if has_bitmaps else None
@@ -145,7 +145,7 @@ class Svg(Exporter):
         yield "</g>\n</svg>\n"
 
     def _strokes(self, job: ExportJob, profile: Profile, sprites: Sprites | None) -> Iterator[str]:
-        """Draw all strokes, bottom first, in groups."""
+        """Write all strokes, bottom first, in groups."""
         if not self.is_grouped:
             yield from self._drawn_strokes(job.bottom_up.cpu(), profile, sprites)
             return
@@ -162,7 +162,7 @@ class Svg(Exporter):
         yield "</g>\n" * bool(layer)
 
     def _drawn_strokes(self, number: Tensor, profile: Profile, sprites: Sprites | None) -> Iterator[str]:
-        """Draw strokes ``number`` (n,) in the given order."""
+        """Write the strokes with indices ``number`` (n,), in the given order."""
         if sprites is not None:
             yield from self._bitmaps(sprites, number)
             return
@@ -193,9 +193,9 @@ class Svg(Exporter):
         yield from texts
 
     def _drawn(self, profile: Profile, number: Tensor, count: int, *, filled: bool) -> Iterator[str]:
-        """Draw each stroke with ``count`` stacked paths: ``filled`` outlines, or curves with a width.
+        """Write each stroke as ``count`` stacked paths, which are ``filled`` outlines or curves with a width.
 
-        Strokes with a drifting colour refer to gradients named by their ``number`` (N,).
+        A stroke with a drifting colour refers to a gradient named after its index in ``number`` (N,).
         """
         middle, offset, alpha = soft_edge(profile.half_width, profile.opacity, profile.soft + profile.softness, count)
         widths = rounded(2 * (middle[:, None] + offset), self.digits).tolist()
@@ -216,7 +216,7 @@ class Svg(Exporter):
 
 
 def _opening(name: str, label: str) -> str:
-    """Open a group that Inkscape shows as a layer with this label."""
+    """Write the opening tag of a group that Inkscape shows as a layer with this label."""
     return f'<g id="{name}" inkscape:groupmode="layer" inkscape:label="{label}">\n'
 
 
@@ -232,13 +232,13 @@ def megabytes_of(sprites: Sprites) -> float:
 
 
 def _href(pixels: np.ndarray) -> str:
-    """Embed a picture (H, W, 4) uint8 in an attribute; SVG 1.1 has only XLink's ``href``."""
+    """Embed a uint8 picture (H, W, 4) in an XLink ``href`` attribute, the only kind that SVG 1.1 has."""
     return f'xlink:href="data:image/png;base64,{base64.b64encode(bitmap(pixels)).decode()}"'
 
 
 @torch.no_grad()
 def profile_of(job: ExportJob) -> tuple[Profile, bool]:
-    """Approximate strokes by profiles, and return whether these match what the renderer draws."""
+    """Approximate the strokes by profiles, and return whether the profiles match the rendered strokes."""
     strokes = job.strokes
     if isinstance(job.renderer(strokes[:0]), Profile):  # checked without drawing strokes
         profile = job.renderer(strokes)
@@ -248,16 +248,16 @@ def profile_of(job: ExportJob) -> tuple[Profile, bool]:
 
 
 def soft_edge(half: Tensor, opacity: Tensor, soft: Tensor, count: int) -> tuple[Tensor, Tensor, Tensor]:
-    """Choose stacked strokes with hard edges that together cover the same area as a stroke with a soft edge.
+    """Approximate a stroke with a soft edge by stacked strokes with hard edges that together cover the same area.
 
-    A single stroke has the same opacity in the middle as the soft stroke, C(0) of `Profile`, and blocks the same amount
-    of light across it, so it is wider if the stroke is thinner than the edge. Several strokes have the half widths at
-    which C(d) passes (k + 1/2) / count of C(0), moved closer together so that, after smoothing by a pixel, their edge
-    is as soft as that of C, whose variance is ``soft``^2 / 20 for a wide stroke. ``half`` (N,) and the edge widths
-    ``soft`` (N,) are in pixels.
+    A single stroke has the same opacity in the middle as the soft stroke, C(0) of `Profile`, and blocks the same total
+    amount of light across its width, so it is wider than the soft stroke if that is thinner than its edge. Several
+    strokes have the half widths at which C(d) falls to (k + 1/2) / count of C(0); these are moved closer together so
+    that, after smoothing by a pixel, the edge is as soft as that of C, whose variance is ``soft``^2 / 20 for a wide
+    stroke. ``half`` (N,) and the edge widths ``soft`` (N,) are in pixels.
 
     Returns:
-        Half width of a single stroke (N,); offsets to add to it (N, K), widest first; opacities (N, K).
+        Half width (N,) of a single stroke; offsets (N, K) from it, widest first; opacities (N, K).
     """
     peak = 2 * smooth_rise(half / soft)
     middle = half / peak.clamp_min(torch.finfo(half.dtype).tiny)
@@ -272,7 +272,7 @@ def soft_edge(half: Tensor, opacity: Tensor, soft: Tensor, count: int) -> tuple[
 
 
 def _distances(half: Tensor, soft: Tensor, count: int) -> Tensor:
-    """Find by bisection the distances (N, count) at which C(d) has fallen to (k + 1/2) / count of C(0)."""
+    """Find, by bisection, the distances (N, count) at which C(d) has fallen to (k + 1/2) / count of C(0)."""
     high, half, soft = half + 0.5 * soft, half[:, None], soft[:, None]
     level = 2 * smooth_rise(half / soft) * (torch.arange(count) + 0.5) / count
     low, high = torch.zeros_like(level), high[:, None].expand_as(level)

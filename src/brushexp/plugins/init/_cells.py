@@ -24,13 +24,13 @@ Array = np.ndarray
 
 @dataclass(kw_only=True)
 class CellInitializer(Initializer):
-    """Base class of initialisers that place one stroke in each cell, with the cell's centre, colour and size.
+    """Base class of initialisers that place one stroke in each cell and give it the cell's centre, colour and size.
 
     Args:
-        orient: structure (along the picture's edges, filling the cell) or random (as in the thesis: points drawn from
-            N(0, 0.1) half-windows, with the smallest width; the optimiser then adjusts them).
-        length: stroke length, in sides of its cell (structure only).
-        width: stroke width, in sides of its cell (structure only).
+        orient: structure (strokes follow the picture's edges and fill their cells) or random (following the thesis:
+            points sampled from N(0, 0.1), in half-windows, and the smallest width, for the optimiser to adjust).
+        length: stroke length, in sides of the stroke's cell (structure only).
+        width: stroke width, in sides of the stroke's cell (structure only).
         opacity: stroke opacity, 0 to 1.
         jitter: standard deviation of a random shift of each stroke, in mean distances between strokes.
     """
@@ -72,7 +72,7 @@ class CellInitializer(Initializer):
 
 
 def merge_smallest(labels: Array, n: int) -> Array:
-    """Keep the ``n`` largest cells of a partition (H, W), and merge each other cell into the nearest of these."""
+    """Keep the ``n`` largest cells of a partition (H, W), and merge every other cell into the nearest of them."""
     flat = labels.ravel()
     centre, _, area = _moments(_coordinates(*labels.shape), flat, int(flat.max()) + 1)
     largest = np.sort(np.argsort(-area, kind="stable")[:n])
@@ -82,14 +82,14 @@ def merge_smallest(labels: Array, n: int) -> Array:
 
 
 def nearest(points: Array, to: Array) -> Array:
-    """Find the index (m,) of the point nearest to each point of ``to`` (m, 2) among ``points`` (n, 2)."""
+    """For each point in ``to`` (m, 2), find the index (m,) of the nearest among ``points`` (n, 2)."""
     from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
 
     return cKDTree(points).query(to)[1]
 
 
 def split_cells(flat: Array, pieces: Array, height: int, width: int) -> Array:
-    """Split cells (H * W,) repeatedly across their longer axis until each is in the given number of pieces (n,)."""
+    """Split each of n cells (H * W,) across its longer axis, repeatedly, into the given number of ``pieces`` (n,)."""
     points = _coordinates(height, width)
     flat, pieces = flat.copy(), pieces.copy()
     while (pieces > 1).any():
@@ -117,12 +117,12 @@ def _coordinates(height: int, width: int) -> Array:
 
 
 def cell_means(values: Array, flat: Array, n: int) -> Array:
-    """Average values (C, P) of pixels over each of ``n`` cells; 0 for empty cells."""
+    """Average pixel values (C, P) over each of ``n`` cells; the mean is 0 for empty cells."""
     return np.stack([np.bincount(flat, value, n) for value in values]) / np.bincount(flat, minlength=n).clip(1)
 
 
 def _moments(points: Array, flat: Array, n: int) -> tuple[Array, Array, Array]:
-    """Compute centre (2, n), covariance (3, n: xx, xy, yy) and area (n,) of each cell of pixels at points (2, P)."""
+    """Compute each cell's centre (2, n), covariance (3, n: xx, xy, yy) and area (n,) from pixels at points (2, P)."""
     centre = cell_means(points, flat, n)
     dx, dy = points - centre[:, flat]
     return centre, cell_means(np.stack([dx * dx, dx * dy, dy * dy]), flat, n), np.bincount(flat, minlength=n)
@@ -131,8 +131,9 @@ def _moments(points: Array, flat: Array, n: int) -> tuple[Array, Array, Array]:
 def _direction(picture: Array, flat: Array, n: int, covariance: Array) -> Array:
     """Compute the direction (n,), in radians, in which the picture changes least around each cell.
 
-    The direction is a sum of double angles: of the structure tensor (Bigun and Granlund, 1987), averaged over the cell
-    and divided by its trace, and of the cell's own elongation, with a small weight that matters only in flat regions.
+    The direction is that of a sum of two tensors: the structure tensor (Bigun and Granlund, 1987), averaged over the
+    cell and divided by its trace, and a tensor for the elongation of the cell, with a small weight that matters only in
+    flat regions.
     """
     tensor = cell_means(structure_tensor(picture, 1.0).reshape(3, -1), flat, n)
     strength = tensor[0] + tensor[2] + MIN_GRADIENT_POWER

@@ -1,4 +1,4 @@
-"""The contract of initialisers, which place the initial strokes."""
+"""Base class of initialisers, which place the initial strokes."""
 
 from abc import ABC, abstractmethod
 
@@ -9,7 +9,7 @@ from brushexp.strokes.catalogue import Strokes
 
 
 class Initializer(ABC):
-    """Places the initial strokes.
+    """Places the initial strokes of a painting on its target.
 
     >>> from brushexp.plugins.init.grid import Grid
     >>> strokes = Grid()(torch.rand(3, 20, 30), 6, torch.Generator().manual_seed(0))
@@ -21,14 +21,14 @@ class Initializer(ABC):
     def __call__(self, target: Tensor, n: int, generator: torch.Generator, focus: Tensor | None = None) -> Strokes:
         """Place exactly ``n`` (1 to H * W) strokes, float32 on the CPU, on a target (3, H, W) in [0, 1].
 
-        All randomness comes from ``generator``. ``focus`` (H, W) holds weights of the pixels, of mean 1; an initialiser
-        may ignore it.
+        All randomness comes from ``generator``. ``focus`` (H, W) holds pixel weights with mean 1; an initialiser may
+        ignore it.
         """
 
     def nearer(self) -> "Initializer":
-        """Return the initialiser for a face that keeps its detail while ``abstraction`` simplifies all else."""
+        """Return the initialiser for a face that keeps its detail while ``abstraction`` simplifies the rest."""
         return self
 
     def details(self) -> "Initializer | None":
-        """Return the initialiser that draws an eye or a mouth with a few strokes; None for small strokes in layers."""
+        """Return the initialiser that paints an eye or mouth with a few strokes; None for small strokes in layers."""
         return None

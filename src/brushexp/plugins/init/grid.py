@@ -32,8 +32,8 @@ class Grid(CellInitializer):
 def lattice(height: int, width: int, n: int, *, shift: bool = False) -> np.ndarray:
     """Assign each pixel (H, W) to one of exactly ``n`` nearly square cells of a lattice.
 
-    Rows differ by at most one cell. With ``shift``, rows move by a quarter of a cell, alternately right and left; cells
-    at the edge of the canvas compensate.
+    The numbers of cells in two rows differ by at most one. With ``shift``, rows are shifted by a quarter of a cell,
+    alternately right and left, and the cells at the edges of the canvas are narrower or wider.
     """
     rows = min(n, height, max(math.ceil(n / width), round(math.sqrt(n * height / width)), 1))
     counts = np.full(rows, n // rows)

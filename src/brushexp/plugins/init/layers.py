@@ -34,21 +34,22 @@ SWELLS, SWING = 4, 0.26  # pitches between turns of the calm direction; its devi
 @register("init", "layers")
 @dataclass(kw_only=True)
 class InLayers(Initializer):
-    """Places layers of strokes that follow the form, large to small, each only where the layer below lacks detail.
+    """Places layers of strokes that follow the form, from large to small, each where the layer below lacks detail.
 
-    Source: Hertzmann (1998). Each layer follows the picture blurred by the layer's brush size, and covers the areas
-    where this differs most from the layer below. Strokes bend along the direction of least change and end where the
-    picture no longer has their colour. Differs from the source: the number of strokes is exact, strokes are quadratic
-    curves, and nothing is painted between layers, because each layer is assumed to reproduce its blurred picture.
+    Source: Hertzmann (1998). Each layer follows the picture blurred in proportion to the layer's brush size, and covers
+    the areas where this blurred picture differs most from the layer below. Strokes bend along the direction of least
+    change and end where the picture's colour differs from their own. Unlike in the source, the number of strokes is
+    exact, strokes are quadratic curves, and nothing is painted between layers, because each layer is assumed to
+    reproduce its blurred picture.
 
     Args:
         layers: number of layers, from large strokes to small ones.
         ratio: ratio of a layer's stroke size to that of the layer below, 0.2 to 1.
-        cover: share of the area of the layer below that a layer covers; the rest keeps the larger strokes.
+        cover: fraction of the area of the layer below that a layer covers; the rest keeps the larger strokes.
         length: stroke length, in the layer's mean stroke spacing.
         width: stroke width, in the layer's mean stroke spacing.
-        calm: weight of a nearly horizontal direction, relative to the mean structure of the picture; it keeps strokes
-            in a sky from circling distant objects.
+        calm: weight of a nearly horizontal direction, relative to the mean structure of the picture; it prevents
+            strokes in a sky from circling distant objects.
         shadows: dependence of differences on brightness, from none (0) to Weber's law (1).
         edges: colour difference from the picture at which a stroke ends, 0 to 1; smaller values follow edges more
             closely.
@@ -106,7 +107,7 @@ class InLayers(Initializer):
         return list(map(int, counts))
 
     def _layer(self, picture: Array, flow: Array, places: Array, side: float, generator: torch.Generator) -> Strokes:
-        """Place strokes of one size at ``places`` (n, 2: x, y), in pixels, along a flow (H, W) in radians."""
+        """Place strokes of one size at ``places`` (n, 2: x, y), in pixels, along a ``flow`` (H, W), in radians."""
         n, limit = len(places), np.array([picture.shape[2], picture.shape[1]]) - 0.5
         shift = torch.randn(n, 2, generator=generator, dtype=torch.float64).numpy()
         places = (places + self.jitter * side * shift).clip(0.5, limit)
@@ -128,7 +129,7 @@ class InLayers(Initializer):
         ).map(Tensor.float)
 
     def _trace(self, picture: Array, flow: Array, places: Array, color: Array, reach: float) -> Array:
-        """Follow a flow (H, W), in radians, from places to ends (n, 2), where colours differ or the reach ends."""
+        """Trace a flow (H, W), in radians, from n places to where the colour changes or ``reach`` ends: (n, 2)."""
         point, step = places.copy(), abs(reach) / SUBSTEPS
         angle = sampled_at(flow, *point.T)
         ahead = np.sign(reach) * np.stack([np.cos(angle), np.sin(angle)], 1)
@@ -147,14 +148,14 @@ class InLayers(Initializer):
 
 
 def _level(size: Sequence[int], pitch: float, generator: torch.Generator) -> Array:
-    """Draw structure tensors (3, H, W) of trace 1 whose direction varies around the horizontal over each ``pitch``."""
+    """Sample structure tensors (3, H, W) of trace 1 with nearly horizontal directions that vary over a ``pitch``."""
     knots = torch.randn(1, 1, *(math.ceil(side / pitch) + 1 for side in size), generator=generator, dtype=torch.float64)
     swing = SWING * nn.functional.interpolate(knots, tuple(size), mode="bicubic", align_corners=True)[0, 0].numpy()
     return np.stack([np.sin(swing) ** 2, -np.sin(swing) * np.cos(swing), np.cos(swing) ** 2])
 
 
 def _places(detail: Array, cells: int, n: int) -> Array:
-    """Find the centres (n, 2: x, y) of those n of ``cells`` squares that have the largest mean ``detail`` (H, W)."""
+    """Divide ``detail`` (H, W) into ``cells``, and return the centres (n, 2: x, y) of the n with the largest means."""
     flat = lattice(detail.shape[0], detail.shape[1], cells).ravel()
     area = np.bincount(flat, minlength=cells)
     best = np.sort(np.argsort(-np.bincount(flat, detail.ravel(), cells) / area, kind="stable")[:n])
@@ -163,7 +164,7 @@ def _places(detail: Array, cells: int, n: int) -> Array:
 
 
 def _spread_to_edges(places: Array, side: float, size: Sequence[int]) -> Array:
-    """Stretch positions (n, 2: x, y) so that those half a ``side`` from the edges of the canvas move onto the edges."""
+    """Stretch positions (n, 2: x, y) so that points half a ``side`` from the canvas edges move onto the edges."""
     middle = np.array(size) / 2
     return middle + (places - middle) * (middle / np.maximum(middle - side / 2, 1))
 

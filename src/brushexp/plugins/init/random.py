@@ -15,7 +15,7 @@ from brushexp.registry import register
 @register("init", "random")
 @dataclass(kw_only=True)
 class Random(CellInitializer):
-    """Places strokes at evenly distributed random points, each filling its Voronoi cell."""
+    """Places strokes at evenly distributed random points; each stroke fills the Voronoi cell of its point."""
 
     jitter: Annotated[float, between(0, 10)] = 0.0
 

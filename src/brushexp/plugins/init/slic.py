@@ -23,9 +23,9 @@ GREY_LEVEL = 1 / 255  # standard deviation of colour below which the area of a c
 class Slic(CellInitializer):
     """Places strokes on SLIC superpixels (Achanta et al., 2012), denser in detailed and in-focus regions.
 
-    Each stroke lies at the centre of mass of its cell and has the mean colour. Differs from the source: the number is
-    exact, and a share of the cells comes from splitting the superpixels with the most variation or, with a focus, the
-    most importance.
+    Each stroke is placed at its cell's centre of mass and has the cell's mean colour. Unlike in the source, the number
+    of cells is exact, and a fraction of them is obtained by splitting the superpixels with the most variation or, with
+    a focus, the most important ones.
 
     Args:
         compactness: compactness of the superpixels; high values make them square, low values follow colours.
@@ -42,7 +42,7 @@ class Slic(CellInitializer):
 
 
 def superpixels(target: Tensor, n: int, compactness: float) -> np.ndarray:
-    """Assign each pixel (H, W) to one of about ``n`` superpixels, or to a lattice if they would have few pixels."""
+    """Assign each pixel (H, W) to one of about ``n`` superpixels, or to a lattice if the superpixels would be tiny."""
     from skimage.segmentation import slic  # noqa: PLC0415  (slow to import)
 
     _, height, width = target.shape
@@ -61,11 +61,11 @@ def superpixels(target: Tensor, n: int, compactness: float) -> np.ndarray:
 
 
 def refine_cells(labels: np.ndarray, n: int, picture: np.ndarray, focus: np.ndarray | None = None) -> np.ndarray:
-    """Split cells (H, W) into exactly ``n``, starting with the largest area times standard deviation of colour.
+    """Split cells (H, W) into exactly ``n``, those with the largest area times colour standard deviation first.
 
-    Area times variance, the squared error, does not give a higher PSNR, and leaves flat regions visibly too coarse. If
-    there are more than ``n`` cells, the smallest are merged into their neighbours. The mean ``focus`` (H, W) of a cell
-    multiplies its weight.
+    Area times variance, which is the squared error, does not give a higher PSNR and leaves flat regions visibly too
+    coarse. If there are more than ``n`` cells, the smallest are merged into neighbours. The weight of a cell is
+    multiplied by its mean ``focus`` (H, W).
     """
     height, width = labels.shape
     if labels.max() >= n:
@@ -84,10 +84,10 @@ def refine_cells(labels: np.ndarray, n: int, picture: np.ndarray, focus: np.ndar
 
 
 def _pieces(weight: np.ndarray, area: np.ndarray, n: int) -> np.ndarray:
-    """Choose the number of pieces of each cell, ``n`` in total, none smaller than a pixel.
+    """Choose the number of pieces for each cell, so that there are ``n`` pieces, none of them smaller than a pixel.
 
-    If a colour ramp is cut into p pieces, each has 1 / p of its area and 1 / p of its deviation, and so 1 / p^2 of its
-    weight; the cell whose pieces have the largest weight is split next.
+    If a cell with a colour ramp is cut into p pieces, each piece has 1 / p of the cell's area and 1 / p of its standard
+    deviation, and so 1 / p^2 of its weight. The cell whose pieces have the largest weight is split next.
     """
     pieces = np.ones(len(area), np.int64)
     heap = [(-value if size > 1 else 0.0, cell) for cell, (value, size) in enumerate(zip(weight, area, strict=True))]

@@ -1,1 +1,1 @@
-"""Loggers record the curves, pictures and numbers of a run; choose several with ``logger=csv,wandb``."""
+"""Loggers record a run's curves, pictures and metrics; choose several with ``logger=csv,wandb``."""

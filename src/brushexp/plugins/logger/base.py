@@ -1,4 +1,4 @@
-"""The contract of loggers."""
+"""Base class of loggers, which record runs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:  # Lightning takes seconds to import; --help should not
 
 @dataclass(frozen=True)
 class Run:
-    """The description of a run: folder and settings at the start, and all results at the end."""
+    """The description of a run: its folder and settings at the start, and also its results at the end."""
 
     folder: Path  # folder in which a logger writes
     name: str = ""  # number of the job in a sweep
@@ -32,17 +32,17 @@ class Run:
 
     @property
     def step(self) -> int:
-        """The last step; 0 if none was taken."""
+        """Number of the last step; 0 if no step was taken."""
         return int(self.metrics.get("steps") or 0)
 
     @property
     def numbers(self) -> dict[str, float]:
-        """The metrics that are finite numbers."""
+        """Metrics that are finite numbers, by name."""
         return {name: value for name, value in self.metrics.items() if type(value) in (int, float) and isfinite(value)}
 
     @property
     def row(self) -> dict[str, Any]:
-        """The metrics that fit into a table: all except lists."""
+        """Metrics that fit in a table row: all except lists and mappings."""
         return {name: value for name, value in self.metrics.items() if not isinstance(value, list | dict)}
 
 
@@ -63,7 +63,7 @@ class Logger(ABC):
 
     @abstractmethod
     def open(self, run: Run) -> LightningLogger:
-        """Return the Lightning logger for the curves; it is finalised after `finish`."""
+        """Return a Lightning logger for the curves, which is finalised after `finish`."""
 
     def finish(self, run: Run) -> None:  # noqa: B027
-        """Record the results of the run; called exactly once, even if the run, `open` or a curve failed."""
+        """Record the run's results; called exactly once, even if the run, `open` or the logging of a curve failed."""

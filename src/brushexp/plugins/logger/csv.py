@@ -25,7 +25,7 @@ class CsvCurves(Logger):
         before = rows_of(Path(resumed, "curves", "metrics.csv")) if resumed else []
 
         class Continued(CSVLogger):
-            """Keeps the rows of the interrupted run up to the step at which it was resumed."""
+            """Keeps the interrupted run's rows up to the step at which it was resumed."""
 
             def begin(self, rows: list[Any]) -> None:
                 table.unlink(missing_ok=True)  # Lightning would delete it, with a warning
@@ -44,5 +44,5 @@ class CsvCurves(Logger):
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:
-    """Read the rows of a table if it exists, dropping a last row that a killed process left incomplete."""
+    """Read the rows of a table, if it exists, and drop an incomplete last row left by a killed process."""
     return [row for row in read_table(path) if None not in row.values() and re.fullmatch(r"\d{1,15}", row["step"])]

@@ -1,4 +1,4 @@
-"""The contract of losses."""
+"""Base class of losses, which reduce a painting to a number to minimise."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class PaintedView:
-    """The painted view of a step, with everything that a loss may read."""
+    """The part of the canvas painted in a step, with everything that a loss may read."""
 
     image: Tensor  # (3, h, w) the region of this step in the painting, display-referred RGB in [0, 1]
     target: Tensor  # (3, h, w) target; the same object while steps view the same region
@@ -31,7 +31,7 @@ class PaintedView:
 
     @property
     def whole_target(self) -> Tensor:
-        """(3, H, W) target of the whole canvas; the same object at every step."""
+        """Target (3, H, W) of the whole canvas; it is the same object at every step."""
         return self.target if self.surroundings is None else self.surroundings.target
 
     @property
@@ -40,11 +40,11 @@ class PaintedView:
         return self.image[0].numel() / self.whole_target[0].numel()
 
     def weights(self, values: Tensor) -> Tensor | None:
-        """Resample ``focus`` (h, w) to the size of values (..., h, w), such as features; None for equal weights."""
+        """Resample ``focus`` to the size (h, w) of values (..., h, w), such as features; None for equal weights."""
         return None if self.focus is None else resample_weights(self.focus, (values.shape[-2], values.shape[-1]))
 
     def mean(self, values: Tensor) -> Tensor:
-        """Average values (..., h, w) of pixels or features, weighted by ``focus``; 0 if there are no values."""
+        """Compute the mean of values (..., h, w), such as features, weighted by ``focus``; 0 if there are no values."""
         weights = self.weights(values) if values.numel() else None
         return (values if weights is None else values * weights).sum() / max(values.numel(), 1)
 
@@ -59,7 +59,7 @@ class PaintedView:
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """The canvas around the region of a step; a single object for all steps with the same region."""
+    """The canvas around the region of a step; all steps with the same region share one object."""
 
     region: Region  # region of the step
     picture: Tensor  # (3, H, W) the whole picture as last painted, without gradient
@@ -75,14 +75,14 @@ class Surroundings:
         object.__setattr__(self, "part_focus", None if self.focus is None else self.region.of(self.focus))
 
     def widened(self, context: int, grid: int) -> Surroundings:
-        """Widen the region by ``context`` pixels; equal arguments return the same object."""
+        """Widen the region by ``context`` pixels; equal arguments yield the same object."""
         if (context, grid) not in self._wider:
             region = self.region.widened(context, (self.picture.shape[1], self.picture.shape[2]), grid)
             self._wider[context, grid] = replace(self, region=region, core=self.core or self.region, _wider={})
         return self._wider[context, grid]
 
     def paste(self, image: Tensor, place: Region) -> Tensor:
-        """Copy the region as last painted, with ``image`` (3, h, w) inserted at ``place`` on the canvas."""
+        """Return a copy of the region as last painted, with ``image`` (3, h, w) pasted at ``place`` on the canvas."""
         picture = self.region.of(self.picture).to(image.dtype, copy=True)
         inside = replace(place, top=place.top - self.region.top, left=place.left - self.region.left)
         inside.of(picture).copy_(image)
@@ -106,11 +106,11 @@ class Loss(nn.Module, ABC):
     >>> MeanColour.facts()["gradient"]
     'picture'
 
-    ``looks_at`` is one of three: "pixels", a mean over the pixels of ``view.image``, weighted by the focus, in which a
-    part of the canvas counts in proportion to its pixels; "canvas", a value of the whole canvas, computed with
-    ``view.surroundings``; or "strokes", without gradient in the picture. The last two ignore the focus. With
-    ``context``, the loss receives its region with this many pixels around it, starting at multiples of ``grid`` pixels,
-    the stride of a network.
+    ``looks_at`` has one of three values: "pixels" for a mean over the pixels in ``view.image``, weighted by the focus,
+    to which each part of the canvas contributes in proportion to its area; "canvas" for a value of the whole canvas,
+    computed with ``view.surroundings``; or "strokes" for a loss without a gradient in the picture. The last two kinds
+    ignore the focus. With ``context``, the loss receives its region widened by this many pixels, starting at multiples
+    of ``grid`` pixels, which is the stride of a network.
 
     Args:
         weight: factor in the sum of losses; logs show the unweighted loss.
@@ -132,10 +132,10 @@ class Loss(nn.Module, ABC):
 
     @abstractmethod
     def forward(self, view: PaintedView) -> Tensor:
-        """Compute a scalar, 0 for a perfect painting."""
+        """Compute the loss, a scalar that is 0 for a perfect painting."""
 
     def of_target(self, target: Tensor, compute: Callable[[Tensor], T], key: Hashable = None) -> T:
-        """Return ``compute(target)`` without gradient, cached by ``key`` until the target changes."""
+        """Return ``compute(target)``, without gradient, and cache it by ``key`` until the target changes."""
         if target is not self._target:  # a reference, so that no other object can get the same identity
             self._target, self._results = target, {}
         if key not in self._results:
@@ -154,21 +154,21 @@ class Loss(nn.Module, ABC):
 
 
 class StyleLoss(Loss):
-    """A loss that compares a painting with a picture of another painting."""
+    """A loss that compares the style of a painting with that of a style picture."""
 
     colors: str  # "style": the target takes the colours of the style picture; "content": vice versa
 
     @abstractmethod
     def check(self, size: tuple[int, int]) -> int:
-        """Return the longer side of the style picture for a canvas of ``size`` (H, W), or raise a UserError."""
+        """Return the style picture's longer side for a canvas of ``size`` (H, W), or raise a UserError."""
 
     @abstractmethod
     def picture(self, target: Tensor) -> Tensor:
-        """Load the style picture (3, h, w) for a whole target (3, H, W)."""
+        """Load the style picture (3, h, w) for the target (3, H, W) of the whole canvas."""
 
     @abstractmethod
     def measure(self, picture: Tensor, target: Tensor) -> dict[str, float]:
-        """Measure the distances of a picture (3, H, W) from the style, by name."""
+        """Measure the distances between a picture (3, H, W) and the style, by name."""
 
 
 class BrushworkLoss(Loss):
@@ -176,11 +176,11 @@ class BrushworkLoss(Loss):
 
     @abstractmethod
     def arrange(self, strokes: Strokes, size: tuple[int, int], generator: torch.Generator) -> Strokes:
-        """Give initial strokes, on a canvas of ``size`` (H, W), the shapes of the other painting's strokes."""
+        """Give the initial strokes, on a canvas of ``size`` (H, W), the shapes of the other painting's strokes."""
 
 
 def state_of(losses: Mapping[str, Loss]) -> dict[str, dict[str, Any]]:
-    """Copy the states of losses, by name."""
+    """Copy the state of each loss, by name."""
     return {name: deepcopy(loss.state_dict()) for name, loss in losses.items()}
 
 

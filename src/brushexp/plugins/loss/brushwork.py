@@ -1,7 +1,7 @@
-"""Transfer brushwork: a loss on lengths, widths, curvatures and directions, and reshaped initial strokes.
+"""Transfer brushwork with a loss on lengths, widths, curvatures and directions, and by reshaping initial strokes.
 
-Sizes are in pitches, sqrt(pixels of the canvas / number of strokes), so that strokes cover the new picture as densely
-as their original.
+Sizes are in pitches, sqrt(number of pixels / number of strokes), so that strokes cover the new picture as densely as
+the reference painting.
 """
 
 from dataclasses import dataclass, replace
@@ -31,17 +31,18 @@ MATCHED = ("length", "width", "curvature", "coherence")  # measures that `distan
 
 @register("loss", "brushwork")
 class BrushworkTransfer(BrushworkLoss):
-    """Optimal transport distance of lengths, widths, curvatures and directional coherence to a reference painting.
+    """Optimal transport distance from a reference painting in stroke length, width, curvature and coherence.
 
-    The loss sums, over these four measures (``strokes.measures``, reported by `task=analyse`), the squared
-    2-Wasserstein distance between their distributions in both paintings, in units of the variance in the reference. It
-    uses all strokes at every step; strokes too faint or too thin to be visible are ignored and get no gradient.
-    ``style.brushwork`` adds this loss and shapes the initial strokes accordingly.
+    For each of these four measures (``strokes.measures``, reported by `task=analyse`), the squared 2-Wasserstein
+    distance between the distributions in the two paintings is computed, in units of the variance in the reference; the
+    loss is the sum of the four. Coherence is 1 where a stroke and its neighbours are parallel. All strokes are used at
+    every step; strokes too faint or too thin to be visible are ignored and get no gradient. ``style.brushwork`` adds
+    this loss and shapes the initial strokes accordingly.
 
     Args:
         weight: factor in the sum of losses. For a reference of long, nearly straight strokes, ``style.brushwork`` with
-            the default brought distances of 1.4 (length), 0.3 (width), 1.8 (curvature) and 0.7 (coherence) standard
-            deviations down to 0.06 and less; the PSNR was 0.9 dB lower.
+            the default reduced distances of 1.4 (length), 0.3 (width), 1.8 (curvature) and 0.7 (coherence) standard
+            deviations to at most 0.06; the PSNR was 0.9 dB lower.
         catalogue: catalogue.h5 of the reference painting; null for a loss of 0.
     """
 
@@ -66,7 +67,7 @@ class BrushworkTransfer(BrushworkLoss):
 
 @dataclass(frozen=True)
 class Brushwork:
-    """A sample of M strokes; in every tensor except the last, row i is one stroke."""
+    """Brushwork of M strokes; in every tensor except the last, row i describes one stroke."""
 
     length: Tensor  # (M,) arc length, pitches
     width: Tensor  # (M,) thickness, pitches
@@ -78,12 +79,12 @@ class Brushwork:
         return self.length.shape[0]
 
     def to(self, like: Tensor) -> "Brushwork":
-        """Convert to the dtype and the device of ``like``."""
+        """Convert the tensors to the dtype and the device of ``like``."""
         return Brushwork(**{name: value.to(like) for name, value in vars(self).items()})
 
 
 def load_brushwork(path: Path, option: str = OPTION) -> Brushwork:
-    """Measure the brushwork of a saved catalogue; ``option`` is the key of the path, for messages."""
+    """Measure the brushwork in a saved catalogue; ``option`` is the key of the path, for messages."""
     from brushexp.strokes.storage import load_catalogue  # noqa: PLC0415  (slow to import)
 
     saved = load_catalogue(path, option)
@@ -95,7 +96,7 @@ def load_brushwork(path: Path, option: str = OPTION) -> Brushwork:
 
 @torch.no_grad()
 def brushwork_of(strokes: Strokes, size: tuple[int, int]) -> Brushwork:
-    """Measure the brushwork of visible strokes on a canvas (H, W); raise a UserError for fewer than `MIN_STROKES`."""
+    """Measure the visible strokes on a canvas of ``size`` (H, W); raise a UserError for fewer than `MIN_STROKES`."""
     pitch = pitch_of(strokes, size)
     counted = strokes[is_visible(strokes, pitch)]
     if len(counted) < MIN_STROKES:
@@ -117,7 +118,7 @@ def brushwork_of(strokes: Strokes, size: tuple[int, int]) -> Brushwork:
 
 
 def measures_to_match(strokes: Strokes, pitch: float) -> Tensor:
-    """Compute the measures `MATCHED` (4, N): logarithms of length and width in pitches + 0.1, curvature, coherence."""
+    """Compute the measures `MATCHED` (4, N): logs of length + 0.1 and width + 0.1 (pitches), curvature, coherence."""
     shape = shape_of(strokes)
     sizes = torch.stack([length_of(shape), 2 * half_width_of(strokes)]) / pitch
     coherence = ruler.coherence_of(ruler.direction_of(shape), ruler.neighbours_of(strokes, shape))
@@ -125,7 +126,7 @@ def measures_to_match(strokes: Strokes, pitch: float) -> Tensor:
 
 
 def transport_cost(values: Tensor, reference: Tensor) -> Tensor:
-    """Compute exact squared 2-Wasserstein distances (R,) between samples (R, N) and ascending samples (R, M)."""
+    """Compute exact squared 2-Wasserstein distances (R,) between samples (R, N) and sorted samples (R, M)."""
     n, m = values.shape[1], reference.shape[1]
     ends = torch.cat([torch.arange(1, n + 1) * m, torch.arange(1, m + 1) * n]).unique()  # steps end here, in 1 / (n m)
     ends = ends.to(values.device)
@@ -136,7 +137,7 @@ def transport_cost(values: Tensor, reference: Tensor) -> Tensor:
 
 
 def distances(strokes: Strokes, size: tuple[int, int], reference: Brushwork) -> Tensor:
-    """Compute squared 2-Wasserstein distances (4,) of `MATCHED`, in units of the reference's variance."""
+    """Compute the squared 2-Wasserstein distance (4,) in each of `MATCHED`, in units of the reference's variance."""
     pitch = pitch_of(strokes, size)
     visible = is_visible(strokes, pitch)
     counted = strokes if bool(visible.all()) else strokes[visible]
@@ -150,11 +151,11 @@ def distances(strokes: Strokes, size: tuple[int, int], reference: Brushwork) -> 
 def with_brushwork(
     strokes: Strokes, reference: Brushwork, size: tuple[int, int], generator: torch.Generator
 ) -> Strokes:
-    """Give strokes the lengths, widths, bends and directions of a reference, keeping position, colour and opacity.
+    """Give strokes the lengths, widths, bends and directions of a reference; keep position, colour and opacity.
 
-    Each stroke gets the shape of one reference stroke; all reference strokes are used equally often, as far as
-    possible. Larger shapes go where ``strokes`` are larger. Directions are relative to the mean direction of the
-    neighbours, and each stroke bends towards the side to which that direction turns along it.
+    Each stroke gets the shape of one reference stroke, and all reference strokes are used equally often, as far as
+    possible. Larger shapes are assigned to larger ``strokes``. Directions are relative to the mean direction of the
+    neighbouring strokes, and each stroke bends towards the side to which this mean direction turns along the stroke.
     """
     if not len(strokes):
         return strokes
@@ -175,7 +176,7 @@ def with_brushwork(
 
 
 def _assign(strokes: Strokes, reference: Brushwork, generator: torch.Generator) -> Tensor:
-    """Assign a row (N,) of the reference to each stroke."""
+    """Assign a row of the reference to each stroke: (N,)."""
     n, m = len(strokes), len(reference)
     rows = torch.cat([torch.arange(m).repeat(n // m), torch.randperm(m, generator=generator)[: n % m]])
     thickness = 2 * half_width_of(strokes)
@@ -188,7 +189,7 @@ def _assign(strokes: Strokes, reference: Brushwork, generator: torch.Generator) 
 
 
 def _flow_at(points: Tensor, strokes: Strokes) -> Tensor:
-    """Compute the mean doubled direction (Q,), a complex number, of the strokes nearest to each point (Q, 2)."""
+    """Compute the mean doubled direction (Q,), as a complex number, of the strokes nearest to each point (Q, 2)."""
     shape = shape_of(strokes)
     near = ruler.nearest_strokes(points, strokes.position + ruler.centre_of(shape), exclude_self=False)
     return torch.view_as_complex(ruler.mean_direction(ruler.direction_of(shape), near))

@@ -11,12 +11,12 @@ from brushexp.system.precision import at_least_single
 
 @register("loss", "curvature")
 class Curvature(Loss):
-    """Mean total curvature of the strokes: the turn from end to end in radians; 0 if all strokes are straight.
+    """Mean total curvature of the strokes, the turn from start to end in radians; 0 if all strokes are straight.
 
-    Source: Kotovenko et al., 2021, arXiv:2103.17185, who penalise |(s - c) + (e - c)| / |e - s|. Differs from the
-    source: this is the total curvature that `task=analyse` reports (`strokes.measures.curvature_of`), twice the arc
-    tangent of the source's quantity for symmetric strokes; it is at most pi, and ignores the position of a control
-    point along a straight line.
+    Source: Kotovenko et al., 2021, arXiv:2103.17185, who penalise |(s - c) + (e - c)| / |e - s|. Unlike the source,
+    this loss uses the total curvature that `task=analyse` reports (`strokes.measures.curvature_of`). For symmetric
+    strokes, it is twice the arc tangent of the source's quantity; it is at most pi, and it does not depend on where the
+    control point is along a straight stroke.
 
     Args:
         weight: factor in the sum of losses; the source's 4 applies to other units. On a portrait, the mean was 1.26 rad

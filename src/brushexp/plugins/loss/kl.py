@@ -1,4 +1,4 @@
-"""Kullback-Leibler divergence between the distributions of bends of the strokes and of valid strokes."""
+"""Penalise the divergence between the distribution of the strokes' bends and that of valid strokes."""
 
 from torch import Tensor
 
@@ -12,12 +12,13 @@ SHRINK = 1e-3  # fraction of the prior's covariance that is mixed into the measu
 
 @register("loss", "kl")
 class KullbackLeibler(Loss):
-    """Kullback-Leibler divergence between the bends of strokes and of valid strokes (thesis 2020, eq. 6.26 to 6.37).
+    """Kullback-Leibler divergence of the strokes' bends from those of valid strokes (thesis 2020, eq. 6.26 to 6.37).
 
-    The control point of each stroke, along and across s - e, from the middle between s and e, in units of |s - e|, has
-    mean mu and covariance S over the strokes; the loss is KL(N(mu, S) || N(0, T)), T = diag(1/200, 1/25). Differs from
-    the source: S is (1 - 1/1000) of the measured covariance plus 1/1000 of T, so that loss and gradient are finite for
-    a single stroke or equal strokes; the minimum stays at mu = 0 and S = T. The source prints S and T exchanged.
+    The position of each stroke's control point is measured from the midpoint of s and e, along and across s - e, in
+    units of |s - e|. It has the mean mu and the covariance S over all strokes; the loss is KL(N(mu, S) || N(0, T)) with
+    T = diag(1/200, 1/25). Unlike in the source, S is (1 - 1/1000) of the measured covariance plus 1/1000 of T, so that
+    the loss and its gradient are finite for a single stroke or equal strokes; the minimum stays at mu = 0 and S = T. In
+    the source's formula, S and T are swapped.
 
     Args:
         weight: factor in the sum of losses. For 500 strongly bent strokes, the divergence ended at 51 with ``mse``

@@ -1,4 +1,4 @@
-"""The mean absolute error."""
+"""Penalise the mean absolute error."""
 
 from torch import Tensor
 

@@ -1,4 +1,4 @@
-"""The mean squared error."""
+"""Penalise the mean squared error."""
 
 from torch import Tensor
 
@@ -10,7 +10,7 @@ from brushexp.registry import register
 class MeanSquaredError(Loss):
     """Mean squared difference over pixels and channels.
 
-    Source: thesis 2020, eq. 6.22, which sums over the three channels and so is three times as large.
+    Source: thesis 2020, eq. 6.22, which sums over the three channels and is therefore three times as large.
     """
 
     cost = "1.0 x mse"

@@ -1,4 +1,4 @@
-"""Compare pictures by the features of a network."""
+"""Compare pictures in the feature space of a network."""
 
 import math
 from typing import Annotated
@@ -18,12 +18,12 @@ SHIFTS = ((0, 0), (1, 2), (2, 1), (3, 3))  # (x, y) in pixels, modulo jitter + 1
 
 @register("loss", "perceptual")
 class Perceptual(Loss):
-    """Perceptual loss (Johnson et al.): mean squared difference of the features of a network.
+    """Perceptual loss (Johnson et al.): mean squared difference between the network features of two pictures.
 
-    Source: thesis 2020, eq. 6.23, which uses the fourth block of VGG16 and sums over the C channels of a tap, so it is
-    C times as large. Differs from the source: the default network is the bundled ``effl0``; several taps have equal
-    weight; and the picture is jittered, because a network with a stride of two pixels cannot see errors of that period
-    (3 pixels of jitter alone gave 1.5 dB more PSNR on two pictures).
+    Source: thesis 2020, eq. 6.23, which uses the fourth block of VGG16 and sums over the C channels of a tap, so that
+    it is C times as large. Unlike in the source, the default network is the bundled ``effl0``; several taps have equal
+    weights; and the pictures are jittered, because a network with a stride of two pixels cannot detect errors of that
+    period (3 pixels of jitter alone gave 1.5 dB more PSNR on two pictures).
 
     Args:
         weight: factor in the sum of losses. With the default, the gradient in the picture is about as long as that of
@@ -66,7 +66,7 @@ class Perceptual(Loss):
         return torch.stack(terms).mean() * (self._enlargement(view.image) / self._enlargement(view.whole_target))
 
     def _enlargement(self, picture: Tensor) -> float:
-        """Compute the ratio of the areas with and without the margin for shifts."""
+        """Compute the ratio between the areas with and without the margin for shifts."""
         return math.prod((side + self.jitter) / side for side in picture.shape[1:])
 
     def _features(self, picture: Tensor, shift: tuple[int, int]) -> list[Tensor]:

@@ -11,10 +11,10 @@ from brushexp.registry import register
 class StructuralSimilarity(Loss):
     """1 - SSIM (structural similarity, Wang et al.): compares local means, contrasts and structures.
 
-    Source: Wang et al., 2004, with their Gaussian window of 11 x 11 pixels. As in torchmetrics, the border is mirrored
-    and channels are averaged. Differs from the source: on a side of n < 6 pixels the window has 2 n - 1 pixels, so that
-    every picture has a value; and SSIM is computed from the difference of the pictures, which is exact where they are
-    equal.
+    Source: Wang et al., 2004, with their Gaussian window of 11 x 11 pixels. Like torchmetrics, this loss mirrors the
+    border and averages over channels. Unlike in the source, the window has 2 n - 1 pixels along a side of n < 6 pixels,
+    so that every picture has a value; and SSIM is computed from the difference between the pictures, which is exact
+    where they are equal.
 
     Args:
         weight: factor in the sum of losses. With the default, the gradient in the picture is about as long as that of

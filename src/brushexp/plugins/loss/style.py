@@ -28,10 +28,10 @@ Embedding = Callable[[Tensor], Tensor]  # features (C, P) at P positions -> sum 
 
 
 def waves_for(sample: Tensor) -> Embedding:
-    """Make random Fourier features (Rahimi and Recht, 2007) of the kernel exp(-|f - g|^2 / (2 s^2)).
+    """Create random Fourier features (Rahimi and Recht, 2007) for the kernel exp(-|f - g|^2 / (2 s^2)).
 
-    The bandwidth s is the median distance in a sample (C, P) of the style, and at least a thousandth of the features'
-    length. The seed is fixed, so the waves are the same in every run.
+    The bandwidth s is the median distance between features in a sample (C, P) of the style, and at least a thousandth
+    of the features' root mean square length. The seed is fixed, so the features are the same in every run.
     """
     sample = sample[:, :: max(1, sample.shape[1] // BANDWIDTH_POSITIONS)].double()
     least = 1e-3 * sample.square().sum(0).mean().sqrt() + MIN_FEATURE_POWER
@@ -48,7 +48,7 @@ def waves_for(sample: Tensor) -> Embedding:
 
 
 class FeatureKernel(NamedTuple):
-    """A kernel of features (C, P): its embedding, based on a style sample, and the sum of k(f, f) over positions."""
+    """A kernel on features (C, P): its embedding, based on a style sample, and the sum of k(f, f) over positions."""
 
     embedding: Callable[[Tensor], Embedding]
     power: Callable[[Tensor], Tensor] = lambda features: features.square().sum()
@@ -63,7 +63,7 @@ KERNELS = {
 
 
 class TapStyle(NamedTuple):
-    """The style at one tap: its mean embedding, and its mean k(f, f) as the unit."""
+    """The style at one tap: its mean embedding, and the mean of k(f, f), which is the unit."""
 
     kernel: str
     embed: Embedding
@@ -71,12 +71,12 @@ class TapStyle(NamedTuple):
     mean: Tensor = torch.empty(0)
 
     def sums(self, features: Tensor) -> Tensor:
-        """Sum the positions and embeddings (1 + E,) of features (C, P), in double precision."""
+        """Return the number of positions and the summed embedding (1 + E,) of features (C, P), in double precision."""
         total = self.embed(features).double()
         return torch.cat([total.new_full((1,), features.shape[1]), total])
 
     def discrepancy(self, sums: Tensor) -> Tensor:
-        """Compute the squared distance between the mean embeddings of the style and of a picture, given ``sums``."""
+        """Compute the squared distance between the mean embeddings of the style and a picture with these ``sums``."""
         ours, theirs = sums[1:] / sums[0], self.mean
         if self.kernel == "meanstd":
             ours, theirs = (self._mean_and_deviation(moments) for moments in (ours, theirs))
@@ -89,7 +89,7 @@ class TapStyle(NamedTuple):
 
 @register("loss", "style")
 class Style(StyleLoss):
-    """Style loss relative to a style picture, by Gram matrices and other kernels (Gatys et al., Li et al.).
+    """Style loss with respect to a style picture, with Gram matrices or other kernels (Gatys et al., Li et al.).
 
     The loss is |E phi(f) - E phi(f_style)|^2 / E k(f_style, f_style), averaged over the taps, where E is the mean over
     the positions of a picture, f a feature vector (C,) and phi the embedding of the kernel. This is the squared maximum
@@ -98,18 +98,18 @@ class Style(StyleLoss):
     at 256 pixels.
 
     Source: Gatys et al. (2016) for poly; Li et al. (2017), "Demystifying neural style transfer", arXiv:1701.01036, for
-    the others (meanstd is their matching of batch norms' statistics); Rahimi and Recht (2007) for the random Fourier
-    features; thesis 2020, eq. 6.38: sum of w_l / (4 N^2 M^2) |G - A|^2. Differs from the thesis: sums over positions
-    are means, and the style's own magnitude replaces 1 / (4 N^2) and w_l, so that taps count equally.
+    the others (meanstd is their matching of batch norm statistics); Rahimi and Recht (2007) for the random Fourier
+    features; thesis 2020, eq. 6.38: sum of w_l / (4 N^2 M^2) |G - A|^2. Unlike in the thesis, sums over positions are
+    replaced by means, and 1 / (4 N^2) and w_l by the magnitude of the style itself, so that all taps have equal weight.
 
     Statistics cover the whole picture even if a step works on a part of it: they are the sums over the canvas as last
-    painted, minus the old sums of the part, plus its current sums. They ignore the focus.
+    painted, minus the part's old sums, plus its current sums. They ignore the focus.
 
     Args:
         weight: factor in the sum of losses. With ``mse`` at a weight of 1 (``style.content=1``), 0.1 gives a photograph
             with a trace of the style, 1 a painting with a clear subject, and 10 a painting whose subject can be
             guessed.
-        image: style picture, a path or the name of a sample; null uses the target itself.
+        image: style picture, given as a path or the name of a sample; null uses the target itself.
         kernel: statistics to compare: poly (f f^T, the Gram matrix), linear (means of channels), gaussian (256 waves
             sqrt(2/D) cos(W f + b), with the median distance of the style's positions as bandwidth) or meanstd (means
             and standard deviations).
@@ -118,8 +118,8 @@ class Style(StyleLoss):
         taps: activations to compare; null or [] uses stem, b0, b2 and b4 of effl0, or relu1_1 to relu4_1 of VGG16.
         scale: longer side of the style picture relative to that of the canvas; smaller values make its strokes finer.
             Neither side may be shorter than the context of the network (32 pixels for effl0).
-        colors: source of the colours: style keeps the colours of the style picture; content first gives it the target's
-            colours.
+        colors: source of the colours: style keeps the colours of the style picture; content first maps them to the
+            target's colours.
     """
 
     cost = "5.4 x mse"
@@ -149,7 +149,7 @@ class Style(StyleLoss):
         self._rest: list[Tensor] = []  # sums over the canvas without the current part
 
     def check(self, size: tuple[int, int]) -> int:
-        """Compute the longer side of the style picture."""
+        """Compute the style picture's longer side."""
         side = max(1, round(self.scale * max(size)))
         height, width = size if self.image is None else size_of_picture(self.image, "style", side)
         if (short := min(height, width)) < self.context and self.image is not None:
@@ -199,7 +199,7 @@ class Style(StyleLoss):
 
     @torch.no_grad()
     def _turn_to(self, around: Surroundings, styles: list[TapStyle]) -> None:
-        """Update the sums over the canvas, and subtract those over the region of the next steps."""
+        """Update the sums over the canvas, and subtract the sums over the region of the next steps."""
         last = self._surroundings
         if last is None or last.picture is not around.picture or last.target is not around.target:
             self._canvas = around.picture.clone()
@@ -218,7 +218,7 @@ class Style(StyleLoss):
         return [style.sums(features[tap][0].flatten(1)) for style, tap in zip(styles, self.taps, strict=True)]
 
     def _tiled_sums(self, styles: list[TapStyle], picture: Tensor) -> list[Tensor]:
-        """Compute the `_sums` of a picture of any size within the memory of a single tile."""
+        """Compute the `_sums` of a picture of any size, using only as much memory as a single tile needs."""
         tiles = self.network.tiled(picture, self.taps)
         sums = ([style.sums(part) for style, part in zip(styles, tile, strict=True)] for tile in tiles)
         return [torch.stack(parts).sum(0) for parts in zip(*sums, strict=True)]
@@ -229,6 +229,6 @@ def _distance(styles: list[TapStyle], sums: list[Tensor]) -> Tensor:
 
 
 def _sample_and_power(features: Tensor, kernel: str) -> tuple[Tensor, float, int]:
-    """Return some positions of features (C, P), the sum of k(f, f) over all positions, and their number."""
+    """Return features (C, P) at some positions, the sum of k(f, f) over all positions, and the number of positions."""
     step = max(1, features.shape[1] // BANDWIDTH_POSITIONS)
     return features[:, ::step], float(KERNELS[kernel].power(features.double())), features.shape[1]

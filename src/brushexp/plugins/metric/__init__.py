@@ -1,1 +1,1 @@
-"""Metrics rate a finished painting by a number; choose several with ``'metric=[psnr,ssim]'``."""
+"""Metrics measure the quality of a finished painting; choose several with ``'metric=[psnr,ssim]'``."""

@@ -1,4 +1,4 @@
-"""The contract of metrics."""
+"""Base class of metrics, which measure the quality of a finished painting."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -27,8 +27,8 @@ class Comparison:
 class Metric(ABC):
     """Measures the quality of a finished painting.
 
-    Class attributes define how tables, plots and pages show the metric, after those in `STANDARD`; report.html explains
-    it with the first line of its docstring.
+    Class attributes define how the metric is shown in tables, plots and pages, where it follows the metrics in
+    `STANDARD`. The page report.html explains it with the first line of its docstring.
 
     >>> import torch
     >>> class Brightness(Metric):
@@ -53,7 +53,7 @@ class Metric(ABC):
 
     @abstractmethod
     def __call__(self, comparison: Comparison) -> float | None:
-        """Compute the metric, best for two equal pictures; None if it is undefined for these pictures."""
+        """Compute the metric, which is best for two equal pictures; None if it is undefined for these pictures."""
 
     @classmethod
     def facts(cls) -> dict[str, str]:

@@ -8,9 +8,9 @@ from brushexp.registry import register
 
 @register("metric", "edges")
 class EdgeError(Metric):
-    """Mean absolute error (L1) of the differences between neighbouring pixels, which measures how well edges are kept.
+    """Mean absolute error (L1) in the differences between neighbouring pixels, which measures how well edges are kept.
 
-    It is undefined for a picture of one pixel.
+    It is undefined for a picture that consists of a single pixel.
     """
 
     title = "error of edges"

@@ -1,4 +1,4 @@
-"""The mean absolute difference as a metric."""
+"""Measure the mean absolute difference."""
 
 from brushexp.plugins.metric.base import Comparison, Metric
 from brushexp.registry import register

@@ -1,4 +1,4 @@
-"""The peak signal-to-noise ratio."""
+"""Measure the peak signal-to-noise ratio."""
 
 from brushexp.pictures.similarity import psnr_of
 from brushexp.plugins.metric.base import Comparison, Metric

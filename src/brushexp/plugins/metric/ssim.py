@@ -1,4 +1,4 @@
-"""Structural similarity as a metric."""
+"""Measure the structural similarity."""
 
 from brushexp.pictures.similarity import RADIUS, dissimilarity, statistics
 from brushexp.plugins.metric.base import Comparison, Metric

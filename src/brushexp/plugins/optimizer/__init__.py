@@ -1,1 +1,1 @@
-"""Optimisers move strokes, given their gradients; choose one with ``optimizer=adam``."""
+"""Optimisers move strokes along their gradients; choose one with ``optimizer=adam``."""

@@ -1,4 +1,4 @@
-"""The contract of optimisers."""
+"""Base class of optimisers, which move the strokes."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
@@ -7,7 +7,7 @@ from torch import nn, optim
 
 
 class Optimizer(ABC):
-    """Moves the strokes.
+    """Moves the strokes, with a learning rate that depends on the progress.
 
     >>> import torch
     >>> class Descent(Optimizer):
@@ -24,8 +24,8 @@ class Optimizer(ABC):
 
     @abstractmethod
     def over(self, parameters: Iterable[nn.Parameter]) -> optim.Optimizer:
-        """Make a PyTorch optimiser for these parameters."""
+        """Create a PyTorch optimiser for these parameters."""
 
     @abstractmethod
     def share(self, progress: float) -> float:
-        """Return the fraction of the full learning rate at a ``progress`` of a stage, from 0 to below 1."""
+        """Return the fraction of the full learning rate at this ``progress`` of a stage, 0 or more and below 1."""

@@ -23,21 +23,23 @@ LIBRARIES = {"torch": "torch.optim", "pytorch_optimizer": "pytorch_optimizer"}  
 
 @register("optimizer", "torch")
 class TorchOptim(Optimizer):
-    """Any class of torch.optim by name, with a unit for each field and a schedule; presets exist for common classes.
+    """Any optimiser of torch.optim, with a unit for each field and a schedule; presets exist for common classes.
 
-    The compiled blend has no second derivatives, which AdaHessian and SophiaH need. A field of N strokes is a tensor
-    (N, 2), (N, 3) or (N,); for classes with a matrix per dimension, set ``options`` that exclude the dimension of N.
+    AdaHessian and SophiaH need second derivatives, which the compiled blend does not provide. A field of N strokes is a
+    tensor (N, 2), (N, 3) or (N,); for classes that keep a matrix per dimension, set ``options`` that exclude the
+    dimension N.
 
     Args:
-        name: name of a class in the library, such as Adam, NAdam or Adagrad.
-        library: library of the class: torch, or pytorch_optimizer (an extra) with SOAP, Kron, Adan and a hundred more.
+        name: name of a class in ``library``, such as Adam, NAdam or Adagrad.
+        library: library that contains the class: torch, or pytorch_optimizer (an extra) with SOAP, Kron, Adan and a
+            hundred more.
         lr: learning rate; ``units`` scales it for each field.
-        units: unit of each field. ``lr`` times the unit is about the size of a step of Adam, in half-windows for
-            position and points, and in fractions of the window for width and softness. A unit of 0 freezes a field.
+        units: unit of each field. For Adam, ``lr`` times the unit is about the size of a step, in half-windows for the
+            position and the points, and in fractions of the window for width and softness. A unit of 0 freezes a field.
         schedule: schedule after ``hold``: constant, linear (to 0) or cosine (to 0).
-        hold: fraction of the steps at the full rate before it falls; at 1 it never falls.
-        warmup: fraction of the steps in which the rate first rises from 0.
-        options: further arguments of the class, such as ``{betas: [0.9, 0.99]}``.
+        hold: fraction of the steps after which the learning rate begins to fall; at 1 it never falls.
+        warmup: fraction of the steps over which the learning rate first rises from 0.
+        options: further arguments for the class, such as ``{betas: [0.9, 0.99]}``.
     """
 
     def __init__(
@@ -94,7 +96,7 @@ class Lbfgs(optim.LBFGS):
 
 
 def class_of(library: str, name: str, options: dict[str, Any]) -> Callable[..., optim.Optimizer]:
-    """Find a class by name in a library; raise a UserError for options that the library would silently ignore."""
+    """Find a class by name in a library; raise a UserError if it would silently ignore one of the options."""
     try:
         module = vars(importlib.import_module(LIBRARIES[library]))
     except ImportError as error:

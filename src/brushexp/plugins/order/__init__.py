@@ -1,1 +1,1 @@
-"""Orders decide which stroke lies on top; choose one with ``order=area``."""
+"""Orders decide which strokes are on top of others; choose one with ``order=area``."""

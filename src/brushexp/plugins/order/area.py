@@ -15,11 +15,11 @@ from brushexp.strokes.catalogue import Strokes
 @register("order", "area")
 @dataclass(kw_only=True)
 class Area(Order):
-    """Puts small strokes on top of large strokes, as painters work from the general to the particular.
+    """Puts small strokes on top of large strokes, as painters do, who work from the general to the particular.
 
     Args:
-        every: number of steps between two computations of the order, at least 1.
-        until: share of a stage's steps after which the order is fixed, 0 to 1.
+        every: number of steps after which the order is recomputed, at least 1.
+        until: fraction of a stage's steps after which the order is fixed, 0 to 1.
     """
 
     every: Annotated[int, at_least(1)] = 50

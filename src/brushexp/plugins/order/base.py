@@ -1,4 +1,4 @@
-"""The contract of orders."""
+"""Base class of orders, which decide which strokes are on top of others."""
 
 from abc import ABC, abstractmethod
 
@@ -11,10 +11,10 @@ RENEWED_SHARE = 0.5  # default share of a stage's steps after which the order is
 
 
 class Order(ABC):
-    """Decides which stroke lies on top. Depth is not a parameter: it is computed and has no gradient.
+    """Decides which strokes are on top of others; depth is not a parameter, but is computed without a gradient.
 
-    After the fraction ``until`` of a stage's steps, the order is fixed, because strokes whose rank changes late do not
-    recover (a loss of up to 1.4 dB in a run of 60 steps).
+    After a fraction ``until`` of a stage's steps, the order is fixed, because strokes whose rank changes late do not
+    recover (this cost up to 1.4 dB in a run of 60 steps).
 
     >>> class Brightest(Order):
     ...     every, until = 10, 0.5
@@ -34,17 +34,17 @@ class Order(ABC):
 
     @abstractmethod
     def depth(self, strokes: Strokes, accuracy: Tensor | None) -> Tensor:
-        """Compute the height (N,) of each stroke: higher strokes lie on top; among equals, the later stroke does.
+        """Compute the height (N,) of each stroke; higher strokes are on top, and so is the later of equal strokes.
 
         ``accuracy`` (N,) is 1 - (sum over pixels of alpha |color - target|^2) / (sum of alpha), where alpha is the
-        stroke's own, hidden or not. It is None before the first step or if it is not needed.
+        stroke's own alpha, whether hidden or not. It is None before the first step or if it is not needed.
         """
 
     def due(self, done: int, steps: int) -> bool:
-        """Return whether to recompute the depth after ``done`` of a stage's ``steps``; always at the start."""
+        """Return whether to recompute the depth after ``done`` of a stage's ``steps``; True at the start."""
         return done % self.every == 0 and (done == 0 or done < self.until * steps)
 
 
 def front_to_back(depth: Tensor) -> Tensor:
-    """Sort strokes by depth: indices (N,), top stroke first; of equal depths, the later stroke first."""
+    """Return the indices (N,) that sort strokes by depth, top stroke first, and the later of equal strokes first."""
     return len(depth) - 1 - torch.argsort(depth.flip(0), descending=True, stable=True)

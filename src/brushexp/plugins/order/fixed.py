@@ -10,7 +10,7 @@ from brushexp.strokes.catalogue import Strokes
 
 @register("order", "fixed")
 class FixedOrder(Order):
-    """Keeps the stroke order of the catalogue, with its last stroke on top."""
+    """Keeps the stroke order of the catalogue, whose last stroke is on top."""
 
     every = 2**31  # never again
 

@@ -1,1 +1,1 @@
-"""Painters turn a target into strokes, state by state; choose one with ``painter=gradient``."""
+"""Painters approximate a target with strokes, state by state; choose one with ``painter=gradient``."""

@@ -1,4 +1,4 @@
-"""The contract of painters."""
+"""Base class of painters, which approximate a target with strokes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from brushexp.strokes.catalogue import Strokes
 
 @dataclass(frozen=True)
 class PaintRequest:
-    """The request to a painter: the target, the number of strokes and the settings of the painting."""
+    """The input of a painter: the target, the number of strokes and the settings of the painting."""
 
     target: Tensor  # (3, H, W) in [0, 1], display-referred RGB
     n: int  # largest number of strokes, 1 to H * W
@@ -49,10 +49,11 @@ class PaintState:
 
 
 class Painter(ABC):
-    """Paints a picture from the bare canvas to the last stroke.
+    """Paints a picture, starting from the bare canvas.
 
-    The program displays, films, measures and saves the painter's states, and can end the run only between two states
-    (for Ctrl-C, ``seconds=``, ``psnr=`` or a signal), so yield a state every few hundredths of the work.
+    The program displays, films, measures and saves the states that the painter yields. Since it can end a run only
+    between two states (for Ctrl-C, ``seconds=``, ``psnr=`` or a signal), a painter should yield a state after every few
+    per cent of its work.
 
     >>> from brushexp.strokes.prior import sample_prior
     >>> class Careless(Painter):
@@ -75,4 +76,4 @@ class Painter(ABC):
 
     @abstractmethod
     def __call__(self, request: PaintRequest) -> Iterator[PaintState]:
-        """Paint with at most ``request.n`` strokes within the ranges of ``FIELDS``."""
+        """Yield states with at most ``request.n`` strokes, whose fields are within the ranges in ``FIELDS``."""

@@ -7,8 +7,9 @@ from brushexp.registry import register
 class GradientDescent:
     """Moves all strokes at once by gradient descent, starting from ``init``.
 
-    Source: Heimbrecht, 2020 (master thesis, Heidelberg), chapter 6. Only this painter reads the keys ``init``,
-    ``loss``, ``order``, ``density``, ``sampler``, ``optimizer`` and ``steps``. It is not a `Painter`.
+    Source: Heimbrecht, 2020 (master's thesis, Heidelberg), chapter 6. The keys ``init``, ``loss``, ``order``,
+    ``density``, ``sampler``, ``optimizer`` and ``steps`` apply only to this painter, which is not a subclass of
+    `Painter`.
     """
 
     @classmethod

@@ -1,4 +1,4 @@
-"""The contract of palettes, which choose the colours of the painting."""
+"""Base class of palettes, which choose the colours of the painting."""
 
 from abc import ABC, abstractmethod
 
@@ -6,7 +6,7 @@ from torch import Tensor
 
 
 class Palette(ABC):
-    """Maps the colours of the picture to the colours of the target, as a painter translates a scene into paint.
+    """Maps the picture's colours to the target's colours, as a painter translates a scene into paint.
 
     >>> import torch
     >>> class Grey(Palette):

@@ -8,7 +8,7 @@ from brushexp.registry import register
 
 @register("palette", "own")
 class Own(Palette):
-    """The picture's own colours."""
+    """Keeps the picture's own colours."""
 
     def __call__(self, picture: Tensor) -> Tensor:
         return picture

@@ -1,4 +1,4 @@
-"""The contract of papers and canvases."""
+"""Base class of papers and canvases, on which the strokes are painted."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ class Rows:
 
     @property
     def places(self) -> tuple[Tensor, Tensor]:
-        """Centres of the pixels, x and y (count, W), float64, as fractions of the canvas's longer side."""
+        """Pixel centres, x and y (count, W), float64, as fractions of the canvas's longer side."""
         side = max(self.size)
         y = (torch.arange(self.top, self.top + self.count, dtype=torch.float64) + 0.5) / side
         x = (torch.arange(self.size[1], dtype=torch.float64) + 0.5) / side
@@ -26,7 +26,7 @@ class Rows:
         return x, y
 
     def widened(self, margin: int) -> "Rows":
-        """Add up to ``margin`` rows above and below, within the canvas."""
+        """Return the band with up to ``margin`` more rows above and below, clipped to the canvas."""
         first, after = max(self.top - margin, 0), min(self.top + self.count + margin, self.size[0])
         return Rows(first, after - first, self.size)
 
@@ -53,11 +53,11 @@ class Paper(ABC):
 
     @abstractmethod
     def cover(self, flat: Tensor, bare: Tensor, rows: Rows) -> Tensor:
-        """Map a picture of strokes on a smooth ground of colour ``bare`` (3,) to its appearance on the paper.
+        """Map a picture of strokes on a smooth ground of colour ``bare`` (3,) to its appearance on this paper.
 
-        Pictures (3, h, W) in [0, 1] cover ``rows``; the result is differentiable in both colours.
+        Both pictures (3, h, W), in [0, 1], cover ``rows``; the result is differentiable in ``flat`` and ``bare``.
         """
 
     @abstractmethod
     def relief(self, rows: Rows) -> Tensor:
-        """Return the height of the paper (h, W), float32, at least 0, in pixels of the picture."""
+        """Return the paper's height (h, W), float32, at least 0, in pixels of the picture."""

@@ -1,4 +1,4 @@
-"""A smooth ground that strokes cover everywhere."""
+"""Paint on a smooth ground that strokes cover everywhere."""
 
 import torch
 from torch import Tensor

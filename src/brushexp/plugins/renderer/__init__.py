@@ -1,1 +1,1 @@
-"""Renderers compute the area that each stroke covers; choose one with ``renderer=analytic``."""
+"""Renderers compute the area covered by each stroke; choose one with ``renderer=analytic``."""

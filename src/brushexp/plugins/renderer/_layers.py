@@ -1,4 +1,4 @@
-"""Layers for networks that draw strokes: convolutions with coordinates, and noise."""
+"""Network layers for rendering strokes: convolutions with coordinates, and noise."""
 
 import torch
 from torch import Tensor, nn
@@ -7,15 +7,15 @@ NOISE_SEED = 2020  # seed of the noise that all strokes of a painting share
 
 
 class CoordConv(nn.Module):
-    """3 x 3 convolution with the coordinates of its pixels as extra input (Liu et al., 2018, arXiv:1807.03247).
+    """3 x 3 convolution with pixel coordinates as extra input channels (Liu et al., 2018, arXiv:1807.03247).
 
-    Differs from the source: coordinates have a separate 1 x 1 convolution whose result is added, so that planes shared
-    by all strokes, (1, planes, H, W), are convolved only once.
+    Unlike in the source, the coordinates have a separate 1 x 1 convolution, whose result is added, so that planes
+    shared by all strokes, (1, planes, H, W), are convolved only once.
 
     Args:
         before: number of input channels.
         after: number of output channels.
-        planes: number of coordinate planes, such as the 2 of `window_planes`; 0 makes a plain convolution.
+        planes: number of coordinate planes, such as the two from `window_planes`; 0 for a plain convolution.
 
     >>> layer = CoordConv(8, 16, planes=2)
     >>> layer(torch.zeros(5, 8, 32, 32), window_planes(32)).shape
@@ -34,10 +34,10 @@ class CoordConv(nn.Module):
 
 
 class Noise(nn.Module):
-    """Adds one plane of noise times a learned strength per channel (Karras et al., 2019, arXiv:1812.04948).
+    """Adds one plane of noise, multiplied by a learned strength per channel (Karras et al., 2019, arXiv:1812.04948).
 
-    During training the noise is drawn anew; otherwise it is the same for every stroke and call. Differs from the
-    source: the initial strength is not 0 by default.
+    During training, the noise is resampled in every call; otherwise it is the same for every stroke and call. Unlike in
+    the source, the initial strength is not 0 by default.
 
     Args:
         channels: number of channels of the input.
@@ -68,7 +68,7 @@ def add_noise(x: Tensor, strength: Tensor, grain: Tensor | None) -> Tensor:
 
 
 def fixed_grain(side: int) -> Tensor:
-    """Draw the fixed noise (1, 1, side, side) shared by all paintings."""
+    """Sample the fixed noise (1, 1, side, side) that is shared by all paintings."""
     return torch.randn(1, 1, side, side, generator=torch.Generator().manual_seed(NOISE_SEED + side))
 
 

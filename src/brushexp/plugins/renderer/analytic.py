@@ -1,4 +1,4 @@
-"""Closed-form strokes that need no training and are drawn by compiled kernels."""
+"""Render closed-form strokes, without training, with compiled kernels."""
 
 from typing import Annotated
 
@@ -15,8 +15,8 @@ from brushexp.strokes.catalogue import Strokes
 class Analytic(Renderer):
     """Quadratic Bezier stroke with round ends and a soft edge.
 
-    It draws the ``softness``, ``widening`` and ``drift`` of strokes, which are optimised if they have units in
-    ``optimizer.units``, as in ``look=plain``.
+    It supports the stroke fields ``softness``, ``widening`` and ``drift``, which are optimised if they have units in
+    ``optimizer.units``, as with ``look=plain``.
 
     Args:
         soft: width of the edge in pixels of the picture, added to each stroke's own softness; wider edges give smoother

@@ -1,4 +1,4 @@
-"""The contract of renderers, which compute the area that each stroke covers (`Layers`)."""
+"""Base class of renderers, which compute the area covered by each stroke (`Layers`)."""
 
 import time
 from abc import ABC, abstractmethod
@@ -32,12 +32,12 @@ PRECISIONS = ("float32", "bfloat16")  # precisions in which a network paints; we
 
 
 def reach_of(strokes: Strokes, edge: float) -> Tensor:
-    """Bound the distance (N,), in pixels, that paint reaches from a stroke's curve; ``edge`` is the renderer's."""
+    """Return an upper bound (N,), in pixels, on the distance between a stroke's curve and its paint, given ``edge``."""
     return PAINT_REACH * half_width_of(strokes) + 0.5 * softness_of(strokes) + edge
 
 
 def weight_folders() -> list[Path]:
-    """List the folders of shipped weights: ``weights`` next to the file of each renderer, also in packages."""
+    """List the folders with shipped weights: ``weights`` next to each renderer's file, in the core and in packages."""
     files = [__file__, *(found.origin for plugin in plugins("renderer") if (found := find_spec(plugin.module)))]
     return list(dict.fromkeys(Path(file).parent / "weights" for file in files if file))
 
@@ -56,7 +56,7 @@ class Renderer(nn.Module, ABC):
     """Turns stroke parameters into layers; a subclass defines `forward` and overrides other methods as needed.
 
     A trained renderer has an option ``checkpoint`` and calls `restore` at the end of its ``__init__``.
-    ``tests/dabs.py`` has an example with its own layers and compiled kernel.
+    ``tests/dabs.py`` contains an example with its own layers and compiled kernel.
 
     >>> from brushexp.registry import build_named
     >>> from brushexp.strokes.prior import sample_prior
@@ -77,8 +77,8 @@ class Renderer(nn.Module, ABC):
     def restore(self, checkpoint: str | None, **options: Any) -> None:
         """Load the trained weights of a checkpoint; None keeps the initial weights.
 
-        The weights depend on ``options``. A checkpoint trained with other options raises a UserError; options of None
-        are not compared.
+        The weights depend on ``options``. A checkpoint trained with other options raises a UserError; options that are
+        None are not compared.
         """
         plugin = plugin_of_class(type(self))
         name = type(self).__name__ if plugin is None else plugin.name
@@ -94,9 +94,9 @@ class Renderer(nn.Module, ABC):
 
     @abstractmethod
     def forward(self, strokes: Strokes) -> Layers:
-        """Draw N strokes as layers, in pixels of the canvas, differentiably in every field.
+        """Render N strokes as layers, in pixels of the canvas, differentiably in every field.
 
-        A renderer with several textures chooses one by ``strokes.brush``, so that a stroke keeps its texture.
+        A renderer with several textures selects one by ``strokes.brush``, so that each stroke keeps its texture.
         """
 
     def clamp(self, strokes: Strokes) -> Strokes:
@@ -104,26 +104,26 @@ class Renderer(nn.Module, ABC):
         return strokes
 
     def distil(self, simulate: Callable[[Tensor, int], Simulated]) -> None:
-        """Derive parameters directly from strokes of a simulator; called once, before training.
+        """Derive parameters directly from simulated strokes; called once, before training.
 
-        ``simulate`` draws strokes (n, 10) large enough to show details. Its second argument is the number of the first
-        stroke in the data set, which determines the brushes.
+        ``simulate`` paints strokes with parameters (n, 10), large enough to show details. Its second argument is the
+        number of the first stroke in the data set, which determines the brushes.
         """
 
     def convert(self, strokes: Strokes) -> Strokes:
-        """Convert another renderer's strokes to the strokes that this one draws best; called once, before the steps."""
+        """Convert another renderer's strokes to those that this renderer draws best; called once, before the steps."""
         return self.clamp(strokes)
 
     def rows(self, strokes: Strokes) -> Tensor | None:
         """Return the first and last pixel row (N, 2) that each stroke may touch; None if unknown.
 
-        Pictures too large for one pass are drawn in bands of rows, each with the strokes that touch it.
+        Pictures that are too large for one pass are painted in bands of rows, each with the strokes that touch it.
         """
         return None
 
 
 class PatchRenderer(Renderer):
-    """Draws the window of every stroke with a network; a subclass defines `draw` and ``window``, S in pixels."""
+    """Draws each stroke's window with a network; a subclass defines `draw` and ``window``, the side S in pixels."""
 
     cost = "high: a network draws every stroke"
     weights = "trained"
@@ -135,14 +135,14 @@ class PatchRenderer(Renderer):
 
     @abstractmethod
     def draw(self, parameters: Tensor) -> Tensor:
-        """Draw pictures (n, 4, S, S) of strokes (n, 10) in the format of `strokes.prior.parameters_of`.
+        """Draw pictures (n, 4, S, S) of strokes, given parameters (n, 10) from `strokes.prior.parameters_of`.
 
         The pictures are RGBA in [0, 1] with straight alpha, opaque where there is paint; stroke opacity is applied
         later.
         """
 
     def forward(self, strokes: Strokes) -> Windows:
-        """Draw the windows; with ``project``, strokes outside the training range are first clamped to it."""
+        """Draw the windows; with ``project``, strokes outside the range of training are first clamped to it."""
         parameters = parameters_of(self.clamp(strokes))
         draw: Callable[[Tensor], Tensor] = self.draw if self.training else self._clean
         if not self.training and torch.is_grad_enabled():  # stores pictures and recomputes activations
@@ -160,7 +160,7 @@ class PatchRenderer(Renderer):
         return torch.cat([color, torch.where(alpha < LEAST_ALPHA, 0.0, alpha)], dim=1)
 
     def seconds_per_stroke(self) -> float:
-        """Measure the time to draw a stroke and its gradient, from a small sample."""
+        """Measure the time, in seconds, to draw a stroke and compute its gradient, from a small sample."""
         parameters, was_training, times = torch.zeros(SAMPLE_STROKES, 10, requires_grad=True), self.training, []
         self.eval()  # the mode in which it paints
         for _ in range(2):  # the first call includes one-time work
@@ -186,7 +186,7 @@ class PatchRenderer(Renderer):
 
 
 def check_trained(renderer: Renderer, choice: str) -> None:
-    """Raise a UserError if a renderer lacks the trained weights it needs; ``choice`` is the name the user typed.
+    """Raise a UserError if a renderer lacks required trained weights; ``choice`` is the name that the user typed.
 
     The attribute ``weights`` of a renderer states whether it has to be trained.
     """
@@ -203,8 +203,8 @@ def check_trained(renderer: Renderer, choice: str) -> None:
 def window_pictures(renderer: Renderer, parameters: Tensor, side: int, brush: Tensor | None = None) -> Tensor:
     """Draw each stroke (n, 10) alone in its window: (n, 4, side, side), RGBA with straight alpha.
 
-    Renderers are trained and compared on such pictures. Parameters have the format of `strokes.prior.parameters_of`;
-    ``brush`` (n,) is as in `Strokes`.
+    Renderers are trained and compared on such pictures. The parameters have the format of
+    `strokes.prior.parameters_of`; ``brush`` (n,) is the field of `Strokes`.
     """
     strokes = strokes_of(parameters)
     strokes = replace(strokes, position=strokes.position + 0.5 * side, scale=torch.full_like(strokes.scale, side))

@@ -1,4 +1,4 @@
-"""Draw bristle strokes by looking up textures along and across the stroke in compiled kernels."""
+"""Render bristle strokes with compiled kernels that look up textures along and across each stroke."""
 
 from collections.abc import Callable
 from functools import lru_cache, partial
@@ -39,13 +39,14 @@ NODES = ((0.112702, 5 / 18), (0.5, 4 / 9), (0.887298, 5 / 18))  # nodes and weig
 class Textured(Renderer):
     """Bezier stroke with the texture of a bristle brush, looked up along and across the curve.
 
-    A stroke's brush decides which of several textures it has and whether the texture is flipped. Textures do not
+    A stroke's brush determines which of several textures it has, and whether the texture is flipped. Textures do not
     stretch with the stroke: the lengths of the start and the end are proportional to the stroke's thickness, and longer
     strokes repeat the middle more often. A texture finer than the pixels is looked up at a smaller size, so that small
-    strokes neither flicker nor have erratic gradients. A stroke thinner than a pixel fades.
+    strokes neither flicker nor have erratic gradients. A stroke thinner than a pixel is drawn fainter.
 
-    The colour varies between bristles but includes no shading. Light is computed from the height of the finished paint,
-    which is also stored in the textures (`shading`). During painting (with frozen weights), textures have 8 bits.
+    The colour varies between bristles but includes no shading. Lighting is computed from the height of the finished
+    paint, which is also stored in the textures (`shading`). During painting (with frozen weights), textures have 8
+    bits.
 
     Args:
         variants: number of different textures.
@@ -53,8 +54,8 @@ class Textured(Renderer):
         columns: number of texels along, including those beyond the ends; each is twice as long as wide.
         tone: contrast between paler and darker bristles, and depth of the furrows between them, relative to the
             textures.
-        fullness: amount of paint on the brush, as a number of equal strokes on top of each other; more paint closes the
-            gaps between bristles.
+        fullness: amount of paint on the brush, as the equivalent number of equal strokes on top of each other; more
+            paint closes the gaps between bristles.
         checkpoint: trained weights: a .safetensors file, or the name of a bundled one; null for
             random bristles.
     """
@@ -95,11 +96,11 @@ class Textured(Renderer):
 
     @property
     def levels(self) -> int:
-        """Number of sizes of a texture at which all its pieces have an integral number of columns."""
+        """Number of texture sizes at which all pieces of a texture have an integral number of columns."""
         return min(LEVELS, 1 + (self.loop.begin & -self.loop.begin).bit_length(), self.textures.shape[2].bit_length())
 
     def _repeats(self, curve: Tensor, half: Tensor) -> Tensor:
-        """Count the repeats (N,) of the loop for which each stroke's texels keep about their natural length."""
+        """Count how often (N,) to repeat the loop so that each stroke's texels have about their natural length."""
         start, control, end = curve.unbind(1)
         velocity = (2 * ((1 - t) * (control - start) + t * (end - control)) for t, _ in NODES)
         length = sum((w * v.norm(dim=1) for v, (_, w) in zip(velocity, NODES, strict=True)), torch.zeros_like(half))
@@ -139,14 +140,14 @@ def _round_sheets(
     values: bytes, shape: torch.Size, dtype: torch.dtype, device: torch.device, tone: float, fullness: float,
     loop: Loop, levels: int,
 ) -> Sheets:  # fmt: skip
-    """Round frozen textures to 8 bits, which takes as long as a step."""
+    """Round frozen textures to 8 bits; the result is cached because this takes as long as a step."""
     with torch.inference_mode(False), torch.no_grad():
         textures = torch.frombuffer(bytearray(values), dtype=dtype).view(shape).to(device)
         return _sheets_of(textures, tone, fullness, loop, levels, rounded=True)
 
 
 def _sheets_of(textures: Tensor, tone: float, fullness: float, loop: Loop, levels: int, *, rounded: bool) -> Sheets:
-    """Make all sizes, from double size down, of textures (V, 3, rows, columns) before sigmoid, tanh and sigmoid."""
+    """Create all sizes, from double size down, of textures given as weights (V, 3, rows, columns)."""
     opacity, tones, height = textures.unbind(1)
     covering = opacity.sigmoid() if fullness == 1 else 1 - opacity.neg().sigmoid() ** fullness
     level = torch.full_like(height, LEVEL)
@@ -156,9 +157,9 @@ def _sheets_of(textures: Tensor, tone: float, fullness: float, loop: Loop, level
 
 
 def unroll_stroke(pictures: Tensor, width: float, rows: int, columns: int) -> Tensor:
-    """Sample texels (C, rows, columns) from pictures (C, S, S) of a straight stroke ``width`` windows thick.
+    """Sample texels (C, rows, columns) from pictures (C, S, S) of a straight stroke, ``width`` windows thick.
 
-    The stroke runs from (-STRETCH, 0) to (STRETCH, 0) half-windows.
+    The stroke extends from (-STRETCH, 0) to (STRETCH, 0), in half-windows.
     """
     across, t, before, beyond = (part[1:-1] for part in coordinates_of(rows, columns))
     x = STRETCH * (2 * t - 1) + width * (before + beyond)  # half-windows; half a stroke width is `width` half-windows
@@ -170,7 +171,7 @@ def unroll_stroke(pictures: Tensor, width: float, rows: int, columns: int) -> Te
 
 
 def drop_middle(texels: Tensor, columns: int, loop: Loop) -> Tensor:
-    """Join the beginning of a long stroke (C, rows, .) to its steady end, which contains the ``loop``."""
+    """Join a long stroke's beginning (C, rows, .) to its steady end, which contains the ``loop``."""
     result = close_loop(texels[..., -columns:], loop)
     part = torch.cat([torch.zeros(loop.begin // 2), torch.linspace(0, 1, loop.begin - loop.begin // 2)])
     result[..., : loop.begin] = torch.lerp(texels[..., : loop.begin], result[..., : loop.begin], part)
@@ -178,10 +179,10 @@ def drop_middle(texels: Tensor, columns: int, loop: Loop) -> Tensor:
 
 
 def close_loop(texels: Tensor, loop: Loop) -> Tensor:
-    """Make the ``loop`` of texels (..., columns) repeat without a seam, and the end follow the beginning without one.
+    """Blend texels (..., columns) so that the ``loop`` repeats, and the end can follow the beginning, without a seam.
 
-    The second half of the loop fades into the texels before the loop, and the texels after it begin like the loop. (The
-    beginning must be as long as half of the loop, the end as long as the rest.)
+    The second half of the loop fades into the texels before the loop, and the texels after the loop begin like the
+    loop. The beginning must be at least as long as half of the loop, and the end at least as long as the other half.
     """
     result, half = texels.clone(), loop.length // 2
     after = loop.begin + loop.length
@@ -198,9 +199,9 @@ def close_loop(texels: Tensor, loop: Loop) -> Tensor:
 
 
 def weights_of_texels(texels: Tensor) -> Tensor:
-    """Convert coverage and height (2, rows, columns) to weights (3, rows, columns) before sigmoid, tanh and sigmoid.
+    """Convert coverage and height (2, rows, columns) to weights (3, rows, columns), before sigmoid, tanh and sigmoid.
 
-    Bristles with more paint than their surroundings hold more pigment and are paler; the others are darker.
+    Bristles with more paint than their surroundings contain more pigment and are paler; other bristles are darker.
     """
     astray = texel_distances(*texels.shape[1:])[1:-1, 1:-1]
     coverage, height = texels.clamp_min(0) * ((HAIR_REACH[1] - astray) / (HAIR_REACH[1] - HAIR_REACH[0])).clamp(0, 1)
@@ -218,9 +219,9 @@ def weights_of_texels(texels: Tensor) -> Tensor:
 def double_textures(textures: Tensor, loop: Loop) -> Tensor:
     """Double the size of textures (V, 3, rows, columns) of opacity, tone and height, and add finer detail.
 
-    The finest detail in the middle of a loop is repeated at half its size, with its local strength, because a closer
-    view of a brush shows finer hairs. This detail was not simulated. The mean of four new texels is about the old
-    texel. Heights stay smooth, so that the slopes of a painting do not depend on its size.
+    The finest detail in the middle of the loop is repeated at half its size and with the local strength, because a
+    closer view of a brush shows finer hairs; the added detail was not simulated. The mean of four new texels is about
+    the old texel. Heights stay smooth, so that the slopes in a painting do not depend on its size.
     """
     rows, columns = textures.shape[2:]
     larger = partial(functional.interpolate, scale_factor=2, mode="bilinear")
@@ -238,7 +239,7 @@ def double_textures(textures: Tensor, loop: Loop) -> Tensor:
 
 
 def random_bristles(variants: int, rows: int, columns: int) -> Tensor:
-    """Draw fixed random weights (variants, 3, rows, columns) before sigmoid, tanh and sigmoid."""
+    """Sample fixed random weights (variants, 3, rows, columns), before sigmoid, tanh and sigmoid."""
     generator = torch.Generator().manual_seed(0)
     load, begin, finish = torch.randn(3, variants, rows, 1, generator=generator)
     waver = torch.randn(variants, rows, 8, generator=generator)  # variation along a bristle

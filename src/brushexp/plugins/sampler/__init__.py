@@ -1,1 +1,1 @@
-"""Samplers choose the part of the canvas that a step compares; choose one with ``sampler=whole``."""
+"""Samplers choose the part of the canvas to render and compare in a step; choose one with ``sampler=whole``."""

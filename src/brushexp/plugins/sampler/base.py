@@ -1,4 +1,4 @@
-"""The contract of samplers."""
+"""Base class of samplers, which choose the part of the canvas and the strokes for a step."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from brushexp.strokes.catalogue import Strokes
 
 
 class View:
-    """The batch of a painting: the region and the strokes of a step.
+    """The region and the strokes of a step, which form a batch of the painting.
 
     ``region`` is the part of the canvas that the step renders and compares, or the whole canvas if ``active`` is None.
-    The step moves the strokes ``active`` (A,), int64, or all strokes for None, and also draws the strokes ``ring``
-    (R,). A coarse step compares the whole canvas at ``zoom`` (below 1) times its size.
+    The step moves the strokes with indices ``active`` (A,), int64, or all strokes if it is None, and also draws the
+    strokes with indices ``ring`` (R,). A coarse step compares the whole canvas at ``zoom`` (below 1) times its size.
     """
 
     def __init__(
@@ -32,7 +32,7 @@ class View:
 
 
 class Sampler(ABC):
-    """Decides which strokes a gradient step moves and which part of the canvas it renders and compares.
+    """Decides which strokes a gradient step moves, and which part of the canvas it renders and compares.
 
     >>> class UpperHalf(Sampler):
     ...     cost, moves = "half", "those of the upper half"
@@ -55,13 +55,13 @@ class Sampler(ABC):
 
     @abstractmethod
     def __call__(self, strokes: Strokes, size: tuple[int, int], step: int, generator: torch.Generator) -> View:
-        """Choose the view of a ``step`` (from 0) on a canvas of ``size`` (H, W); its region lies inside the canvas.
+        """Choose the view for a ``step`` (from 0), with a region inside a canvas of ``size`` (H, W).
 
         ``strokes`` have no gradient; all randomness comes from ``generator``.
         """
 
     def steps_per_round(self, strokes: Strokes, size: tuple[int, int]) -> int:
-        """Count the steps needed to move each stroke about once on a canvas of ``size`` (H, W)."""
+        """Return the number of steps that move each stroke about once on a canvas of ``size`` (H, W)."""
         return 1
 
     def state_dict(self) -> dict[str, Any]:

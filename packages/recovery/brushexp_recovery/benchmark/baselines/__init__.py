@@ -1,1 +1,1 @@
-"""Baselines for comparison with recovery: methods that find strokes in a picture."""
+"""Baselines for recovery: other methods that find strokes in a picture."""

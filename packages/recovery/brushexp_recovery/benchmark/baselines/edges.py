@@ -1,8 +1,9 @@
 """Find brushstrokes between edges (Li, Yao, Hendriks and Wang, 2012, "Rhythmic brushstrokes distinguish van Gogh").
 
-Detected edges are closed until they enclose regions. A region is a brushstroke if its skeleton hardly branches and its
-breadth and area fit its length. The remaining pixels are divided by k-means of their colours and tested in the same
-way. Differs from the source: edges are Canny's (1986), not EDISON's.
+Gaps in the detected edges are closed so that they enclose regions. A region is a brushstroke if its skeleton hardly
+branches and its breadth and area are consistent with its length. The remaining pixels are divided by k-means clustering
+of their colours and tested in the same way. Unlike in the source, edges are detected by Canny's method (1986), not
+EDISON.
 """
 
 from typing import Any
@@ -28,7 +29,7 @@ NEIGHBOURS = ((0, 1), (1, 0), (1, 1), (1, -1))  # offsets (row, column) to half 
 
 
 def strokes_between_edges(image: Array) -> Array:
-    """Label the brushstrokes (H, W) in a picture (H, W, 3); -1 where there is none."""
+    """Label the brushstrokes in a picture (H, W, 3); labels (H, W) are -1 where there is none."""
     from skimage.color import rgb2lab  # noqa: PLC0415  (slow to import)
     from skimage.feature import canny  # noqa: PLC0415
     from skimage.measure import label  # noqa: PLC0415
@@ -45,7 +46,7 @@ def strokes_between_edges(image: Array) -> Array:
 
 
 def keep_brushstrokes(regions: Array) -> Array:
-    """Number the regions (H, W; 0 is none) that are brushstrokes, starting at 0, and set all others to -1."""
+    """Renumber the regions (H, W), 0 for none, that are brushstrokes from 0, and set all other pixels to -1."""
     from skimage.measure import regionprops  # noqa: PLC0415  (slow to import)
 
     labels, count = np.full(regions.shape, -1, np.int32), 0
@@ -57,7 +58,7 @@ def keep_brushstrokes(regions: Array) -> Array:
 
 
 def is_brushstroke(mask: Array) -> bool:
-    """Check whether a region (h, w) has a skeleton of one path, and consistent length, breadth and area."""
+    """Check whether a region (h, w) has a skeleton with few branches, and consistent length, breadth and area."""
     from scipy.ndimage import distance_transform_edt  # noqa: PLC0415  (slow to import)
     from skimage.morphology import skeletonize  # noqa: PLC0415
 
@@ -75,7 +76,7 @@ def is_brushstroke(mask: Array) -> bool:
 
 
 def longest_path(skeleton: Array) -> float:
-    """Count the steps of the longest shortest path in a skeleton (h, w)."""
+    """Count the steps in a longest shortest path of a skeleton (h, w)."""
     from scipy.sparse import coo_matrix  # noqa: PLC0415  (slow to import)
     from scipy.sparse.csgraph import dijkstra  # noqa: PLC0415
 
@@ -98,7 +99,7 @@ def longest_path(skeleton: Array) -> float:
 
 
 def quantise_colors(lab: Array) -> Array:
-    """Label each pixel of a picture (H, W) in CIELAB with the index of the nearest of `COLORS` colours."""
+    """Label each pixel (H, W) of a CIELAB picture with the index of the nearest of `COLORS` cluster centres."""
     from scipy.cluster.vq import kmeans2, vq  # noqa: PLC0415  (slow to import)
 
     pixels = lab.reshape(-1, 3)
@@ -110,7 +111,7 @@ def quantise_colors(lab: Array) -> Array:
 
 
 def grow_into_edges(labels: Array) -> Array:
-    """Extend strokes (H, W) to unlabelled pixels within `GROWTH` pixels."""
+    """Extend labelled strokes (H, W) to unlabelled pixels at most `GROWTH` pixels away."""
     from scipy.ndimage import distance_transform_edt  # noqa: PLC0415  (slow to import)
 
     distance, nearest = distance_transform_edt(labels < 0, return_indices=True)

@@ -1,4 +1,4 @@
-"""Define recovery and its baselines as functions from a picture (H, W, 3) in [0, 1] to strokes.
+"""Recovery and its baselines, as functions from a picture (H, W, 3) in [0, 1] to predicted strokes.
 
 Some baselines receive the true number of strokes, which recovery does not.
 """
@@ -36,26 +36,26 @@ def recovery(image: Array, count: int, weights: str = SHIPPED_WEIGHTS) -> Predic
 
 
 def recovered_curves(image: Array, count: int, weights: str = SHIPPED_WEIGHTS) -> Prediction:
-    """Recover strokes, but use only their curves, drawn as plain lines in the recovered order."""
+    """Recover strokes, but use only their curves, as plain lines in the recovered order."""
     whole = recovery(image, count, weights)
     lines = prediction_from_curves(whole.curve, whole.width, whole.color, np.ones(len(whole)), image.shape[:2])
     return replace(lines, confidence=whole.confidence)
 
 
 def superpixels(image: Array, count: int) -> Prediction:
-    """Divide a picture into ``count`` superpixels (SLIC; Achanta et al., 2012)."""
+    """Divide a picture into about ``count`` superpixels (SLIC; Achanta et al., 2012)."""
     from skimage.segmentation import slic  # noqa: PLC0415  (slow to import)
 
     return prediction_from_labels(slic(image, count, COMPACTNESS, start_label=0), image)
 
 
 def edges(image: Array, count: int) -> Prediction:
-    """Find regions between edges that pass a test for brushstrokes (Li et al., 2012); ``count`` is not used."""
+    """Find regions between edges that have the shape of brushstrokes (Li et al., 2012); ``count`` is not used."""
     return prediction_from_labels(strokes_between_edges(image), image)
 
 
 def growing(image: Array, count: int) -> Prediction:
-    """Grow regions of one colour, and keep ellipses (Lamberti et al., 2014); ``count`` is not used."""
+    """Grow regions of one colour, and keep elliptical ones (Lamberti et al., 2014); ``count`` is not used."""
     return prediction_from_labels(grow_ellipses(image), image)
 
 

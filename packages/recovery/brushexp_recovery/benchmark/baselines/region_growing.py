@@ -1,7 +1,7 @@
 """Find brushstrokes as elliptical regions grown from seeds, after Lamberti, Sanna and Paravati (2014).
 
 Source: "Computer-assisted analysis of painting brushstrokes: digital image processing for unsupervised extraction of
-visible features from van Gogh's works". Differs from the source: seeds are taken in ascending order of their gradient
+visible features from van Gogh's works". Unlike in the source, seeds are taken in ascending order of their gradient
 instead of at random, so that the same picture always gives the same strokes.
 """
 # mypy: allow-untyped-defs
@@ -24,7 +24,7 @@ ELLIPTICAL = 0.75  # minimum share of a region inside the ellipse with the same 
 
 
 def grow_ellipses(image: Array) -> Array:
-    """Label the brushstrokes (H, W) in a picture (H, W, 3); -1 where there is none."""
+    """Label the brushstrokes in a picture (H, W, 3); labels (H, W) are -1 where there is none."""
     from skimage.color import rgb2lab  # noqa: PLC0415  (slow to import)
 
     lab = gaussian_filter(rgb2lab(image), (SIGMA, SIGMA, 0))
@@ -35,7 +35,7 @@ def grow_ellipses(image: Array) -> Array:
 
 @function
 def _grow_regions(lab, order, largest):
-    """Grow a region from each free pixel, in ``order``, and keep the elliptical regions."""
+    """Grow a region from each free pixel, in the given order, and keep elliptical regions."""
     height, width, _ = lab.shape
     labels = np.full((height, width), -1, np.int32)
     state = np.zeros((height, width), np.int32)  # 0 if free, otherwise the last region that tried the pixel
@@ -55,7 +55,7 @@ def _grow_regions(lab, order, largest):
 
 @inline
 def _grow(lab, row, column, mark, labels, state, queue):
-    """Grow a region from one pixel; write its pixels into ``queue`` and its number ``mark`` into ``state``."""
+    """Grow a region from a pixel, write its pixels to ``queue`` and its ``mark`` to ``state``, and return its size."""
     height, width, _ = lab.shape
     total = np.zeros(3)
     head, tail = 0, 1
@@ -82,7 +82,7 @@ def _grow(lab, row, column, mark, labels, state, queue):
 
 @function
 def _ellipticity(places):
-    """Compute the share of points (n, 2) inside the ellipse with the same moments, which is 1 for an ellipse."""
+    """Compute the fraction of points (n, 2) inside the ellipse with the same moments, which is 1 for an ellipse."""
     n = len(places)
     my = mx = 0.0
     for k in range(n):

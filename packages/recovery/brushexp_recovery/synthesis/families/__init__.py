@@ -1,1 +1,1 @@
-"""Families of paint, one per file, which are used for training and can be held out for a benchmark."""
+"""Families of paint, one per file, which are used in training and can be held out for a benchmark."""

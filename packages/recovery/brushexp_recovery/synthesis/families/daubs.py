@@ -9,7 +9,7 @@ from brushexp_recovery.synthesis.sheets import COLUMNS, Sheet, draw_bristles, dr
 
 
 class Daubs(PaintFamily):
-    """Wide strokes in few colours that must not be divided along bristle marks or canvas threads."""
+    """Wide strokes in few colours, which recovery must not split along bristle marks or canvas threads."""
 
     depth = (0.3, 3.0)
     lit_share = 0.8

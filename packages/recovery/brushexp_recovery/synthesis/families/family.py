@@ -1,4 +1,4 @@
-"""Define families of paint, and find all families."""
+"""Define the base class of paint families, and find all families."""
 
 import importlib
 import pkgutil
@@ -29,32 +29,32 @@ UNEVEN = 0.3  # maximum relative change of the light within a picture
 
 
 class PaintFamily(ABC):
-    """The paint of one painting: how strokes are placed, drawn, mixed and lit, chosen from a wide prior.
+    """The paint of one painting: how strokes are placed, drawn, mixed and lit, sampled from a wide prior.
 
-    Each subclass is in a separate file of this folder; the family has the file's name.
+    Each subclass is in a separate file of this folder; the family is named after the file.
     """
 
     depth = (0.2, 2.0)  # range of the relief's depth, relative to the renderer's
     lit_share = 0.6  # share of paintings whose relief is lit
 
     def __init__(self, random: Random) -> None:
-        """Choose the paint of a painting."""
+        """Choose the properties of the paint at random."""
         self.random = random
 
     @abstractmethod
     def choose_hand(self) -> Hand:
-        """Choose the hand that places the strokes."""
+        """Choose the painter's hand, which determines how strokes are placed."""
 
     @abstractmethod
     def draw(self, length: float) -> Sheet:
-        """Draw a straight stroke whose length is given in widths."""
+        """Draw a straight stroke with a length given in stroke widths."""
 
     def mix(self, count: int) -> Mixing:
         """Choose how the paint of ``count`` strokes mixes with the paint below."""
         return opaque_mixing(count, 1.0)
 
     def light(self, canvas: Canvas) -> Array:
-        """Light the relief of paint and canvas (H, W, 3)."""
+        """Light the relief of paint and canvas; return the picture (H, W, 3)."""
         random, height = self.random, canvas.height
         if random.random() < WEAVE_SHARE:
             threads = draw_weave(height.shape, random)
@@ -71,7 +71,7 @@ class PaintFamily(ABC):
 
 @dataclass(frozen=True)
 class FamilyPainting:
-    """A painting of a family, with all data needed to compute its ground truth."""
+    """A painting in the paint of a family, with all data needed to compute its ground truth."""
 
     image: Array  # (H, W, 3) in [0, 1]
     layout: StrokeLayout
@@ -81,7 +81,7 @@ class FamilyPainting:
 
 @cache
 def find_families() -> dict[str, type[PaintFamily]]:
-    """Find the families of paint by name; each other file of this folder defines one."""
+    """Find the families of paint by name; every other file in this folder defines one."""
     found = {}
     for module in pkgutil.iter_modules(families.__path__):
         members = vars(importlib.import_module(f"{families.__name__}.{module.name}")).values()
@@ -92,7 +92,7 @@ def find_families() -> dict[str, type[PaintFamily]]:
 
 
 def paint_family(name: str, picture: Array, count: int, ground: Array, random: Random) -> FamilyPainting:
-    """Paint a picture (H, W, 3) with ``count`` strokes of a family on a ``ground`` (H, W, 3)."""
+    """Paint a picture (H, W, 3) with ``count`` strokes of a family over a ``ground`` (H, W, 3)."""
     family = find_families()[name](random)
     layout = lay_strokes(picture, count, family.choose_hand(), random)
     windows = draw_sheets(layout, family.draw)
@@ -101,7 +101,7 @@ def paint_family(name: str, picture: Array, count: int, ground: Array, random: R
 
 
 def draw_weave(size: tuple[int, ...], random: Random) -> Array:
-    """Draw the relief (H, W) of a plain-weave canvas, whose threads of two directions alternate."""
+    """Draw the relief (H, W) of a plain-weave canvas, in which threads of two directions alternate."""
     rows, columns = np.mgrid[: size[0], : size[1]].astype(np.float32)
     period_x, period_y = random.uniform(*WEAVE_PERIOD) * random.uniform(0.9, 1.1, 2)
     wander = [gaussian_blur(random.normal(size=size), 6) * random.uniform(0, 6) for _ in range(2)]
@@ -112,7 +112,7 @@ def draw_weave(size: tuple[int, ...], random: Random) -> Array:
 
 
 def light_unevenly(image: Array, random: Random) -> Array:
-    """Darken a picture (H, W, 3) towards one side or around a soft spot, as lamps do."""
+    """Simulate uneven lighting: vary a picture's brightness (H, W, 3) across it and with distance from its centre."""
     height, width = image.shape[:2]
     rows, columns = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j]
     angle, bend = random.uniform(0, 2 * np.pi), random.uniform(-0.5, 0.5)

@@ -19,7 +19,7 @@ from brushexp_recovery.synthesis.sheets import (
 
 
 class Hatching(PaintFamily):
-    """Lines whose paint runs out, first on the bristles that carry least."""
+    """Lines whose paint runs out, first under the bristles that carry the least paint."""
 
     def __init__(self, random: Random) -> None:
         super().__init__(random)

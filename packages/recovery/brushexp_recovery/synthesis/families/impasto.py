@@ -1,4 +1,4 @@
-"""Thick paint in rows of one hue, whose neighbouring strokes can be told apart only by the light on their ridges."""
+"""Thick paint in rows of one hue, in which only the light on their ridges distinguishes neighbouring strokes."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ from brushexp_recovery.synthesis.sheets import (
 
 
 class Impasto(PaintFamily):
-    """Strokes with ridges along the sides, bristle furrows in between, and a lump where the brush lifts."""
+    """Strokes with ridges along the sides, bristle furrows in between, and a lump where the brush is lifted."""
 
     depth = (0.8, 5.0)
     lit_share = 1.0

@@ -1,6 +1,6 @@
 """Real strokes: scans of acrylic strokes by a flat brush, from full to dry, bent along curves and recoloured.
 
-Renderers draw marks with the same scans (`brushexp.strokes.scanned`).
+Renderers draw marks from the same scans (`brushexp.strokes.scanned`).
 """
 
 from dataclasses import replace
@@ -15,7 +15,7 @@ from brushexp_recovery.synthesis.sheets import Sheet, draw_bristles, grey_tint
 
 
 class Scanned(PaintFamily):
-    """Strokes that are each drawn from one scan, possibly mirrored, with more or less paint."""
+    """Strokes that are each drawn from one scan, which may be mirrored, with more or less paint."""
 
     def __init__(self, random: Random) -> None:
         super().__init__(random)

@@ -1,4 +1,4 @@
-"""Slabs of a palette knife: flat paint with sharp sides, ridges where the blade lifts, and sometimes two colours."""
+"""Slabs of palette-knife paint: flat, with sharp sides, ridges where the blade lifts, and sometimes two colours."""
 
 from dataclasses import replace
 
@@ -19,7 +19,7 @@ from brushexp_recovery.synthesis.sheets import (
 
 
 class Slabs(PaintFamily):
-    """Broad strokes of a blade, scraped thin in places."""
+    """Broad strokes of a blade, which are scraped thin in places."""
 
     depth = (0.5, 4.0)
     lit_share = 0.9

@@ -1,4 +1,4 @@
-"""Translucent washes, through which lower paint is visible, with pigment gathered at the rim."""
+"""Translucent washes through which lower paint is visible, with pigment gathered at the rim."""
 
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ from brushexp_recovery.synthesis.sheets import (
 
 
 class Washes(PaintFamily):
-    """Strokes of thin paint; a pixel belongs to the stroke that contributes most to it."""
+    """Strokes of thin paint; each pixel is labelled with the stroke that contributes most to it."""
 
     lit_share = 0.2
 
