@@ -49,7 +49,7 @@ def changed(job: ExportJob, **fields: object) -> ExportJob:
 
 
 def assert_same(read: Saved, saved: Saved) -> None:
-    """Assert that two catalogues are equal to the last bit."""
+    """Assert that two catalogues are bit-for-bit identical."""
     for name in FIELDS:
         torch.testing.assert_close(getattr(read.strokes, name), getattr(saved.strokes, name), rtol=0, atol=0)
     torch.testing.assert_close(read.depth, saved.depth, rtol=0, atol=0)

@@ -19,7 +19,7 @@ def packed(name: bytes, contents: bytes) -> bytes:
 
 
 def clap(width: int, height: int, right: int, low: int, parts: int = 2) -> Box:
-    """Make a crop box of a size whose middle lies ``right`` and ``low`` half-pixels from that of the picture."""
+    """Make a crop box of a given size whose middle is ``right`` and ``low`` half-pixels from the picture's middle."""
     return b"clap", struct.pack(">IIIIiIiI", width, 1, height, 1, right, parts, low, parts)
 
 

@@ -44,7 +44,7 @@ Kill = tuple[str, int, bool]
 
 
 class Program:
-    """A process of ``brushexp`` with overrides in the folder ``cwd``, used like `subprocess.Popen`.
+    """A process of ``brushexp`` with overrides in the folder ``cwd``; it is used as a `subprocess.Popen` is.
 
     ``kill`` is the end of a path, a count and a flag: the program gets the signal ``sent`` when it moves that many such
     files into place, before or after the move.

@@ -97,7 +97,7 @@ def assert_same(image: Tensor, expected: Tensor, exactly: bool, atol: float) -> 
 
 
 def slack(blend: str) -> float:
-    """Return the tolerance of a picture whose tiles lie elsewhere."""
+    """Return the tolerance for a picture whose tiles begin elsewhere."""
     return MOVED + 2 * getattr(BLENDS[blend], "opaque", 0.0)
 
 

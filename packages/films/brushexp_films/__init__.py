@@ -1,1 +1,1 @@
-"""Paint films picture by picture, carrying strokes over from one picture to the next."""
+"""Paint films frame by frame, carrying strokes over from one frame to the next."""

@@ -1,4 +1,4 @@
-"""Read films picture by picture, with display times; films are written by `brushexp.pictures.video`."""
+"""Read films frame by frame, with display times; films are written by `brushexp.pictures.video`."""
 
 import importlib
 import logging

@@ -1,1 +1,1 @@
-"""Expose the tasks of the command line as Python functions: ``import brushexp``."""
+"""Expose the command-line tasks as Python functions: ``import brushexp``."""

@@ -99,7 +99,7 @@ def iterate(
     output: str | PathLike[str] | None = None,
     **overrides: Any,
 ) -> Iterator[State]:
-    """Paint like `paint`, with identical results, and yield the state at the start and after every ``every`` steps.
+    """Paint as `paint` does, with identical results, and yield the state at the start and after every ``every`` steps.
 
     A background thread paints, at most one state ahead of the caller; its waiting time does not count towards
     ``seconds``. The last state holds the finished ``painting``. ``state.stop()`` makes the next state the last; closing

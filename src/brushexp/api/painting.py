@@ -177,7 +177,7 @@ def paint(
     output: str | PathLike[str] | None = None,
     **overrides: Any,
 ) -> Painting:
-    """Paint a picture out of brush strokes by gradient descent, like ``task=paint``.
+    """Paint a picture out of brush strokes by gradient descent, as ``task=paint`` does.
 
     Args:
         image: a path, the name of a scikit-image sample, a PIL image, the bytes of a file, an open file, an array
@@ -187,11 +187,11 @@ def paint(
         strokes: number of strokes; None for the look's own number for a picture of this size.
         seconds: seconds of optimisation; None for the look's own number of steps.
         output: folder for the files of the run; None writes nothing.
-        overrides: further keys of the command line: ``loss=["mse", "kl"]``, ``light={"azimuth": 90}``,
+        overrides: further command-line keys: ``loss=["mse", "kl"]``, ``light={"azimuth": 90}``,
             ``**{"init.length": 3}``. ``style`` and ``focus`` may be pictures, too.
 
     Raises:
-        UserError: if an argument is wrong; the message is that of the command line.
+        UserError: if an argument is wrong, with the same message as on the command line.
 
     >>> painting = paint("astronaut", look="plain", resolution=32, strokes=20, steps=3)
     >>> painting.image.shape, len(painting.strokes), painting.metrics["steps"]

@@ -1,4 +1,4 @@
-"""Compose and check keys given in Python like those of the command line, with the same messages."""
+"""Compose and check keys given in Python as the command line does, with the same messages."""
 
 import logging
 import os
@@ -59,7 +59,7 @@ class Settings:
 
     @contextmanager
     def as_asked(self) -> Iterator[None]:
-        """Use the config's number of threads inside ``with``, and isolate PyTorch as `undisturbed` does."""
+        """Within the ``with`` block, use the config's number of threads and isolate PyTorch as `undisturbed` does."""
         import torch  # noqa: PLC0415
         from lightning.pytorch.utilities.seed import isolate_rng  # noqa: PLC0415
 
@@ -77,7 +77,10 @@ class Settings:
 
 @contextmanager
 def undisturbed(gradients: bool = True) -> Iterator[None]:
-    """Use PyTorch's default precision and device inside ``with``, normally with gradients; restore both afterwards."""
+    """Within the ``with`` block, use PyTorch's default precision and device; restore the caller's afterwards.
+
+    Gradients are enabled unless ``gradients`` is False.
+    """
     import torch  # noqa: PLC0415
 
     dtype, gradients = torch.get_default_dtype(), gradients or torch.is_grad_enabled()

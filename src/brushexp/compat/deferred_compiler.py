@@ -22,7 +22,7 @@ METHODS = "add_param_group", "zero_grad", "state_dict", "load_state_dict"  # of 
 
 
 class _IsCompiled(type):
-    """Type of a class whose instances are those of the compiler's `OptimizedModule`, once the compiler is loaded."""
+    """Metaclass under which `isinstance` asks the compiler's own `OptimizedModule`, once the compiler is loaded."""
 
     def __instancecheck__(cls, instance: object) -> bool:
         compiler = sys.modules.get(COMPILER)
@@ -60,7 +60,7 @@ class _StandIn(ModuleType):
 
 @contextmanager
 def defer_compiler() -> Iterator[None]:
-    """Give modules that are imported in the context a class `OptimizedModule` that does not load the compiler."""
+    """Within the ``with`` block, let imported modules find an `OptimizedModule` that does not load the compiler."""
     if COMPILER in sys.modules:
         yield
         return
@@ -73,6 +73,6 @@ def defer_compiler() -> Iterator[None]:
 
 
 def without_compiler(kind: type[optim.Optimizer]) -> type[optim.Optimizer]:
-    """Derive a class from an optimizer of torch whose methods do not load the compiler."""
+    """Derive an optimizer class from one of torch's, with methods that do not load the compiler."""
     methods = {name: inspect.unwrap(getattr(kind, name)) for name in METHODS}
     return type(kind.__name__, (kind,), {**methods, "step": torch.no_grad()(inspect.unwrap(kind.step))})

@@ -31,7 +31,7 @@ class Drawer(Protocol):
 def bands(
     strokes: Strokes, front_to_back: Tensor, size: Size, background: Tensor, renderer: Drawer, blend: Compose
 ) -> Iterator[tuple[int, Tensor]]:
-    """Paint strokes band by band, from top to bottom of the canvas; the arguments are those of `Blend`.
+    """Paint strokes band by band, from top to bottom of the canvas, with the arguments of `Blend`.
 
     Yields the first row of each band and its picture (3, h, W). A band draws only the strokes that touch it.
     """
@@ -45,7 +45,7 @@ def band_of(
     strokes: Strokes, place: Tensor, number: Tensor, band: tuple[int, int, int], background: Tensor,
     renderer: Drawer, blend: Compose,
 ) -> Tensor:  # fmt: skip
-    """Paint strokes ``number`` (n,) in a band (first row, rows, columns); ``place`` (N,) ranks all strokes, top = 0."""
+    """Paint the strokes with indices ``number`` (n,) in a band; ``place`` (N,) ranks all strokes, 0 for the top one."""
     top, *size = band
     layers = renderer(strokes[number].moved(shift=(0, -top)))
     return blend(layers, place[number].argsort(), (size[0], size[1]), background).image

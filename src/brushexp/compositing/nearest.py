@@ -145,7 +145,7 @@ def _halley(a, b, c, d, t):
 
 @inline
 def _valley(a, b, c, d, t, low, high):
-    """Take five steps of Halley's method from an end, unrolled like `_three_steps`."""
+    """Take five steps of Halley's method from an end, unrolled as in `_three_steps`."""
     t = min(max(t - _halley(a, b, c, d, t), low), high)
     t = min(max(t - _halley(a, b, c, d, t), low), high)
     t = min(max(t - _halley(a, b, c, d, t), low), high)

@@ -6,7 +6,7 @@ branches, so that they become SIMD code. The backward pass repeats the forward p
 nearest points. It then visits the strokes back to front and tracks what lies behind them, so that nothing is divided by
 (1 - alpha); of the colours behind, it needs only the sum of their products with the gradient of the picture. The
 gradient of a stroke in a tile goes to its own row, and rows are summed per stroke in double precision: there are no
-atomics, and results are identical to the bit on any number of threads.
+atomics, and results are bit-for-bit identical on any number of threads.
 
 Colours have CHANNELS numbers. A pixel's alpha is computed once, and the loops over its channels are unrolled, because
 their number is known when a kernel is compiled (`channel_rows`).
@@ -120,7 +120,7 @@ def forward_pass(
     begin, end, p, data, reach, order, first, stroke, slot, columns, background, opaque, target, image, used, there,
     near, errors,
 ):  # fmt: skip
-    """Paint the tiles of workers ``begin`` to ``end``, out of WORKERS.
+    """Paint the tiles that belong to workers ``begin`` to ``end``, out of WORKERS.
 
     ``reach`` (N,) is that of `Layers`; ``order`` (N,) lists the strokes, top stroke first; ``first``, ``stroke`` and
     ``slot`` are those of `TileLists`, with ``columns`` tiles per row; ``background`` is (C,) float32. A tile is
@@ -191,7 +191,7 @@ def _begin_behind(background, weighs, buf):
 
 @inline
 def _step_back(look, own, buf):
-    """Write the derivative with respect to a stroke's alpha, then add the stroke to what lies behind the next one.
+    """Write the derivative with respect to a stroke's alpha, then add the stroke to what is behind the next one.
 
     Only the product of the colour behind with the gradient of the picture is needed.
     """

@@ -51,7 +51,7 @@ class Windows(Layers):
 
     @property
     def reach(self) -> Tensor:  # type: ignore[override]
-        """Return the distance from the middle line within which a window, and the texel around it, lies."""
+        """Return the distance from the middle line to the farthest edge of the window, plus half a texel."""
         return self.scale * (0.5 + 0.5 / self.images.shape[-1])
 
     def sample(self, index: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
@@ -89,7 +89,7 @@ class Windows(Layers):
     def _boxes(self) -> tuple[Tensor, Tensor]:
         """Compute the box around the visible part of each window, as a line (N, 3, 2) and a half thickness (N,).
 
-        Where an image is exactly transparent, neither its alpha nor the network that drew it gets a gradient.
+        Where an image is fully transparent, neither its alpha nor the network that drew it gets a gradient.
         """
         side = self.images.shape[-1]
         shows = self.images[:, -1] > 0

@@ -35,7 +35,7 @@ STYLE_PARTS = {"style.loss": "style.image", "style.strokes": "style.brushwork"} 
 
 
 def check_stand_ins(name: str, values: Mapping[str, Any]) -> None:
-    """Raise a UserError for values that require another task in place of this one."""
+    """Raise a UserError for values that require a different task."""
     if (other := task_for(name, values)) != name:
         raise UserError(f"task={other} handles this, not task={name}; repeat the command with task={other}")
 

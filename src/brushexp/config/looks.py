@@ -80,7 +80,7 @@ def density_of_quality(look: str, density: str) -> str:
 
 
 def density_of_look(look: str, density: str) -> str:
-    """Choose like `density_of_quality`, but a look's own policy also if it differs from the task's."""
+    """Choose as `density_of_quality` does, but a look's own policy also if it differs from the task's."""
     chosen, keeps_size = _density_of(look)
     return chosen if keeps_size or chosen != PaintTask.groups["density"] else density
 

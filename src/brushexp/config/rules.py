@@ -134,7 +134,7 @@ def check_objective(cfg: DictConfig) -> None:
 def check_painting(
     cfg: DictConfig, overrides: Sequence[str], size: tuple[int, int], *, painted: tuple[int, int] | None = None
 ) -> None:
-    """Reject losses, strokes, a mask or a catalogue that do not fit a picture of this size (H, W) or the memory.
+    """Reject losses, strokes, a mask or a catalogue that do not fit a picture's ``size`` (H, W) or the memory.
 
     ``painted`` is the size of the painting if strokes are optimised on a smaller picture.
     """

@@ -76,7 +76,7 @@ def faces_of(cfg: DictConfig, picture: Tensor) -> list[Face]:
 
 
 def faces_and_eyes_of(cfg: DictConfig, picture: Tensor) -> tuple[list[Face], list[Spot]]:
-    """Find the faces of a picture like `faces_of`; if there are none, find the eyes in the heads of animals."""
+    """Find the faces in a picture as `faces_of` does; if there are none, find the eyes of animals."""
     if cfg.faces == OFF or not (cfg.focus == AUTO or cfg.catalogue is None):
         return [], []
     from brushexp.pictures.faces.detection import find_faces_and_heads  # noqa: PLC0415  (not every painting asks)
@@ -95,7 +95,7 @@ def _seeks_spots(cfg: DictConfig) -> bool:
 
 
 def spots_of(cfg: DictConfig, target: Tensor, attended: Tensor | None) -> list[Spot]:
-    """Find possible eyes of animals in a target (3, H, W) where its detected focus lies."""
+    """Find possible animal eyes within the detected focus of a target (3, H, W)."""
     if not _seeks_spots(cfg):
         return []
     assert attended is not None

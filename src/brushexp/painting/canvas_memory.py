@@ -139,7 +139,7 @@ def boxes_of(strokes: Strokes, edge: float) -> tuple[Tensor, Tensor]:
 
 @torch.no_grad()
 def find_reaching(strokes: Strokes, region: Region, edge: float) -> Tensor:
-    """Mark the pixels (h, w), bool, of a region that lie in the box (`boxes_of`) of any of N strokes."""
+    """Mark the pixels (h, w), bool, of a region that are in the box (`boxes_of`) of any of N strokes."""
     left_top, right_bottom = boxes_of(strokes, edge)
     device = left_top.device
     size = torch.tensor([region.width, region.height], device=device)

@@ -51,7 +51,7 @@ class Feature:
         return min(self.most, round(math.pi * (self.radius / THINNEST_STROKE) ** 2))
 
     def holds(self, position: Tensor) -> Tensor:
-        """Return which positions (N, 2) lie in the feature: (N,) bool."""
+        """Return which positions (N, 2) are within the feature: (N,) bool."""
         return (position - position.new_tensor([self.x, self.y])).norm(dim=1) < self.radius
 
 

@@ -83,7 +83,7 @@ def resolution_of(cfg: DictConfig) -> int | None:
 
 
 def working_side_for(strokes: int, painting: tuple[int, int]) -> int:
-    """Compute the longer side of the picture on which strokes are optimised for a ``painting`` of this size (H, W).
+    """Compute the longer side of the picture on which strokes are optimised for a ``painting`` of a given size (H, W).
 
     >>> working_side_for(8000, (3000, 4000)), working_side_for(40000, (3000, 4000))
     (1024, 2066)

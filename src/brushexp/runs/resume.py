@@ -87,7 +87,7 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[DictConfig, Path]:
 
 
 def _chosen_keys(words: Sequence[str]) -> set[str]:
-    """Return the keys of the command line; raise a UserError for keys that change a setting of the run's ``words``."""
+    """Return the command-line keys; raise a UserError for keys that change a setting of the run's ``words``."""
     chosen = {override.lstrip("+~").partition("=")[0]: override for override in HydraConfig.get().overrides.task}
     for key, override in chosen.items():
         if key not in (*OVERRIDABLE, "task") and override not in words:

@@ -1,4 +1,4 @@
-"""Read files of tensors as untrusted data, like `brushexp.system.reading` for text."""
+"""Read tensor files as untrusted data, as `brushexp.system.reading` does for text."""
 
 import warnings
 from pathlib import Path

@@ -35,6 +35,6 @@ class Terminal(logging.Handler):
 
 
 def as_shown(path: Path) -> str:
-    """Write a path relative to the working folder if it lies inside that folder."""
+    """Write a path relative to the working folder if it is inside that folder."""
     near = os.path.relpath(path)
     return str(path) if near.startswith("..") else near

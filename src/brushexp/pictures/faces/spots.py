@@ -78,9 +78,9 @@ def find_spots(picture: Tensor, attended: Tensor, scales: Sequence[float] = SIGM
 
 
 def contrast_of_spot(luma: np.ndarray, x: float, y: float, sigma: float) -> float:
-    """Compute the contrast between a spot at (x, y) and its surroundings in luma (H, W), relative to the latter.
+    """Compute how much darker a spot at (x, y) is than its surroundings in luma (H, W), relative to the surroundings.
 
-    The spot is the disc of radius `MIDDLE` sigmas, and its surroundings are a ring; at least one pixel counts as each.
+    The spot is the disc of radius `MIDDLE` sigmas and the surroundings are a ring; each has at least one pixel.
     """
     reach = math.ceil(RING[1] * sigma) + 1
     top, left = max(0, int(y) - reach), max(0, int(x) - reach)
