@@ -1,4 +1,7 @@
-"""Run the program: ``python run.py photo.jpg`` is ``brushexp photo.jpg``; add ``-m`` to sweep, ``--help`` for help."""
+"""Run brushexp from a source tree: ``python run.py photo.jpg`` is equivalent to ``brushexp photo.jpg``.
+
+Add ``-m`` to run a sweep, or ``--help`` to show the help.
+"""
 
 from brushexp.__main__ import main
 

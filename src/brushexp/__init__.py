@@ -44,7 +44,7 @@ def __dir__() -> list[str]:
 
 
 def _published() -> Any:
-    """Map the names of functions published by installed packages to their entry points."""
+    """Map the name of each function that an installed package publishes to its entry point."""
     from brushexp.system.published import published  # noqa: PLC0415  (slow to import)
 
     return published(FUNCTIONS)

@@ -1,4 +1,4 @@
-"""The program: ``brushexp photo.jpg``, the same as ``python -m brushexp photo.jpg`` or ``python run.py photo.jpg``."""
+"""Command-line entry point: ``brushexp photo.jpg`` or ``python -m brushexp photo.jpg``."""
 
 import gc
 import sys
@@ -6,7 +6,7 @@ import time
 
 
 def main() -> None:
-    """Run the program with its command-line arguments."""
+    """Run the program with the arguments in `sys.argv`."""
     start = time.monotonic()  # before the slow imports, so that their time counts
     gc.disable()  # until the task begins: modules are not garbage, and collecting takes a seventh of the startup time
     from brushexp.cli.opening import open_with  # noqa: PLC0415

@@ -40,9 +40,10 @@ class Bounds:
         return f"a multiple of {self.step}, {limits}" if self.step > 1 else limits
 
     def check(self, option: str, value: Any, default: Any = None) -> None:
-        """Reject a value outside the bounds. None always passes; lists and mappings are checked element by element.
+        """Raise a UserError for a value outside the bounds; None is always accepted.
 
-        The UserError names the nearest allowed value, or the default if there is none.
+        Lists and mappings are checked element by element. The error message suggests the nearest allowed value, or the
+        default if there is none.
         """
         if isinstance(value, dict | list | tuple):
             for element in value.values() if isinstance(value, dict) else value:
@@ -85,33 +86,33 @@ def _plain(value: Any) -> str:
 
 
 def at_least(low: float) -> Bounds:
-    """Require at least ``low``."""
+    """Require a number of at least ``low``."""
     return Bounds(low)
 
 
 def above(low: float, high: float = LARGEST) -> Bounds:
-    """Require more than ``low`` and at most ``high``."""
+    """Require a number greater than ``low`` and at most ``high``."""
     return Bounds(low, high, above=True)
 
 
 def between(low: float, high: float) -> Bounds:
-    """Require a number from ``low`` to ``high``, both included."""
+    """Require a number from ``low`` to ``high``, inclusive."""
     return Bounds(low, high)
 
 
 def multiple_of(step: int, high: float = LARGEST) -> Bounds:
-    """Require a multiple of ``step``, at most ``high``."""
+    """Require a positive multiple of ``step`` that is at most ``high``."""
     return Bounds(step, high, step=step)
 
 
 def one_of(*names: str | int) -> Bounds:
-    """Allow only these names or integers."""
+    """Require one of the given names or integers."""
     return Bounds(names=names)
 
 
 @dataclass(frozen=True)
 class Rule:
-    """Require that a string, or each element of a list, can be parsed by the code that will use it."""
+    """Requirement that a string, or each string in a list, can be parsed by the code that will use it."""
 
     read: Callable[[str, str], object]  # raises a UserError for a value and option that it cannot read
     besides: tuple[str, ...] = ()  # values that are not checked
@@ -131,7 +132,7 @@ def _check_duration(value: str, option: str) -> None:
 
 
 def path_rule(exists: Callable[[str], bool], cure: str) -> Rule:
-    """Require a path for which ``exists`` is true; otherwise raise a UserError that ends with ``cure``."""
+    """Return a rule that accepts a path if ``exists`` is true for it; its UserError otherwise ends with ``cure``."""
 
     def read(path: str, option: str) -> None:
         if not exists(path):
@@ -141,7 +142,7 @@ def path_rule(exists: Callable[[str], bool], cure: str) -> Rule:
 
 
 def _check_interrupted(folder: str, option: str) -> None:
-    """Require the folder of a run that can be resumed; otherwise raise a UserError that describes the folder."""
+    """Raise a UserError that describes the folder unless it is the folder of a run that can be resumed."""
     if not os.path.isdir(folder):
         raise UserError(f"{option}={folder}: there is no such folder; give the folder of an interrupted run")
     has = {name for name in ("checkpoint.ckpt", "multirun.yaml", "metrics.json") if os.path.isfile(f"{folder}/{name}")}
@@ -161,6 +162,6 @@ FILE = path_rule(os.path.isfile, "such file; correct the path, or set {option}=n
 
 
 def bounds_of(annotation: Any) -> Bounds | Rule | None:
-    """Find the bounds in a type such as ``Annotated[float, between(0, 1)] | None``."""
+    """Return the bounds in a type such as ``Annotated[float, between(0, 1)] | None``, or None if it has none."""
     bounds = (part if isinstance(part, Bounds | Rule) else bounds_of(part) for part in get_args(annotation))
     return next((part for part in bounds if part is not None), None)

@@ -1,15 +1,15 @@
-"""Define the error that tells a user how to fix a request, and shorten other errors to one line."""
+"""Define the error that tells users how to correct a request, and shorten other errors to one line."""
 
 
 class UserError(ValueError):
-    """A request that cannot be met; its message says in one line what is wrong, what is right and what to type."""
+    """Raised for a request that cannot be met; its message says in one line what is wrong and what to type instead."""
 
     def __init__(self, message: object) -> None:
         super().__init__(on_a_line(str(message)))
 
 
 def on_a_line(text: str, besides: str = "") -> str:
-    r"""Escape control characters except ``besides``, because file names may break lines or control a terminal.
+    r"""Escape control characters other than ``besides``, because file names may contain line breaks or terminal codes.
 
     >>> print(on_a_line("a\x1b[31m\n.png"), on_a_line("é ☃"))
     a\x1b[31m\n.png é ☃

@@ -1,4 +1,4 @@
-"""``brushexp.iterate``: yield the states of a painting during its optimisation."""
+"""``brushexp.iterate``: yield intermediate states of a painting during optimisation."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ if TYPE_CHECKING:
 
 
 def _stay() -> None:
-    """Do nothing, because the painting has ended or runs in another process."""
+    """Do nothing: stand in for `State.stop` when the painting is finished or is optimised in another process."""
 
 
 @dataclass(frozen=True)
 class State:
-    """The state of a painting after a step."""
+    """Snapshot of a painting after an optimisation step."""
 
     step: int  # gradient steps taken
     steps: int  # planned steps; ``seconds`` revises the plan on the way
@@ -51,7 +51,7 @@ class State:
 
 
 class Handover(L.Callback):
-    """Pass painting states to another thread, at most one ahead; the painter's clock stops while it waits."""
+    """Pass states to another thread, at most one ahead of it; the painter's clock is paused while it waits."""
 
     def __init__(self, every: int, every_seconds: float) -> None:
         self.every, self.every_seconds = every, every_seconds
@@ -76,7 +76,7 @@ class Handover(L.Callback):
             painter.schedule.start()
 
     def _is_due(self, before: int) -> bool:
-        """Check whether the last steps passed a multiple of ``every``; some painters take many steps at a time."""
+        """Check whether the last steps passed a multiple of ``every`` and ``every_seconds`` have elapsed."""
         is_next = self.step // self.every > before // self.every
         return is_next and time.monotonic() - self.last >= self.every_seconds
 
@@ -99,18 +99,18 @@ def iterate(
     output: str | PathLike[str] | None = None,
     **overrides: Any,
 ) -> Iterator[State]:
-    """Paint as `paint` does, with identical results, and yield the state at the start and after every ``every`` steps.
+    """Paint as `paint` does, with identical results, and yield the initial state and then one every ``every`` steps.
 
-    A background thread paints, at most one state ahead of the caller; its waiting time does not count towards
+    A background thread paints, at most one state ahead of the caller; the time it spends waiting does not count towards
     ``seconds``. The last state holds the finished ``painting``. ``state.stop()`` makes the next state the last; closing
-    the generator ends the painting without a final state. The painting uses PyTorch's global random generators until it
-    ends.
+    the generator stops the painting without a final state. Until the painting has ended, it uses PyTorch's global
+    random generators.
 
-    ``every`` counts steps, and ``every_seconds`` is the shortest time between two states. With ``every=1`` there are as
-    many states as the caller has time for. The other arguments are those of `paint`.
+    ``every`` is a number of steps, and ``every_seconds`` is the shortest time between two states. With ``every=1``, a
+    state is yielded after each step, and painting waits for the caller. The other arguments are those of `paint`.
 
     Raises:
-        UserError: raised here if the settings are wrong, and by the generator if something goes wrong while it paints.
+        UserError: if the settings are wrong (raised by this call), or if painting fails (raised by the generator).
 
     >>> for state in iterate("astronaut", every=2, look="plain", resolution=32, strokes=20, steps=4):
     ...     print(state.step, state.steps, state.image.shape)
@@ -127,7 +127,7 @@ def iterate(
 
 
 def states_of(settings: Settings, handover: Handover) -> Iterator[State]:
-    """Paint in a thread and yield the states."""
+    """Paint in a background thread and yield the states it hands over, then the final state."""
     painting: Future[Painting] = Future()
     thread = threading.Thread(target=_paint, args=(settings, handover, painting), name="brushexp", daemon=True)
 

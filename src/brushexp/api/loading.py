@@ -1,4 +1,4 @@
-"""``brushexp.load``: load a painting from its run folder or its catalogue."""
+"""``brushexp.load``: load a painting from its run folder or from its catalogue."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from brushexp.system.run_files import METRICS_FILE
 
 
 def load(source: str | PathLike[str]) -> Painting:
-    """Load a finished painting as `paint` returned it: strokes, pictures, metrics and settings.
+    """Load a finished painting as returned by `paint`: its strokes, pictures, metrics and settings.
 
-    Nothing is optimised again; the strokes are drawn only if ``painting.png`` is missing.
+    The strokes are not optimised again, and they are rendered only if ``painting.png`` is missing.
 
     Args:
         source: the folder of a run, a ``catalogue.h5``, ``strokes.json`` or ``strokes.bits``, or the name of a

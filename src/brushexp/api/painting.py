@@ -1,4 +1,4 @@
-"""``brushexp.paint``, and the `Painting` that it returns."""
+"""``brushexp.paint`` and its result, a `Painting`."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ FRAME_HEIGHT = 760  # pixels of a painting in a notebook
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Painting:
-    """A finished painting: its strokes, pictures and metrics, in memory until you save it.
+    """A finished painting with its strokes, pictures and metrics, held in memory until it is saved.
 
-    It can be pickled, and so passed between processes.
+    It can be pickled and thus passed between processes.
     """
 
     finished: Finished
@@ -57,29 +57,29 @@ class Painting:
 
     @property
     def strokes(self) -> Strokes:
-        """The N strokes in pixels of the canvas; ``depth`` orders them."""
+        """The N strokes, in canvas pixels; their stacking order is given by ``depth``."""
         return self.finished.job.strokes
 
     @property
     def depth(self) -> Tensor:
-        """(N,) int32 ranks of the strokes; 0 is the bottom one."""
+        """(N,) int32 depth rank of each stroke; the bottom stroke has rank 0."""
         return self.finished.job.saved.depth
 
     @property
     def background(self) -> Tensor:
-        """(3,) RGB in [0, 1] of the bare canvas."""
+        """(3,) RGB colour of the bare canvas, in [0, 1]."""
         return self.finished.job.saved.background
 
     @property
     def image(self) -> np.ndarray:
-        """(H, W, 3) uint8: the painting, lit by its lamp if it has one."""
+        """(H, W, 3) uint8 picture of the painting, lit by its lamp if it has one."""
         return self.finished.image
 
     @property
     def target(self) -> np.ndarray:
-        """(H, W, 3) uint8: the target, at the resolution used for optimisation.
+        """(H, W, 3) uint8 target picture, at the resolution used for optimisation.
 
-        Raises a UserError if the run was loaded without it.
+        Raises a UserError if the painting was loaded without its target.
         """
         if "target" not in self.finished.pictures:
             raise UserError("this painting was loaded without the target.png of its run; load the run's whole folder")
@@ -87,12 +87,12 @@ class Painting:
 
     @property
     def metrics(self) -> Mapping[str, Any]:
-        """The entries of metrics.json, computed at first use: ``psnr`` (dB), ``ssim``, ``seconds``, ``status``, ..."""
+        """The entries of metrics.json, computed on first use: ``psnr`` (dB), ``ssim``, ``seconds``, ``status``, ..."""
         with self.settings.as_asked():
             return self.finished.metrics
 
     def render(self, size: int | None = None, *, light: bool = True) -> np.ndarray:
-        """Draw the painting as (H, W, 3) uint8, sharp at any ``size`` of the longer side; ``light`` adds its lamp."""
+        """Render the painting as (H, W, 3) uint8, sharp at any ``size`` of the longer side; ``light`` adds its lamp."""
         job = _sized(self.finished.job, size)
         with undisturbed():
             return (job if light else replace(job, light=UNLIT)).picture()
@@ -100,16 +100,16 @@ class Painting:
     def export(
         self, form: str, folder: str | PathLike[str] = ".", *, size: int | None = None, **options: Any
     ) -> list[Path]:
-        """Export the painting to a format for other programs (``to=`` of task=export): svg, json, csv, gcode, png, ...
+        """Export the painting to a format for other programs, as task=export does: svg, json, csv, gcode, png, ...
 
         Args:
             form: name of the exporter.
             folder: folder for the files; it is created if necessary.
             size: longer side in pixels; None keeps the size of the painting.
-            options: options of the exporter, such as ``digits=2`` for svg.
+            options: exporter options, such as ``digits=2`` for svg.
 
         Returns:
-            The files, the main one first.
+            The paths of the files, main file first.
         """
         exporter = build_named("to", form, options)
         job = _sized(self.finished.job, size)
@@ -120,9 +120,9 @@ class Painting:
             return list[Path](exporter.write(job, into))
 
     def save(self, folder: str | PathLike[str]) -> Path:
-        """Write a run's files (painting.png, catalogue.h5, report.html, ...), replacing those of earlier paintings.
+        """Write a run's files (painting.png, catalogue.h5, report.html, ...), replacing those of an earlier painting.
 
-        A timelapse is written only if ``frames`` was set; curves are never written. Returns the path of the page.
+        A timelapse is written only if ``frames`` was set; curves are never written. Returns the path of the HTML page.
         """
         into = find_path(folder)
         (into / ".hydra").mkdir(parents=True, exist_ok=True)
@@ -144,7 +144,7 @@ class Painting:
         return into / "report.html"
 
     def _repr_html_(self) -> str:
-        """Show the page of the painting, with its replay, in a notebook."""
+        """Return the painting's HTML page, including its replay, for display in a notebook."""
         name = Path(str(self.settings.cfg.image)).name
         shown = {"painting": self.finished.pictures["painting"]}
         finished = replace(self.finished, pictures=shown, compute_metrics=lambda: self.metrics)
@@ -184,11 +184,11 @@ def paint(
             (H, W, 3), (H, W) or, with alpha composited over white, (H, W, 4), or a tensor (3, H, W); uint8, bool or
             floats in [0, 1].
         look: the medium and style: oil (the default), watercolour, ...
-        strokes: number of strokes; None for the look's own number for a picture of this size.
-        seconds: seconds of optimisation; None for the look's own number of steps.
-        output: folder for the files of the run; None writes nothing.
+        strokes: number of strokes; None for the number that the look chooses for the size of the picture.
+        seconds: seconds of optimisation; None for the number of steps that the look sets.
+        output: folder for the files of the run; with None, no files are written.
         overrides: further command-line keys: ``loss=["mse", "kl"]``, ``light={"azimuth": 90}``,
-            ``**{"init.length": 3}``. ``style`` and ``focus`` may be pictures, too.
+            ``**{"init.length": 3}``. ``style`` and ``focus`` may also be pictures in memory.
 
     Raises:
         UserError: if an argument is wrong, with the same message as on the command line.

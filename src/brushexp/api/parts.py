@@ -1,4 +1,4 @@
-"""``brushexp.list_plugins``, ``brushexp.create`` and ``brushexp.render``: build plugins, and draw strokes with them."""
+"""``brushexp.list_plugins``, ``brushexp.create`` and ``brushexp.render``: list and build plugins, render strokes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from brushexp.strokes.catalogue import Strokes, check_strokes
 
 
 def list_plugins(family: str | None = None) -> dict[str, dict[str, str]]:
-    """Map each family to its plugins, including those of the current folder, with a one-line description of each.
+    """Map each plugin family to its plugins and their one-line descriptions, including plugins in the current folder.
 
     >>> list(list_plugins("order")["order"])
     ['accuracy', 'area', 'fixed']
@@ -32,12 +32,12 @@ def list_plugins(family: str | None = None) -> dict[str, dict[str, str]]:
 
 
 def create(family: str, name: str, **options: Any) -> Any:
-    """Build one plugin, such as a loss, renderer or exporter, with options named as on the command line.
+    """Build a plugin, such as a loss, renderer or exporter, with options named as on the command line.
 
-    The weights of a renderer are frozen, which makes it fast; call ``.requires_grad_()`` on it to train them.
+    A renderer's weights are frozen, which makes rendering faster; call ``.requires_grad_()`` on it to train them.
 
     Raises:
-        UserError: if an option is wrong, or if there is no plugin of this name.
+        UserError: if an option is wrong, or if there is no plugin of the given name.
 
     >>> create("loss", "mse", weight=2.0).weight
     2.0
@@ -59,26 +59,28 @@ def render(
     color: str = "rgb",
     **options: Any,
 ) -> Tensor:
-    """Draw strokes on a canvas, differentiably in their position, curve, width, color and opacity.
+    """Render strokes on a canvas, differentiably with respect to their position, curve, width, color and opacity.
 
     Use ``.backward()`` or `torch.autograd.grad` for first derivatives; second derivatives need ``blend="dense"``.
 
     Args:
-        strokes: N strokes in pixels of the canvas; ``strokes.moved(zoom=2)`` scales them to a canvas twice as large. A
-            list of B such sets, which may differ in N, is a batch.
+        strokes: N strokes, in canvas pixels; ``strokes.moved(zoom=2)`` scales them to a canvas twice as large. A list
+            of B sets of strokes, which may differ in N, is a batch.
         size: height and width of the canvas in pixels, or one number for both.
-        depth: (N,) ranks, 0 for the bottom stroke; None keeps the order of the strokes. For a batch, give a list of B.
-        background: (3,) RGB of the bare canvas in [0, 1]; None is white. For a batch it may be (B, 3).
-        renderer: name of a renderer, or one that `create` built.
+        depth: (N,) ranks, 0 for the bottom stroke; None keeps the order of the strokes. For a batch, a list of B
+            arrays.
+        background: (3,) RGB of the bare canvas, in [0, 1]; None means white. For a batch, it may be (B, 3).
+        renderer: name of a renderer, or a renderer built by `create`.
         blend: name of the blend that composites the strokes.
-        color: name of the colour space in which they are composited.
+        color: name of the colour space in which the strokes are composited.
         options: options of the named renderer, such as ``soft=1.0``.
 
     Returns:
         (3, H, W) RGB in [0, 1]; for a batch, (B, 3, H, W).
 
     Raises:
-        UserError: if an argument is wrong, or inside ``torch.func`` (vmap, grad), which cannot trace compiled code.
+        UserError: if an argument is wrong, or within a ``torch.func`` transform (vmap, grad), which cannot trace
+            compiled code.
 
     >>> from brushexp.strokes.prior import sample_prior
     >>> strokes = sample_prior(4).moved(shift=(16, 12)).map(lambda value: value.requires_grad_())
@@ -115,7 +117,7 @@ def _draw(
     renderer: Renderer,
     compositor: Compositor,
 ) -> Tensor:
-    """Draw the strokes of one canvas: (3, H, W)."""
+    """Render the strokes of one canvas as a picture (3, H, W)."""
     order = torch.arange(len(strokes)) if depth is None else depth
     like = strokes.position
     front_to_back = order.to(like.device).argsort(descending=True)
@@ -125,7 +127,7 @@ def _draw(
 def _depths(
     depth: Tensor | Sequence[Tensor | None] | None, canvases: Sequence[Strokes], *, is_one: bool
 ) -> Sequence[Tensor | None]:
-    """Collect the stroke ranks of each canvas; raise a UserError for invalid strokes or ranks."""
+    """Return the stroke ranks for each canvas; raise a UserError for invalid strokes or ranks."""
     if not canvases:
         raise UserError("strokes is an empty list; give at least one Strokes")
     for number, strokes in enumerate(canvases):
@@ -143,7 +145,7 @@ def _depths(
 
 
 def _grounds(background: Tensor | None, count: int, *, is_one: bool) -> Sequence[Tensor]:
-    """Collect the colours of the bare canvases; raise a UserError for wrong shapes."""
+    """Return the colour of each bare canvas; raise a UserError for wrong shapes."""
     ground = torch.ones(3) if background is None else background
     if ground.shape == (3,):
         return [ground] * count
@@ -154,7 +156,7 @@ def _grounds(background: Tensor | None, count: int, *, is_one: bool) -> Sequence
 
 
 def _canvas(size: object) -> tuple[int, int]:
-    """Read the height and width of a canvas; a single number sets both."""
+    """Return the height and width of a canvas; a single number sets both."""
     sides = (size, size) if isinstance(size, Integral) else size
     if not isinstance(sides, str) and isinstance(sides, Iterable):
         match [*sides]:

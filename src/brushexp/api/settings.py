@@ -35,14 +35,14 @@ RESERVED = {"task": "call another function", "output": "set output=", "resume": 
 
 @cache
 def load_choices() -> list[Path]:
-    """Load all plugins, including those of the current folder, on the first call; return the config folders."""
+    """Load all plugins, including those in the current folder, on the first call; return the config folders."""
     prepare(Path())
     return folders_of(Path().resolve())  # the program may change its working folder
 
 
 @dataclass(frozen=True)
 class Settings:
-    """The checked config of a task, its overrides, and the in-memory pictures it refers to."""
+    """A task's checked config, with its overrides and the in-memory pictures to which it refers."""
 
     cfg: DictConfig
     words: list[str]
@@ -94,9 +94,9 @@ def undisturbed(gradients: bool = True) -> Iterator[None]:
 
 
 def settings_of(task: str, options: Mapping[str, Any], output: str | os.PathLike[str] | None = None) -> Settings:
-    """Check the settings of a task given as Python values; raise a UserError where the command line would.
+    """Check a task's settings, given as Python values; raise a UserError where the command line would.
 
-    Values are numbers, strings, paths, None, and lists and mappings of these; pictures may be in memory.
+    Values may be numbers, strings, paths, None, lists and mappings of these, or in-memory pictures.
     """
     folders = load_choices()
     held: dict[str, HeldPicture] = {}
@@ -117,7 +117,7 @@ def settings_of(task: str, options: Mapping[str, Any], output: str | os.PathLike
 
 
 def write_pictures(settings: Settings, folder: Path) -> Settings:
-    """Write in-memory pictures to the folder of a run, and replace them in the settings by the paths of these files."""
+    """Write in-memory pictures to the folder of a run, and put the paths of these files into the settings."""
     cfg, words = settings.cfg.copy(), settings.words
     for key, held in settings.held.items():
         path = str(held.write(folder / ".hydra", key.replace(".", "_")))
@@ -130,7 +130,7 @@ def write_pictures(settings: Settings, folder: Path) -> Settings:
 
 
 def words_from(options: Mapping[str, Any], held: dict[str, HeldPicture], above: str = "") -> Iterator[str]:
-    """Write each option as ``key=value``, with mappings flattened below their key: ``light={"azimuth": 90}``."""
+    """Yield each option as ``key=value``; mappings such as ``light={"azimuth": 90}`` are flattened to dotted keys."""
     for key, value in options.items():
         name = f"{above}{key}"
         if name in RESERVED:

@@ -1,1 +1,1 @@
-"""Read a command line, answer ``--help``, and start a task."""
+"""Parse the command line, answer ``--help``, and start the requested task."""

@@ -1,7 +1,7 @@
-"""Describe this installation in fifteen lines to paste into a bug report: ``brushexp doctor``.
+"""``brushexp doctor``: describe this installation in fifteen lines to paste into a bug report.
 
-Libraries and plugins are imported in separate processes, where they may fail or crash. A check that fails gives the
-reason on its line. A line that starts with "!" reports something broken.
+Libraries and plugins are imported in separate processes, so that a failure or crash does not end the report. If a check
+fails, its line states the reason. A line that starts with "!" reports a broken part.
 """
 
 import json
@@ -67,11 +67,11 @@ Probes = Mapping[str, Future[dict[str, Any]]]
 
 
 class Broken(Exception):
-    """A broken part of the installation; the message is the text of its line."""
+    """Raised for a broken part of the installation; the message becomes the text of its line."""
 
 
 def examine() -> int:
-    """Print the fifteen lines; return 1 if something is broken, else 0."""
+    """Print the fifteen lines; return exit code 1 if something is broken, otherwise 0."""
     exit_code = 0
     with ThreadPoolExecutor(len(PROBES)) as pool:
         probes = {name: pool.submit(_run, code) for name, code in PROBES.items()}
@@ -175,7 +175,7 @@ def _libraries() -> str:
 
 
 def _extras() -> tuple[list[str], list[str]]:
-    """List the installed and the missing extras, omitting extras that have no libraries for this system."""
+    """List the installed and the missing extras, omitting those without libraries for this system."""
     names = distribution("brushexp").metadata.get_all("Provides-Extra") or []
     extras = {
         name: [is_there for _, is_there in _requirements(name)] for name in sorted(set(names) - {*FOR_DEVELOPERS})
@@ -190,7 +190,7 @@ def _missing_extras() -> str:
 
 
 def _requirements(extra: str) -> Iterable[tuple[str, bool]]:
-    """Yield each requirement of an extra on this system ("" for brushexp itself), and whether it is installed."""
+    """Yield each requirement of an extra ("" for brushexp itself) on this system, and whether it is installed."""
     from packaging.requirements import Requirement  # noqa: PLC0415  (it may be missing)
 
     for text in distribution("brushexp").requires or ():

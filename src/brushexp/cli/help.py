@@ -1,4 +1,4 @@
-"""Write the output of ``--help``."""
+"""Compose the output of ``--help``."""
 
 from collections.abc import Iterator, Sequence
 from functools import reduce
@@ -38,7 +38,7 @@ TRAINER = "trainer."  # keys of Lightning's Trainer, which few people need
 
 
 def topic_of(words: Sequence[str]) -> str:
-    """Parse the topic of ``--help=topic``, "" for plain ``--help``; raise a UserError for an unknown topic."""
+    """Return the topic in ``--help=topic``, or "" for plain ``--help``; raise a UserError for an unknown topic."""
     topics = [word.removeprefix("--help=") for word in words if word.startswith("--help=")]
     if topics and topics[-1] not in TOPICS:
         raise UserError(f"--help={topics[-1]} is not a topic; type --help, or --help= and one of {', '.join(TOPICS)}")
@@ -46,10 +46,10 @@ def topic_of(words: Sequence[str]) -> str:
 
 
 def help_text(cfg: DictConfig, overrides: Sequence[str], folders: Sequence[Path], topic: str = "") -> str:
-    """Write the help for a composed config and the overrides the user typed; ``folders`` hold the presets.
+    """Return the help text for a composed config and the user's overrides; ``folders`` contain the presets.
 
-    If the user names a family, as in ``renderer=`` or ``renderer=neural``, list its members and the options of the
-    chosen ones.
+    If the user names a family, as in ``renderer=`` or ``renderer=neural``, the text lists the members of the family and
+    the options of the chosen members.
     """
     typed = [word.lstrip("+~").partition("=")[0].partition(".")[0] for word in overrides]
     families = [name for name in dict.fromkeys(typed) if name in CHOSEN_GROUPS - {"task"}]
@@ -67,7 +67,7 @@ def help_text(cfg: DictConfig, overrides: Sequence[str], folders: Sequence[Path]
 
 
 def _start(cfg: DictConfig, folders: Sequence[Path]) -> list[str]:
-    """Write the first page: examples, looks, qualities, the most useful keys, and further topics."""
+    """Compose the start page: examples, looks, qualities, the most useful keys, and further topics."""
     schema, lines = PaintTask, [TITLE, ""]
     examples = table_of_words("examples").items()
     for example, meaning in sorted(examples, key=lambda pair: not pair[0].startswith("brushexp photo.jpg")):
@@ -87,7 +87,7 @@ def _start(cfg: DictConfig, folders: Sequence[Path]) -> list[str]:
 
 
 def _task(cfg: DictConfig, folders: Sequence[Path]) -> list[str]:
-    """Write the page of a task: what it does, its keys and its plugins."""
+    """Compose the help page of a task: its description, keys and plugins."""
     schema = TASKS[cfg.task]
     lines = [usage_of(cfg.task, schema.alone), schema.__doc__ or "", "", "Keys and their current values"]
     keys = keys_of(schema)
@@ -103,7 +103,7 @@ def _task(cfg: DictConfig, folders: Sequence[Path]) -> list[str]:
 
 
 def _all_of(cfg: DictConfig, folders: Sequence[Path], families: Sequence[str]) -> list[str]:
-    """List every key of a task with its description, and every plugin and preset available to the task."""
+    """List every key of a task with its description, and every plugin and preset that the task can use."""
     schema = TASKS[cfg.task]
     lines = [usage_of(cfg.task, schema.alone), schema.__doc__ or "", "", "Keys and their current values"]
     lines += _keys(cfg, list(keys_of(schema).values()))
@@ -116,7 +116,7 @@ def _all_of(cfg: DictConfig, folders: Sequence[Path], families: Sequence[str]) -
 
 
 def _tasks_of(topic: str, folders: Sequence[Path]) -> list[str]:
-    """List the tasks of a topic, one line each, and the studies for researchers."""
+    """List the tasks of a topic, one per line; for the topic ``research``, also list the studies."""
     lines = [f"{TOPICS[topic].capitalize()}; the keys of each: brushexp NAME --help", ""]
     for name in TASKS:
         if TASKS[name].is_research == (topic == "research"):
@@ -125,7 +125,7 @@ def _tasks_of(topic: str, folders: Sequence[Path]) -> list[str]:
 
 
 def _words_of_changes(cfg: DictConfig) -> list[str]:
-    """List the short words for options of changes, with the current values of the chosen changes."""
+    """List the short words for options of changes, with the current values for changes that are chosen."""
     words = change_words_of(TASKS[cfg.task])
     options = {option: word for word, option in words.items()}
     for word, tuned in table_of_words("change_options").items():
@@ -143,7 +143,7 @@ def _words_of_changes(cfg: DictConfig) -> list[str]:
 
 
 def usage_of(task: str, alone: str) -> str:
-    r"""Write the usage line of a task.
+    r"""Return the usage line of a task.
 
     >>> usage_of("export", "catalogue"), usage_of("paint", "image")
     ('brushexp export outputs/x [key=value ...]\n', 'brushexp photo.jpg [key=value ...]\n')
@@ -153,7 +153,7 @@ def usage_of(task: str, alone: str) -> str:
 
 
 def _keys(cfg: DictConfig, keys: Sequence[Key]) -> list[str]:
-    """List keys with their values in a config and their descriptions."""
+    """List the given keys with their descriptions and their values in a config."""
     raw: Any = OmegaConf.to_container(cfg, resolve=False)
     lines = []
     for key in keys:
@@ -167,7 +167,7 @@ def _keys(cfg: DictConfig, keys: Sequence[Key]) -> list[str]:
 
 
 def _names(group: str, folders: Sequence[Path]) -> list[str]:
-    """List the members of a group, both plugins and presets."""
+    """List the names of a group's members, both plugins and presets."""
     presets = [name for folder in folders for name in presets_of(folder / group)]
     return sorted({plugin.name for plugin in plugins(group)} | set(presets))
 
@@ -182,7 +182,7 @@ def _members(group: str, folders: Sequence[Path]) -> Iterator[str]:
 
 
 def _group(group: str, cfg: DictConfig, folders: Sequence[Path], with_options: bool) -> list[str]:
-    """List the members of a group, one line each; ``with_options`` adds their options and facts that help to choose."""
+    """List a group's members, one per line; ``with_options`` adds facts about each and options of the chosen ones."""
     rows = {plugin.name: plugin.summary for plugin in plugins(group)}
     for folder in folders:
         rows |= presets_of(folder / group)
@@ -203,7 +203,7 @@ def _group(group: str, cfg: DictConfig, folders: Sequence[Path], with_options: b
 
 
 def two_columns(name: str, meaning: str, column: int = COLUMN) -> list[str]:
-    """Lay out a name and its description in two columns, or on two lines if the name is long."""
+    """Format a name and its description in two columns, or on separate lines if the name is too long."""
     head = f"  {name:<{column - 3}} "
     if len(head) > column:
         indent = " " * column

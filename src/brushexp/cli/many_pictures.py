@@ -1,4 +1,4 @@
-"""Turn a command line with many pictures (``image=photos/``, ``image='photos/*.jpg'``) into a sweep."""
+"""Turn a command line that names many pictures (``image=photos/``, ``image='photos/*.jpg'``) into a sweep."""
 
 import glob
 import logging
@@ -33,7 +33,7 @@ MB_PER_PROCESS = 2048  # memory of a process: 450 MB for modules, and about 800 
 
 
 def expand_jobs(words: Sequence[str], pictures: int = 0) -> list[str]:
-    """Replace ``jobs=2`` by a launcher that runs two jobs in parallel; several ``pictures`` imply ``jobs=auto``."""
+    """Replace ``jobs=2`` with a launcher that runs two jobs in parallel; several ``pictures`` imply ``jobs=auto``."""
     typed = [word for word in words if word.startswith(PROCESSES)]
     others = [word for word in words if word not in typed]
     automatic = pictures and not any(word.startswith(LAUNCHER_WORDS) for word in words)
@@ -46,13 +46,13 @@ def expand_jobs(words: Sequence[str], pictures: int = 0) -> list[str]:
 
 
 def launcher() -> str:
-    """Choose the launcher for parallel processes: a package's launcher that works on this machine, or Hydra's."""
+    """Choose the launcher for parallel jobs: a package's if it works on this machine, otherwise Hydra's joblib."""
     suiting = (name for name, works_here in published(LAUNCHERS).items() if works_here.load()())
     return next(suiting, "joblib")
 
 
 def parallel_limit(pictures: int) -> int:
-    """Compute how many processes the cores, memory and number of pictures (0 = any) allow in parallel; 1 on a GPU."""
+    """Compute the maximum number of parallel processes from cores, memory and ``pictures`` (0 for any); 1 on a GPU."""
     from brushexp.system.device import device_of  # noqa: PLC0415  (torch; --help should not wait for it)
     from brushexp.system.runtime import cores, free_memory  # noqa: PLC0415
 
@@ -64,7 +64,7 @@ def parallel_limit(pictures: int) -> int:
 
 
 def expand_pictures(words: Sequence[str], is_sweep: bool) -> list[str]:
-    """Turn a command line with several pictures into a sweep; repeating the command resumes it."""
+    """Turn a command line with several pictures into a sweep, which repeating the command resumes."""
     named = [word.removeprefix(PICTURE) for word in words if word.startswith(PICTURE)]
     sets = [_without_brackets(word.removeprefix(SETS)) for word in words if word.startswith(SETS)]
     if not sets and len(named) < 2 and not any(map(is_several, named)):
@@ -90,23 +90,23 @@ def expand_pictures(words: Sequence[str], is_sweep: bool) -> list[str]:
 
 
 def _without_brackets(text: str) -> str:
-    """Write a bracketed list, ``[a.jpg,"b.jpg"]``, as ``a.jpg,b.jpg``, unless a file has exactly this name."""
+    """Rewrite a list ``[a.jpg,"b.jpg"]`` as ``a.jpg,b.jpg``, unless a file with exactly this name exists."""
     if not (text.startswith("[") and text.endswith("]")) or os.path.exists(text):
         return text
     return ",".join(part.strip().strip("\"'") for part in text[1:-1].split(","))
 
 
 def all_pictures(names: Sequence[str], folders: Sequence[Path]) -> list[str]:
-    """List the pictures that ``pictures=`` names, without duplicates."""
+    """List all pictures named by ``pictures=``, without duplicates."""
     return list(dict.fromkeys(picture for name in names for picture in pictures_named(name, folders)))
 
 
 def pictures_named(name: str, folders: Sequence[Path]) -> list[str]:
     """List the pictures named by one entry of ``pictures=``: a set, a folder, a pattern or a single picture.
 
-    A set is a YAML file, ``pictures/<name>.yaml`` in a config folder or at a given path, that lists samples and files;
-    relative paths start from its folder or the current one. A UserError names files that are missing or whose SHA-256
-    differs from the set's.
+    A set is a YAML file, ``pictures/<name>.yaml`` in a config folder or any given path, that lists samples and files.
+    Paths are relative to the folder of the YAML file or to the current folder. A UserError names files that are missing
+    or whose SHA-256 differs from the one in the set.
     """
     files = {key: path for folder in folders for key, path in files_of(folder, "pictures").items()}
     path = Path(os.path.expanduser(name)) if name.endswith(ENDING) else files.get(name)
@@ -131,7 +131,7 @@ def pictures_named(name: str, folders: Sequence[Path]) -> list[str]:
 
 
 def _pictures_in(name: str) -> list[str]:
-    """List the pictures in a folder or matching a pattern, and log the files that are skipped."""
+    """List the pictures that are in a folder or match a pattern, and log the files that are skipped."""
     paths = pictures_in(name)
     for line in skipped_files(name):
         log.warning("image=%s: %s", name, line)
@@ -139,7 +139,7 @@ def _pictures_in(name: str) -> list[str]:
 
 
 def read_set(path: Path) -> dict[str, str]:
-    """Read the pictures of a set with their SHA-256 (``- photo.jpg: 0ab3...``), or "" for lines without one."""
+    """Read a set: map each picture to its SHA-256 (``- photo.jpg: 0ab3...``), or to "" if its line has none."""
     lines = yaml_of(read_text(path, "give a file with a list of pictures"), list)
     pairs = (next(iter(line.items())) if isinstance(line, dict) and len(line) == 1 else (line, "") for line in lines)
     return {str(name): str(digest) for name, digest in pairs}
@@ -151,14 +151,14 @@ def _place_of(picture: str, folder: Path) -> Path:
 
 
 def name_of(image: str) -> str:
-    """Choose the name of the output folder for the pictures in a folder or matching a pattern."""
+    """Choose the name of the output folder for pictures given by a folder or a pattern."""
     folder = image if os.path.isdir(os.path.expanduser(image)) else glob.escape(image).partition("[")[0]
     name = Path(os.path.expanduser(folder)).resolve().name  # pathlib's version raises for ~nosuchuser
     return name.replace("${", "{") or "pictures"  # Hydra cannot write into a folder with ${ in its name
 
 
 def subfolders_for(paths: Sequence[str]) -> list[str]:
-    """Name a folder after each picture's stem; where names clash, add the file extension and a number."""
+    """Name a folder after each picture's stem; if names clash, append the file extension and, if needed, a number."""
     stems = ["".join(c if c.isalnum() or c in "-_." else "_" for c in Path(path).stem) for path in paths]
     endings = [Path(path).suffix.lower().replace(".", "_") for path in paths]
     often = Counter(stems)

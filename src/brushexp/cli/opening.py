@@ -1,6 +1,6 @@
-"""Announce what a command line will start before the slow imports, and answer requests that need no imports.
+"""Announce, before the slow imports, what a command line will start, and answer requests that need no imports.
 
-Nothing here checks the arguments: `brushexp.config.words` reports mistakes a moment later.
+This module does not check the arguments; `brushexp.config.words` reports mistakes a moment later.
 """
 
 import os
@@ -21,9 +21,9 @@ PAINTED = ("", "paint")  # tasks whose first line names the picture
 
 
 def open_with(words: Sequence[str]) -> list[str]:
-    """Answer ``--version`` and ``doctor`` and exit; otherwise announce on a terminal what will start.
+    """Answer ``--version`` or ``doctor`` and exit; otherwise announce, on a terminal, what will start.
 
-    Returns the arguments with ``help`` rewritten as ``--help`` and task names in our spelling.
+    Returns the arguments with ``help`` rewritten as ``--help`` and with the program's own spelling of task names.
     """
     open_streams()
     if isinstance(sys.stdout, TextIOWrapper):  # tests may have replaced it
@@ -50,14 +50,14 @@ def open_with(words: Sequence[str]) -> list[str]:
 
 
 def open_streams() -> None:
-    """Connect closed standard streams (``2>&-``) to the null device, so that no other file receives their output."""
+    """Redirect closed standard streams (``2>&-``) to the null device, so that no other file receives their output."""
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
             setattr(sys, name, open(os.devnull, mode))  # noqa: SIM115  (until the end)
 
 
 def opening_line(words: Sequence[str]) -> str:
-    """Describe briefly what a command line will start; "" for a help request or a missing file.
+    """Describe briefly what a command line will start; return "" for a help request or a missing file.
 
     >>> opening_line(["coffee", "look=ink", "strokes=300"])
     'painting coffee in ink'
@@ -77,7 +77,7 @@ def opening_line(words: Sequence[str]) -> str:
 
 
 def painting_line(keys: Mapping[str, str], alone: Sequence[str]) -> str:
-    """Describe which pictures will be painted and in which look; "" if they do not exist."""
+    """Describe which pictures will be painted and in which look; return "" if a picture does not exist."""
     pictures = [*alone, *(keys[key] for key in ("image", "pictures") if key in keys)] or ["astronaut"]
     if not all(is_path(one) or is_several(one) or is_sample(one) or "pictures" in keys for one in pictures):
         return ""
@@ -89,14 +89,14 @@ def painting_line(keys: Mapping[str, str], alone: Sequence[str]) -> str:
 
 
 def is_sample(name: str) -> bool:
-    """Check whether scikit-image or matplotlib ships a sample picture of this name."""
+    """Check whether scikit-image or matplotlib ships a sample picture with this name."""
     found = find_spec("skimage")
     folders = [Path(folder, "data") for folder in (found.submodule_search_locations or () if found else ())]
     return name == "grace_hopper" or any((folder / f"{name}{end}").is_file() for folder in folders for end in ENDS)
 
 
 def _sorted(words: Sequence[str]) -> tuple[dict[str, str], list[str]]:
-    """Separate ``key=value`` arguments from bare words; painters' words count as keys."""
+    """Separate ``key=value`` arguments from bare words; painters' words are expanded to key and value."""
     keys: dict[str, str] = {}
     alone = []
     for word in words:

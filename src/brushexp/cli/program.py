@@ -1,4 +1,4 @@
-"""Run the program with command-line arguments."""
+"""Run the program with the user's command-line arguments and report errors."""
 
 import logging
 import os
@@ -42,7 +42,7 @@ _start = [time.monotonic()]  # start time of the program
 
 @hydra.main(version_base="1.3", config_path="pkg://brushexp.conf", config_name="config")
 def job(cfg: DictConfig) -> dict[str, object] | float:
-    """Run the task of a config and return its metrics or objective; worker processes of a parallel sweep start here."""
+    """Run a config's task and return its metrics or objective; the worker processes of a parallel sweep start here."""
     if os.getpid() not in _prepared:
         prepare(Path(), warns=False)
         _prepared.add(os.getpid())
@@ -52,7 +52,7 @@ def job(cfg: DictConfig) -> dict[str, object] | float:
 
 
 def run(start: float) -> None:
-    """Run the program with its command-line arguments; ``start`` is the `time.monotonic` of its launch."""
+    """Run the program with the arguments in `sys.argv`; ``start`` is the `time.monotonic` at which it was launched."""
     _start[0] = start
     typed_words = sys.argv[1:]
     words = ["--help" if word.startswith("--help=") else word for word in typed_words]
@@ -73,15 +73,15 @@ def run(start: float) -> None:
 
 
 def settings_first(words: Sequence[str]) -> list[str]:
-    """Move flags after all settings, because Hydra accepts settings in one contiguous block only."""
+    """Move flags after all settings, because Hydra accepts settings only as one contiguous block."""
     typed, after_flags = parse_arguments(words)
     return sorted(words, key=lambda word: word not in (*typed.overrides, *after_flags))
 
 
 def expand_arguments(arguments: list[str]) -> list[str]:
-    """Expand the shorthand of a command line (`brushexp.config.words`); several pictures become a sweep.
+    """Expand the shorthand in a command line (`brushexp.config.words`), and turn several pictures into a sweep.
 
-    A UserError names the argument that is not ``key=value`` or has an invalid value.
+    Raises a UserError that names an argument if it is not ``key=value`` or has an invalid value.
     """
     arguments = drop_implied(spell_out([expand_home(word) for word in arguments]))
     typed, after_flags = parse_arguments(arguments)
@@ -103,7 +103,7 @@ def expand_arguments(arguments: list[str]) -> list[str]:
 
 
 def refuse_flags(words: Sequence[str]) -> None:
-    """Raise a UserError for flags that Hydra does not know, because keys have no dashes."""
+    """Raise a UserError for unknown flags; it explains that keys have no dashes."""
     for word in words:
         name, equal, value = word.lstrip("-").partition("=")
         if word.startswith("--"):
@@ -119,7 +119,7 @@ def drop_implied(words: Sequence[str]) -> list[str]:
 
 
 def check_duplicates(typed: Sequence[str], meant: Sequence[str]) -> None:
-    """Raise a UserError for two values of one key, such as finer with bolder, or ink with look=oil."""
+    """Raise a UserError if two arguments give a key different values, such as finer and bolder, or ink and look=oil."""
     alone: dict[str, tuple[str, str]] = {}
     pairs = [(word, *setting.partition("=")[::2]) for word, setting in zip(typed, meant, strict=True)]
     for word, key, value in sorted(pairs, key=lambda pair: meaning_of(pair[0]) is None):
@@ -131,7 +131,7 @@ def check_duplicates(typed: Sequence[str], meant: Sequence[str]) -> None:
 
 
 def join_paths(words: Sequence[str], schema: type[Task]) -> list[str]:
-    """Join bare paths for a task that takes a list; raise a UserError for several paths if the task takes one."""
+    """Join bare paths if the task takes a list of paths; raise a UserError for several paths if it takes only one."""
     begin = f"{schema.alone}="
     several = [word.removeprefix(begin) for word in words if word.startswith(begin)]
     if schema.alone in ("", "image") or len(several) < 2:
@@ -144,7 +144,7 @@ def join_paths(words: Sequence[str], schema: type[Task]) -> list[str]:
 
 
 def resume_in_own_folder(words: Sequence[str]) -> list[str]:
-    """Resume a run in its own folder unless the user names another one."""
+    """Set ``output`` to the folder of the resumed run unless the user names another folder."""
     resumed = [word.removeprefix("resume=") for word in words if word.startswith("resume=") and word != RESUME_SWEEP]
     if not resumed or any(word.startswith("output=") for word in words):
         return [*words]

@@ -1,1 +1,1 @@
-"""Use private parts of other libraries; each module states the version it was tested with."""
+"""Use private parts of other libraries; each module states the versions with which it was tested."""

@@ -1,15 +1,15 @@
-"""Compile functions with Numba on their first call, so that its import (about a second) delays nothing else.
+"""Compile functions with Numba on their first call, so that importing Numba (about a second) delays nothing else.
 
 A compiled function may have **parts**: functions that it calls by name and that can be replaced (`Compiled.having`), so
 that one loop serves many formulas. Numba types a part once for all functions that use it. Machine code is stored under
-a name derived from the code of the function and of everything it calls, so a change in any file is noticed. Columns of
-an array may be named by an `IntEnum`, whose members are compiled as their numbers.
+a name derived from the code of the function and of everything it calls, so a change in any file triggers recompilation.
+An `IntEnum` may name the columns of an array; its members are compiled as integers.
 
 Compiled code uses one thread and releases the GIL: a loop over independent iterations takes the first index and the end
-index as arguments, and `system.runtime.share` distributes it over threads. Numba's own parallel loops take three times
-as long to compile, since Numba optimises them twice, and their threads do not survive a fork.
+index as arguments, and `system.runtime.share` distributes the loop over threads. Numba's own parallel loops take three
+times as long to compile, since Numba optimises them twice, and their threads do not survive a fork.
 
-Arrays that a function writes must not overlap its other arrays: the compiler relies on this.
+An array that a function writes must not overlap its other arrays, because the compiler relies on this.
 """
 
 from collections import namedtuple
@@ -26,7 +26,7 @@ from brushexp.compat.kept_kernels import keep_compiled
 
 
 def first_of(values: Any, n: int) -> tuple[Any, ...]:
-    """Return the first ``n`` numbers of an array as a tuple, which stays in registers; ``n`` is a constant."""
+    """Return the first ``n`` numbers of an array, where ``n`` is a constant, as a tuple, which is kept in registers."""
     return tuple(values[:n])
 
 
@@ -36,9 +36,9 @@ _inlined: dict[str, Any] = {}  # Numba's versions of functions marked by `inline
 
 
 class Compiled:
-    """A Python function that is compiled at its first call, for the types of its arguments.
+    """A Python function that is compiled on its first call, for the types of its arguments.
 
-    It may call functions marked by `inline` and other compiled ones; ``parts`` replace functions by name.
+    It may call functions marked by `inline` and other compiled functions; ``parts`` replace called functions by name.
     """
 
     def __init__(self, function: FunctionType, parts: Mapping[str, Any]) -> None:
@@ -49,7 +49,7 @@ class Compiled:
         return self.dispatcher(*args)
 
     def having(self, **parts: Any) -> "Compiled":
-        """Return a copy of the function with these parts replaced."""
+        """Return a copy of the function with the given parts replaced."""
         return Compiled(self.function, {**self.parts, **parts})
 
     @cached_property
@@ -63,7 +63,7 @@ class Compiled:
         return compiled
 
     def _linked(self, function: FunctionType) -> tuple[FunctionType, str]:
-        """Return a copy that calls Numba's versions of its callees, and a digest of all its code."""
+        """Return a copy of a function that calls Numba's versions of its callees, and a digest of all code involved."""
         import numba  # noqa: PLC0415
 
         scope, code, callees = dict(function.__globals__), function.__code__, []
@@ -91,7 +91,7 @@ class Compiled:
 
 
 def _numbers_of(columns: type[IntEnum]) -> tuple[int, ...]:
-    """Convert an enumeration to a named tuple of numbers, because Numba before 0.62 cannot index with its members."""
+    """Convert an enumeration to a named tuple of integers, because Numba before 0.62 cannot index with enum members."""
     names = [column.name for column in columns]
     tuple_of: Any = namedtuple(columns.__name__, names)  # type: ignore[misc]
     numbers: tuple[int, ...] = tuple_of(*map(int, columns))
@@ -100,7 +100,7 @@ def _numbers_of(columns: type[IntEnum]) -> tuple[int, ...]:
 
 @cache
 def _compiler() -> Any:
-    """Make Numba's compiler assume that the arrays of a function do not overlap (tested with Numba 0.68)."""
+    """Return a Numba compiler that assumes that a function's arrays do not overlap (tested with Numba 0.68)."""
     from numba.core.compiler import Compiler  # noqa: PLC0415
 
     class Apart(Compiler):
@@ -135,7 +135,7 @@ def _first_of() -> Any:
 
 
 def _names(code: CodeType) -> Iterator[str]:
-    """Yield the names of globals and attributes in a function and its nested functions."""
+    """Yield the names of globals and attributes used in a function and in its nested functions."""
     yield from code.co_names
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
@@ -143,17 +143,17 @@ def _names(code: CodeType) -> Iterator[str]:
 
 
 def _parts(code: CodeType) -> tuple[Any, ...]:
-    """List the components of a code object, without addresses of nested code, so that all processes agree."""
+    """List a code object's components without memory addresses of nested code, so that they agree between processes."""
     constants = [str(_parts(one)) if isinstance(one, CodeType) else repr(one) for one in code.co_consts]
     return code.co_code, code.co_names, code.co_varnames, constants
 
 
 def inline(function: Any) -> Any:
-    """Mark a function that is inlined where it is called."""
+    """Mark a function for inlining into the compiled functions that call it."""
     function.is_inline = True
     return function
 
 
 def function(function: Any) -> Compiled:
-    """Compile a function."""
+    """Wrap a function so that it is compiled on its first call; usable as a decorator."""
     return Compiled(function, {})

@@ -1,8 +1,8 @@
-"""Import Lightning and use torch's optimizers without importing torch's compiler, which takes longer than most steps.
+"""Import Lightning and use torch's optimizers without importing torch's compiler, whose import takes long.
 
 Strokes and renderers are not compiled by torch. Lightning needs the compiler's module only to recognise compiled
-modules, and torch wraps the methods of its optimizers in functions that import it. Whoever calls `torch.compile` gets
-the compiler as usual.
+modules, and torch wraps its optimizers' methods in functions that import the compiler. `torch.compile` still loads the
+compiler as usual.
 """
 
 import functools
@@ -22,7 +22,7 @@ METHODS = "add_param_group", "zero_grad", "state_dict", "load_state_dict"  # of 
 
 
 class _IsCompiled(type):
-    """Metaclass under which `isinstance` asks the compiler's own `OptimizedModule`, once the compiler is loaded."""
+    """Metaclass that makes `isinstance` check against the compiler's `OptimizedModule`, once the compiler is loaded."""
 
     def __instancecheck__(cls, instance: object) -> bool:
         compiler = sys.modules.get(COMPILER)
@@ -30,17 +30,17 @@ class _IsCompiled(type):
 
 
 class OptimizedModule(metaclass=_IsCompiled):
-    """Stand-in for the class of compiled modules, for `isinstance`."""
+    """Stand-in for the class of compiled modules, for use in `isinstance`."""
 
 
 class _StandIn(ModuleType):
-    """Stand-in for the compiler's module; anything that it lacks loads the compiler."""
+    """Stand-in for the compiler's module; access to any attribute that it lacks loads the compiler."""
 
     OptimizedModule = OptimizedModule
 
     @staticmethod
     def disable(function: Callable[..., Any], recursive: bool = True, **_: object) -> Callable[..., Any]:
-        """Decorate a function that must not be compiled: the compiler's `disable`, once the compiler is loaded."""
+        """Prevent the compilation of a function, by means of the compiler's `disable` once the compiler is loaded."""
 
         @functools.wraps(function)
         def call(*arguments: Any, **options: Any) -> Any:
@@ -60,7 +60,7 @@ class _StandIn(ModuleType):
 
 @contextmanager
 def defer_compiler() -> Iterator[None]:
-    """Within the ``with`` block, let imported modules find an `OptimizedModule` that does not load the compiler."""
+    """Within the ``with`` block, give imported modules a stand-in for the compiler, so that they do not load it."""
     if COMPILER in sys.modules:
         yield
         return
@@ -73,6 +73,6 @@ def defer_compiler() -> Iterator[None]:
 
 
 def without_compiler(kind: type[optim.Optimizer]) -> type[optim.Optimizer]:
-    """Derive an optimizer class from one of torch's, with methods that do not load the compiler."""
+    """Derive from a torch optimizer a class whose methods do not load the compiler."""
     methods = {name: inspect.unwrap(getattr(kind, name)) for name in METHODS}
     return type(kind.__name__, (kind,), {**methods, "step": torch.no_grad()(inspect.unwrap(kind.step))})

@@ -1,4 +1,4 @@
-"""Log once that Numba is compiling, because the first run on a machine waits while later runs load the stored code."""
+"""Log once that Numba is compiling, which delays the first run on a machine; later runs load the stored code."""
 
 import logging
 from functools import cache
@@ -11,7 +11,7 @@ log = logging.getLogger(__name__)
 
 @cache
 def log_compilation() -> None:
-    """Log when the first compilation in this process starts; loading stored code logs nothing."""
+    """Log a message when the first compilation in this process starts; loading stored code does not log one."""
     from numba.core import event  # noqa: PLC0415  (a second)
 
     class Teller(event.Listener):

@@ -1,4 +1,4 @@
-"""Hide warnings of Lightning 2.6 that users cannot act on, and packages that lightning_utilities loads needlessly."""
+"""Hide Lightning 2.6 warnings on which users cannot act, and packages that would be imported needlessly."""
 
 import sys
 from collections.abc import Iterator
@@ -15,8 +15,8 @@ REMARKS = ".*LeafSpec|.*in eval mode at the start of training"
 def hide_packages(*packages: str) -> Iterator[None]:
     """Make packages that are not yet loaded appear uninstalled to lightning_utilities.
 
-    torchmetrics, and so Lightning, loads SciPy's signal processing and matplotlib if they are installed, which takes
-    two fifths of the time to import Lightning. Explicit imports still work.
+    If SciPy and matplotlib are installed, torchmetrics, and therefore Lightning, imports SciPy's signal processing and
+    matplotlib, which takes two fifths of Lightning's import time. Explicit imports still work.
     """
     from lightning_utilities.core import imports  # noqa: PLC0415  (only runs need it)
 

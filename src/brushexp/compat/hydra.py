@@ -23,9 +23,9 @@ _lock = Lock()  # Hydra's state is global to the process
 
 
 def parse_arguments(words: Sequence[str]) -> tuple[Namespace, list[str]]:
-    """Parse a command line as Hydra does into flags, overrides, and the arguments after flags unknown to Hydra.
+    """Parse a command line as Hydra does; return its flags and overrides, and the arguments after unknown flags.
 
-    A UserError explains a wrong flag, such as ``-help`` or ``-o x``.
+    Raises a UserError that explains a wrong flag, such as ``-help`` or ``-o x``.
     """
 
     def refuse(message: str) -> NoReturn:
@@ -38,10 +38,10 @@ def parse_arguments(words: Sequence[str]) -> tuple[Namespace, list[str]]:
 
 
 class NodeWhenRead(ConfigNode):
-    """A member of a config group whose config is built when Hydra reads it.
+    """A config group member that builds its config when Hydra reads it.
 
-    Copying the store builds no configs. Pickling builds them all, because a sweep's process composes before it loads
-    plugins.
+    Copying the store does not build any configs. Pickling builds them all, because a sweep's worker process composes
+    its config before it loads plugins.
     """
 
     def __init__(
@@ -89,13 +89,13 @@ def store_when_read(
     provider: str,
     package: str | None = "_global_",
 ) -> None:
-    """Publish a member of a group (``loss``, ``look_options/init``); ``make`` builds its config when Hydra reads it."""
+    """Add a member to a group such as ``look_options/init``; ``make`` builds its config when Hydra reads it."""
     file = f"{name}.yaml"
     _group(group)[file] = NodeWhenRead(file, make, group, package, provider)
 
 
 def move_choice(group: str, name: str, to: str, by: str) -> bool:
-    """Move a published member to another group, without its package; False if missing or published by ``by``."""
+    """Move a member to another group and clear its package; return False if it is missing or its provider is ``by``."""
     choices, file = _group(group), f"{name}.yaml"
     if file not in choices or choices[file].provider == by:
         return False
@@ -105,12 +105,12 @@ def move_choice(group: str, name: str, to: str, by: str) -> bool:
 
 
 def remove_choice(group: str, name: str) -> None:
-    """Remove a member of a group if it exists."""
+    """Remove a member from a group if it exists."""
     _group(group).pop(f"{name}.yaml", None)
 
 
 def _group(path: str) -> dict[str, Any]:
-    """Return the members of a group in Hydra's store."""
+    """Return a group's members in Hydra's config store."""
     choices: dict[str, Any] = ConfigStore.instance().repo
     for part in path.split("/"):
         choices = choices.setdefault(part, {})
@@ -119,7 +119,7 @@ def _group(path: str) -> dict[str, Any]:
 
 @contextmanager
 def skip_sweep_check(words: Sequence[str]) -> Iterator[None]:
-    """Skip the extra composition in which Hydra checks whether a config requests a sweep; only studies do."""
+    """Skip the extra composition by which Hydra checks whether a config requests a sweep, unless it may be a study."""
     if any(word.startswith(("experiment=", "+experiment=", "hydra.mode=", "hydra/")) for word in words):
         yield
         return
@@ -129,7 +129,7 @@ def skip_sweep_check(words: Sequence[str]) -> Iterator[None]:
 
 @contextmanager
 def isolated_hydra() -> Iterator[None]:
-    """Give the block a fresh Hydra, and restore another program's Hydra afterwards."""
+    """Use fresh Hydra state within the ``with`` block, and restore the host program's Hydra state afterwards."""
     singletons: dict[Any, Any] = Singleton._instances
     kinds = (GlobalHydra, VersionBase)
     with _lock, shared_store():
@@ -144,9 +144,9 @@ def isolated_hydra() -> Iterator[None]:
 
 @contextmanager
 def shared_store() -> Iterator[None]:
-    """Share one config store among all compositions in the block.
+    """Share one config store among all compositions within the ``with`` block.
 
-    Compositions never change the store, and copying it takes a third of the time of a composition.
+    Compositions never change the store, and copying it would take a third of a composition's time.
     """
     is_first = "__deepcopy__" not in vars(ConfigStore)
     ConfigStore.__deepcopy__ = _itself  # type: ignore[attr-defined]

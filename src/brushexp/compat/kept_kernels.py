@@ -1,4 +1,4 @@
-"""Store the code that Numba compiles, tolerating a missing folder, a full disk and damaged files (Numba 0.68)."""
+"""Store Numba's compiled code, tolerating a missing folder, a full disk and damaged files (tested with Numba 0.68)."""
 
 import logging
 from contextlib import suppress
@@ -12,7 +12,7 @@ _unkept: set[str] = set()  # functions that could not be stored
 
 
 def keep_compiled(function: Any) -> None:
-    """Let a function of `numba.njit` load and store its machine code if a cache folder is available."""
+    """Make a function compiled with `numba.njit` load and store its machine code if a cache folder is available."""
     try:
         function._cache = _forgiving_cache()(function.py_func)
     except RuntimeError:  # Numba has found no folder
@@ -20,12 +20,12 @@ def keep_compiled(function: Any) -> None:
 
 
 def is_kept() -> bool:
-    """Return whether all code compiled so far could be stored."""
+    """Return whether all functions compiled so far can be stored."""
     return not _unkept
 
 
 def _log_unstored(name: str) -> None:
-    """Log once that compiled functions cannot be stored."""
+    """Record that a function cannot be stored, and log a warning for the first such function."""
     if not _unkept:
         log.warning(
             "compiled code cannot be stored, so every run compiles again; "
@@ -36,7 +36,7 @@ def _log_unstored(name: str) -> None:
 
 @cache
 def _forgiving_cache() -> Any:
-    """Make a Numba cache that recompiles what it cannot load and ignores failed writes."""
+    """Return a Numba cache class that recompiles code it cannot load and ignores failed writes."""
     from numba.core.caching import FunctionCache  # noqa: PLC0415  (a second)
 
     class ForgivingCache(FunctionCache):

@@ -1,1 +1,1 @@
-"""Composite strokes tile by tile: the kernels that the blends use, and a reference in PyTorch."""
+"""Composite strokes tile by tile, with compiled kernels or with a reference implementation in eager PyTorch."""

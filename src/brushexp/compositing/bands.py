@@ -1,4 +1,4 @@
-"""Paint a picture in bands of rows, so that a huge picture needs little more memory than its pixels."""
+"""Paint a picture in bands of rows, so that a huge picture needs little more memory than its pixels do."""
 
 from collections.abc import Iterator
 from typing import Protocol
@@ -21,19 +21,20 @@ class Drawer(Protocol):
         """Largest number of strokes whose layers are held in memory at once; None for no limit."""
 
     def __call__(self, strokes: Strokes) -> Layers:
-        """Draw N strokes."""
+        """Return N strokes as layers."""
 
     def rows(self, strokes: Strokes) -> Tensor | None:
-        """Return the first and last row (N, 2) that each stroke may touch, in pixels; None if unknown."""
+        """Return the first and last pixel row (N, 2) that each stroke may touch; None if they are unknown."""
 
 
 @torch.no_grad()
 def bands(
     strokes: Strokes, front_to_back: Tensor, size: Size, background: Tensor, renderer: Drawer, blend: Compose
 ) -> Iterator[tuple[int, Tensor]]:
-    """Paint strokes band by band, from top to bottom of the canvas, with the arguments of `Blend`.
+    """Paint strokes band by band, from the top of the canvas to the bottom; the arguments are those of `Blend`.
 
-    Yields the first row of each band and its picture (3, h, W). A band draws only the strokes that touch it.
+    Yields the first row and the picture (3, h, W) of each band. Only the strokes that may touch a band are drawn for
+    it.
     """
     place = front_to_back.argsort()
     for top, rows, number in cuts(strokes, size, renderer):
@@ -53,7 +54,7 @@ def band_of(
 
 @torch.no_grad()
 def cuts(strokes: Strokes, size: Size, renderer: Drawer) -> Iterator[tuple[int, int, Tensor]]:
-    """Divide a canvas of ``size`` (H, W) into bands: first row, number of rows, and indices of the band's strokes."""
+    """Divide a canvas of ``size`` (H, W) into bands; yield the first row, height and stroke indices of each."""
     height, width = size
     rows = renderer.rows(strokes)
     top, number = 0, torch.arange(len(strokes), device=strokes.position.device)

@@ -1,4 +1,4 @@
-"""Paint tile by tile in eager PyTorch, for any dtype, device and renderer."""
+"""Composite tile by tile in eager PyTorch, for any dtype, device and renderer."""
 
 from collections.abc import Callable
 
@@ -17,7 +17,7 @@ Combine = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
 
 
 def padded_lists(layers: Layers, front_to_back: Tensor, size: Size) -> tuple[Tensor, Tensor]:
-    """List the strokes (T, K) of each tile front to back, padded with -1, and the pixel centres (T, P, 2)."""
+    """Return the strokes (T, K) in each tile, front to back and padded with -1, and the pixel centres (T, P, 2)."""
     lists, like = tile_lists(layers.curve, layers.reach, front_to_back, size), layers.curve
     first, stroke = torch.from_numpy(lists.first), torch.from_numpy(lists.stroke).long()
     counts = first.diff()
@@ -33,7 +33,7 @@ def padded_lists(layers: Layers, front_to_back: Tensor, size: Size) -> tuple[Ten
 def paint_tiles(
     layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor | None, combine: Combine
 ) -> Canvas:
-    """Composite the strokes of every tile into a picture."""
+    """Composite the strokes in every tile into a picture."""
     every, centres = padded_lists(layers, front_to_back, size)
     error, total = layers.reach.new_zeros(2, len(layers.reach))
     whole = -(-size[0] // TILE) * TILE, -(-size[1] // TILE) * TILE  # (H, W) of all tiles
@@ -62,7 +62,7 @@ def paint_tiles(
 def _judge(
     layers: Layers, index: Tensor, points: Tensor, goal: Tensor, size: Size, error: Tensor, total: Tensor
 ) -> None:
-    """Accumulate each stroke's alpha |color - target|^2 in ``error`` and its alpha in ``total`` (N,)."""
+    """Add each stroke's alpha |color - target|^2 to ``error`` (N,), and its alpha to ``total`` (N,)."""
     alpha, color = layers.sample(index.clamp_min(0), points)
     inside = (points[..., 0] < size[1]) & (points[..., 1] < size[0])
     alpha = alpha * (index >= 0)[..., None] * inside[:, None]

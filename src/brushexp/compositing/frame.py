@@ -1,4 +1,4 @@
-"""Compute the coordinates of points relative to a stroke: along its curve, beyond its ends, and to the side."""
+"""Compute the coordinates of points relative to a stroke: along its curve, beyond its ends, and across it."""
 
 import torch
 from torch import Tensor
@@ -14,18 +14,18 @@ SHORTEST_SQUARED = 1 / 32  # and no shorter than about a quarter of its half wid
 def stroke_frame(curve: Tensor, points: Tensor, half_width: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """Compute coordinates (...) of ``points`` (..., 2) relative to strokes with control points (..., 3, 2).
 
-    ``t`` is the nearest parameter in [0, 1]. ``along`` (pixels) is 0 beside the curve, negative before the start and
-    positive beyond the end, measured along the end's tangent. ``across`` (pixels) is positive where a point lies
-    clockwise of the stroke's direction on a canvas whose y points down. along^2 + across^2 is always the squared
-    distance, so no point appears nearer than it is.
+    ``t`` is the parameter in [0, 1] of the nearest point of the curve. ``along`` (pixels) is 0 beside the curve,
+    negative before its start and positive beyond its end, measured along the tangent there. ``across`` (pixels) is
+    positive for points clockwise of the stroke's direction on a canvas whose y axis points down. along^2 + across^2 is
+    always the squared distance, so no point appears nearer than it is.
 
-    Where the curve has zero velocity (at the tip of a fold, or if it is a single point) it has no tangent. The
-    direction is then perpendicular to the offset, with the point on the outer side of the curve.
+    Where the velocity of the curve is zero (at the tip of a fold, or if the curve is a single point), there is no
+    tangent. The direction is then perpendicular to the offset, and the point is on the outer side of the curve.
 
-    Derivatives: the gradient of ``across`` is the unit normal (envelope theorem), that of ``t`` follows from the
-    implicit function theorem, and beyond the ends the tangent turns. The last two grow without bound where a curve is
-    short, slow, or bends around the point, so they are limited there (``LEAST_SQUARE``, ``SHORTEST_SQUARED``) to keep
-    strokes stable.
+    Derivatives: the gradient of ``across`` is the unit normal (envelope theorem), the gradient of ``t`` follows from
+    the implicit function theorem, and beyond the ends the rotation of the tangent is taken into account. The last two
+    grow without bound where a curve is short or slow or bends around the point, so they are limited there
+    (``LEAST_SQUARE``, ``SHORTEST_SQUARED``) to keep strokes stable.
     """
     start, control, end = curve.unbind(-2)
     bend, forward = start - 2 * control + end, control - start

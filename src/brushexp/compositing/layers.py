@@ -1,4 +1,4 @@
-"""Define the layers of strokes, the compiled kernel for a type of layer, and the canvas that a blend produces."""
+"""Define stroke layers, the compiled kernel for a type of layer, and the canvas that a blend produces."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -23,19 +23,19 @@ Part = Callable[..., Any]  # a function marked by `system.compiled.inline`
 
 
 class TileKernel:
-    """The compiled passes for a type of layer, built from its parts: see the functions of these names in `passes`.
+    """The compiled passes for a type of layer, built from its parts: see the functions with these names in `passes`.
 
     Args:
-        rows: rows of ``own``, plus ``rows_per_channel`` for each channel. The skeleton uses row ABOVE, and row NEAREST
-            if ``curved``.
-        temporary: scratch rows for use within a part.
-        curved: whether to find the nearest points first. The first six numbers of a stroke are then its control points
-            in pixels: start, control and end, x and y each.
-        columns: how many numbers ``pull`` writes; None for as many as a stroke has.
-        gather: computes gradients from the output of ``pull``, called with pairs, there, row of the lists, order,
-            gradient of the picture, strokes and data. With None, the output is summed by stroke and is the gradient of
-            the strokes' numbers.
-        constants: globals of the parts, by name.
+        rows: number of rows of ``own``, to which ``rows_per_channel`` are added for each channel. The skeleton uses row
+            ABOVE, and row NEAREST if ``curved``.
+        temporary: number of scratch rows for use within a part.
+        curved: whether to find the nearest points first. The first six numbers of a stroke are then the coordinates of
+            its control points in pixels: x and y of start, control and end.
+        columns: number of columns that ``pull`` writes; None for one per number of a stroke.
+        gather: function that computes gradients from the output of ``pull``, called with pairs, there, the lists' row,
+            order, the picture's gradient, strokes and data. With None, the output is summed per stroke to give the
+            gradient of the strokes' numbers.
+        constants: global variables of the parts, by name.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class TileKernel:
 
     @cache  # noqa: B019  (kernels live as long as the program)
     def passes(self, channels: int) -> tuple[Compiled, Compiled]:
-        """Compile the pass that paints ``channels`` channels, and the pass for gradients or importance of strokes."""
+        """Compile, for ``channels`` channels, the forward pass and the pass for stroke gradients or importance."""
         rows = self._rows[0] + self._rows[1] * channels
         parts = self._parts | channel_rows(channels) | {"ROWS": rows}
         return forward_pass.having(**parts), backward_pass.having(**parts, pull=self._pull)
@@ -68,7 +68,7 @@ class KernelInput:
 
 
 class Layers(ABC):
-    """The coverage of N strokes: their curves, their reach, and their alpha and colour at any point."""
+    """Base class of stroke layers: the curves and reach of N strokes, and their alpha and colour at any point."""
 
     curve: Tensor  # (N, 3, 2) control points in pixels; a stroke lies entirely within ``reach`` of its curve
     reach: Tensor  # (N,) pixels beyond which alpha is exactly 0; 0 or less for a stroke that covers nothing
@@ -76,19 +76,20 @@ class Layers(ABC):
     per_stroke: ClassVar[tuple[str, ...]]  # names of the fields that have one row per stroke
 
     def joined(self, other: Self) -> Self:
-        """Append the strokes of ``other``, which the same renderer drew."""
+        """Append the strokes in ``other``, layers drawn by the same renderer."""
         rows = {name: torch.cat([getattr(self, name), getattr(other, name)]) for name in self.per_stroke}
         return replace(self, **rows)  # type: ignore[type-var]
 
     @abstractmethod
     def sample(self, index: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
-        """Evaluate alpha (T, K, P) and colour (T, K, P or 1, C) of strokes ``index`` (T, K) at ``points`` (T, P, 2).
+        """Evaluate alpha (T, K, P) and colour (T, K, P or 1, C) at ``points`` (T, P, 2).
 
-        Both are in [0, 1] and differentiable in all fields. The pixel axis of a constant colour has length 1.
+        ``index`` (T, K) holds the indices of the strokes. Alpha and colour are in [0, 1] and differentiable with
+        respect to all fields. If the colour is constant, its pixel axis has length 1.
         """
 
     def pictures(self, side: int) -> Tensor:
-        """Draw each stroke alone on ``side`` x ``side`` pixels: (N, C + 1, side, side), with straight alpha last."""
+        """Draw each stroke by itself on ``side`` x ``side`` pixels: (N, C + 1, side, side), straight alpha last."""
         pixel = torch.arange(side).to(self.curve) + 0.5
         points = torch.stack(torch.meshgrid(pixel, pixel, indexing="xy"), dim=-1).reshape(1, -1, 2)
         n = len(self.curve)
@@ -98,7 +99,7 @@ class Layers(ABC):
         return parts.reshape(n, side, side, -1).movedim(-1, 1)
 
     def encoded(self, encode: Encode) -> "Layers":
-        """Encode the colours into other channels, in which the tone of textures then mixes them with white or black."""
+        """Encode the colours into other channels, in which a texture's tone then mixes them with white or black."""
         return EncodedLayers(self, encode)
 
     def compiled(self) -> KernelInput | None:
@@ -108,9 +109,10 @@ class Layers(ABC):
 
 @dataclass(frozen=True)
 class Canvas:
-    """A picture: ``image`` (3, H, W), display-referred RGB; with a target, also ``accuracy`` (N,), without gradient.
+    """The result of a blend: ``image`` (3, H, W) in display-referred RGB and, if there is a target, ``accuracy`` (N,).
 
-    ``order.base.Order.depth`` defines accuracy; it is NaN for a stroke that covers nothing here.
+    ``order.base.Order.depth`` defines accuracy. It has no gradient, and is NaN for a stroke that does not cover any of
+    the picture.
     """
 
     image: Tensor
@@ -121,13 +123,13 @@ Compose = Callable[[Layers, Tensor, Size, Tensor], Canvas]  # as `Blend`, withou
 
 
 def accuracy_of(error: Tensor, total: Tensor) -> Tensor:
-    """Compute accuracy (N,) from sums (N,) of alpha |color - target|^2 and of alpha; NaN if nothing is covered."""
+    """Compute accuracy (N,) from sums (N,) of alpha |color - target|^2 and of alpha; NaN where alpha sums to 0."""
     covers = total > 1e-6  # less than a millionth of a pixel is too little to judge
     return torch.where(covers, 1 - error / total.clamp_min(1e-6), torch.nan)
 
 
 class EncodedLayers(Layers):
-    """Layers of any type whose colours are encoded when they are sampled."""
+    """Layers of any type whose colours are encoded on sampling."""
 
     def __init__(self, layers: Layers, encode: Encode) -> None:
         self.layers, self.encode = layers, encode

@@ -1,4 +1,4 @@
-"""Find the nearest point of a curve for the 64 pixels of a tile, and store it for the backward pass."""
+"""Find the nearest point on a curve for each of a tile's 64 pixels, and store it for the backward pass."""
 # mypy: allow-untyped-defs
 
 import numpy as np
@@ -16,10 +16,10 @@ TIE = F(3e-7)  # fraction of the curve's length; within it, two legs of a fold a
 
 @inline
 def _part_near(reach, bx, by, fx, fy, mx, my):
-    """Bound the range of t that contains all curve points within ``reach`` of the tile.
+    """Compute a range of t that contains all curve points within ``reach`` of the tile.
 
-    (mx, my) is the start of the curve relative to the middle of the tile. Every point of the curve is within 1/32 of
-    one of the 16 places in t, and every pixel's centre is within half a diagonal of the middle.
+    (mx, my) is the start of the curve relative to the tile's centre. In t, every point on the curve is within 1/32 of
+    one of the 16 sampled parameters, and every pixel centre is within half a diagonal of the tile's centre.
     """
     fastest = max(fx * fx + fy * fy, (fx + bx) * (fx + bx) + (fy + by) * (fy + by))
     far = reach + HALF_DIAGONAL + np.sqrt(fastest) * F(1.01 / 16)
@@ -36,10 +36,10 @@ def _part_near(reach, bx, by, fx, fy, mx, my):
 
 @inline
 def _evenness(a, b, c0, bx, by, mx, my, low, high):
-    """Compute the ratio of the smallest to the largest slope of f, the cubic whose zeros are the nearest points.
+    """Compute the ratio of the smallest to the largest slope of f, the cubic that is zero at the nearest points.
 
-    The range is t from ``low`` to ``high``, for all pixels of a tile. A ratio of 1 means that f is straight. If the
-    ratio is above 0, each pixel has exactly one nearest point in that range.
+    The slopes are those for t from ``low`` to ``high`` and for all pixels of a tile. A ratio of 1 means that f is
+    linear. If the ratio is positive, each pixel has exactly one nearest point in that range.
     """
     turn = min(max(-b / (F(3) * a + F(1e-20)), low), high)
     spread = F(0.5 * (TILE - 1)) * (abs(bx) + abs(by))
@@ -58,13 +58,13 @@ def _greatest_slope(a, b, c0, bx, by, mx, my, low, high):
 
 @inline
 def _constant(a, b, c0, t):
-    """Compute the part of the squared distance at parameter ``t`` that all pixels share."""
+    """Compute the part of the squared distance at parameter ``t`` that all pixels share, divided by 4 ``t``."""
     return (F(0.25) * a * t + b * F(1 / 3)) * t * t + F(0.5) * c0 * t
 
 
 @inline
 def _find_from_middle(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own):
-    """Find nearest points with Newton's method, starting at the middle of the range."""
+    """Find nearest points by Newton's method, starting at the middle of the range."""
     floor, middle = LEAST_SLOPE * (a + abs(b) + c0) + F(1e-20), F(0.5) * (low + high)
     for q in range(AREA):
         mx, my = sx - CENTER_X[q], sy - CENTER_Y[q]
@@ -74,7 +74,7 @@ def _find_from_middle(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own):
 
 @inline
 def _find_from_five(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own):
-    """Find nearest points with Newton's method, starting at the best of five places."""
+    """Find nearest points by Newton's method, starting at the best of five parameters."""
     floor, step = LEAST_SLOPE * (a + abs(b) + c0) + F(1e-20), F(0.25) * (high - low)
     shared, first = _four(a, b, c0, low + step, step), _constant(a, b, c0, low)
     for q in range(AREA):
@@ -88,7 +88,7 @@ def _find_from_five(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own):
 
 @inline
 def _find_from_nine(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own):
-    """Find nearest points with Newton's method, starting at the best of nine places."""
+    """Find nearest points by Newton's method, starting at the best of nine parameters."""
     floor, step = LEAST_SLOPE * (a + abs(b) + c0) + F(1e-20), F(0.125) * (high - low)
     odd, even = _four(a, b, c0, low + step, F(2) * step), _four(a, b, c0, low + F(2) * step, F(2) * step)
     first = _constant(a, b, c0, low)
@@ -105,14 +105,14 @@ def _find_from_nine(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own):
 
 @inline
 def _four(a, b, c0, t, step):
-    """Compute `_constant` at ``t`` and at three further parameters."""
+    """Compute `_constant` at ``t`` and at three more parameters, spaced by ``step``."""
     u, v, w = t + step, t + F(2) * step, t + F(3) * step
     return _constant(a, b, c0, t), _constant(a, b, c0, u), _constant(a, b, c0, v), _constant(a, b, c0, w)
 
 
 @inline
 def _best_of_four(t, step, bend, forward, shared):
-    """Compute a quarter of |B(t) - p|^2 - |P0 - p|^2 at the best of four parameters, and that parameter."""
+    """Return a quarter of |B(t) - p|^2 - |P0 - p|^2 at the best of four parameters, and that parameter."""
     u, v, w = t + step, t + F(2) * step, t + F(3) * step
     at_t, at_u = (bend * t + forward + shared[0]) * t, (bend * u + forward + shared[1]) * u
     at_v, at_w = (bend * v + forward + shared[2]) * v, (bend * w + forward + shared[3]) * w
@@ -123,7 +123,7 @@ def _best_of_four(t, step, bend, forward, shared):
 
 @inline
 def _three_steps(a, b, c, d, floor, t, low, high):
-    """Take three steps of Newton's method, unrolled because a loop would prevent SIMD code over the pixels."""
+    """Take three steps of Newton's method, unrolled because a loop would prevent vectorisation over the pixels."""
     t = _newton(a, b, c, d, floor, t, low, high)
     t = _newton(a, b, c, d, floor, t, low, high)
     return _newton(a, b, c, d, floor, t, low, high)
@@ -145,7 +145,7 @@ def _halley(a, b, c, d, t):
 
 @inline
 def _valley(a, b, c, d, t, low, high):
-    """Take five steps of Halley's method from an end, unrolled as in `_three_steps`."""
+    """Take five steps of Halley's method from one end of the range, unrolled for the same reason as `_three_steps`."""
     t = min(max(t - _halley(a, b, c, d, t), low), high)
     t = min(max(t - _halley(a, b, c, d, t), low), high)
     t = min(max(t - _halley(a, b, c, d, t), low), high)
@@ -155,11 +155,11 @@ def _valley(a, b, c, d, t, low, high):
 
 @inline
 def _find_from_ends(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own):
-    """Find nearest points with Halley's method from both ends, and choose the nearer of the two minima of the distance.
+    """Find both minima of the distance by Halley's method, starting from each end, and choose the nearer one.
 
     The derivative of the squared distance is a cubic with a positive leading coefficient. Its outermost zeros are the
-    minima, one on each side of its inflection point. On each side it curves such that no zero lies between an end and
-    its minimum.
+    minima, one on each side of its inflection point. On each side, its curvature is such that there is no zero between
+    the end and the minimum.
     """
     size = a + abs(b) + c0 + F(1e-20)
     unit = F(1) / size  # keeps squares from overflowing
@@ -185,10 +185,10 @@ def _find_from_ends(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own):
 
 @inline
 def find_nearest(p, i, reach, ox, oy, own, near, j, keep):
-    """Part `seek`: write the parameter of the point of stroke ``i`` nearest to each pixel of the tile to row NEAREST.
+    """Part `seek`: write to row NEAREST the parameter of the point on stroke ``i`` nearest to each pixel of the tile.
 
-    The backward pass gets a copy quantised to steps of 1/65535, which takes a quarter of the memory of alpha, t and
-    distance.
+    A copy for the backward pass is quantised in steps of 1/65535; it takes a quarter of the memory that alpha, t and
+    distance would need.
     """
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
@@ -213,10 +213,10 @@ def find_nearest(p, i, reach, ox, oy, own, near, j, keep):
 
 @inline
 def recall_nearest(p, i, ox, oy, own, near, j):
-    """Part `recall`: restore what `find_nearest` stored, and correct most of the rounding error with a Newton step.
+    """Part `recall`: restore the parameters stored by `find_nearest`, and reduce their rounding error by a Newton step.
 
-    Two Newton iterations compute 1 / slope from its lower bound, so that it is never too large. A negative slope counts
-    as 0, because the nearest point is then an end; all slopes in a tile may be negative.
+    Two Newton iterations compute 1 / slope from its lower bound, so that the result is never too large. A negative
+    slope is treated as 0, because the nearest point is then an end of the curve; all slopes in a tile may be negative.
     """
     row = near[j]
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy

@@ -1,25 +1,25 @@
-"""The compiled passes over tiles of 8 x 8 pixels: one skeleton for every type of layer, which supplies its parts.
+"""The compiled passes over tiles of 8 x 8 pixels: a skeleton, for which each type of layer supplies the parts.
 
-The only stored array of size strokes x pixels holds a kind's nearest points. A tile's 64 pixels stay in the first-level
-cache while its strokes are composited front to back ("over", Porter and Duff, 1984); the loops over the pixels have no
-branches, so that they become SIMD code. The backward pass repeats the forward pass of a tile, except for the search for
-nearest points. It then visits the strokes back to front and tracks what lies behind them, so that nothing is divided by
-(1 - alpha); of the colours behind, it needs only the sum of their products with the gradient of the picture. The
-gradient of a stroke in a tile goes to its own row, and rows are summed per stroke in double precision: there are no
+The only stored array of size strokes x pixels holds the nearest points. A tile's 64 pixels stay in the first-level
+cache while its strokes are composited front to back ("over", Porter and Duff, 1984). The loops over the pixels have no
+branches, so that they are compiled to SIMD code. The backward pass repeats the forward pass of a tile, except for the
+search for nearest points. It then visits the strokes back to front and tracks the colour behind them, so that it never
+divides by (1 - alpha); it needs only the dot product of that colour and the picture's gradient. The gradient of each
+(tile, stroke) pair is written to a row of its own, and rows are summed per stroke in double precision: there are no
 atomics, and results are bit-for-bit identical on any number of threads.
 
-Colours have CHANNELS numbers. A pixel's alpha is computed once, and the loops over its channels are unrolled, because
-their number is known when a kernel is compiled (`channel_rows`).
+Colours have CHANNELS channels. A pixel's alpha is computed once, and the loops over its channels are unrolled, because
+the number of channels is known when a kernel is compiled (`channel_rows`).
 
-The parts are the functions `seek`, `recall`, `cover`, `tint`, `shade`, `tone` and `pull`. The versions here do nothing
-and document the interface; `TileKernel` replaces them by those of a type of layer. Their arguments are:
+The parts are the functions `seek`, `recall`, `cover`, `tint`, `shade`, `tone` and `pull`. The versions in this module
+do nothing and document the interface; `TileKernel` replaces them with those of a type of layer. Their arguments are:
 
-- ``p``: (N, C) float32, the numbers of the strokes; ``i``, the index of a stroke; ``data``, a tuple of any other data
-  of the layers; ``(ox, oy)``, the upper left corner of the tile in pixels.
-- ``own``: ROWS rows of 64 numbers, one for each pixel of the tile (pixel q at column q & 7 and row q >> 3), which
-  belong to the stroke in this tile: `cover` writes what `shade` and `pull` read. Parts do not use row ABOVE; row
-  NEAREST has the nearest parameters if the kind seeks them.
-- ``temporary``: TEMPORARY more rows, for use within one part.
+- ``p``: (N, C) float32, the numbers that describe the strokes; ``i``, the index of a stroke; ``data``, a tuple of the
+  layers' other data; ``(ox, oy)``, the upper left corner of the tile in pixels.
+- ``own``: ROWS rows of 64 numbers, one for each pixel of the tile (pixel q is in column q & 7 and row q >> 3), which
+  belong to the stroke in this tile: `cover` writes the numbers that `shade` and `pull` read. Parts do not use row
+  ABOVE; row NEAREST contains the nearest parameters if `seek` computes them.
+- ``temporary``: TEMPORARY additional rows, for use within one part.
 """
 # mypy: allow-untyped-defs
 
@@ -39,32 +39,32 @@ def seek(p, i, reach, ox, oy, own, near, j, keep):
 
 @inline
 def recall(p, i, ox, oy, own, near, j):
-    """Part: restore the nearest points."""
+    """Part: restore the nearest points stored by `seek`."""
 
 
 @inline
 def cover(p, i, data, ox, oy, own, temporary):
-    """Part: write the data of stroke ``i`` for this tile into ``own``; return whether it covers any of the tile."""
+    """Part: write the data of stroke ``i`` for a tile to ``own``; return whether the stroke covers any of the tile."""
 
 
 @inline
 def tint(p, i):
-    """Part: return the numbers of stroke ``i`` that `shade` and `tone` need at every pixel, as a tuple."""
+    """Part: return, as a tuple, the numbers of stroke ``i`` that `shade` and `tone` need at every pixel."""
 
 
 @inline
 def shade(look, own, q):
-    """Part: return alpha at pixel ``q`` and any other numbers that `tone` needs there; ``look`` comes from `tint`."""
+    """Part: return alpha at pixel ``q`` and any other numbers that `tone` needs; ``look`` is the result of `tint`."""
 
 
 @inline
 def tone(look, seen, own, q, c):
-    """Part: return channel ``c`` of the colour at pixel ``q``, multiplied by alpha; ``seen`` comes from `shade`."""
+    """Part: return channel ``c`` of the colour at pixel ``q``, times alpha; ``seen`` is the result of `shade`."""
 
 
 @inline
 def pull(p, i, data, ox, oy, own, temporary, buf, out):
-    """Part: write the gradient of the numbers of stroke ``i`` into ``out``, given the gradients of alpha and colour.
+    """Part: write to ``out`` the gradient of the numbers of stroke ``i``, given the gradients of alpha and colour.
 
     The gradient of alpha is in row PULL_ALPHA of ``buf``; `of_color` computes the gradient of a channel. ``own`` may be
     overwritten.
@@ -79,7 +79,7 @@ def of_color(own, buf, q, c):
 
 @inline
 def _lay(look, own, buf, opaque):
-    """Composite a stroke beneath those above it; return how many pixels still transmit at least ``opaque``."""
+    """Composite a stroke beneath those above it; return how many pixels transmit ``opaque`` of the light or more."""
     bright = F(0)
     for q in range(AREA):
         seen, light = shade(look, own, q), buf[LIGHT * AREA + q]
@@ -92,10 +92,10 @@ def _lay(look, own, buf, opaque):
 
 @inline
 def _add_color(look, seen, own, q, light, buf):
-    """Add the visible colour of a stroke at a pixel.
+    """Add a stroke's visible colour to a pixel.
 
-    This is a separate function, like other loops over channels: inside the loop over pixels it would carry `c` from one
-    pixel to the next, and the compiler would peel off the first pixel, which misaligns the others.
+    As with the other loops over channels, this is a separate function: within the loop over pixels it would carry `c`
+    from one pixel to the next, and the compiler would peel off the first pixel, which would misalign the others.
     """
     for c in range(CHANNELS):
         buf[c * AREA + q] += light * tone(look, seen, own, q, c)
@@ -103,7 +103,7 @@ def _add_color(look, seen, own, q, light, buf):
 
 @inline
 def _judge(look, own, buf):
-    """Sum alpha |color - target|^2 and alpha of a stroke over a tile whose target is in rows PICTURE."""
+    """Sum a stroke's alpha |color - target|^2, and its alpha, over a tile; the target is in rows PICTURE."""
     error, total = F(0), F(0)
     for q in range(AREA):
         seen, square = shade(look, own, q), F(0)
@@ -120,16 +120,17 @@ def forward_pass(
     begin, end, p, data, reach, order, first, stroke, slot, columns, background, opaque, target, image, used, there,
     near, errors,
 ):  # fmt: skip
-    """Paint the tiles that belong to workers ``begin`` to ``end``, out of WORKERS.
+    """Paint the tiles that belong to workers ``begin`` to ``end``, out of WORKERS workers.
 
     ``reach`` (N,) is that of `Layers`; ``order`` (N,) lists the strokes, top stroke first; ``first``, ``stroke`` and
     ``slot`` are those of `TileLists`, with ``columns`` tiles per row; ``background`` is (C,) float32. A tile is
-    finished when no pixel transmits more light than ``opaque``; with a ``target`` (C, H, W), however, every stroke is
-    evaluated. Without a target it is (C, 0, 0).
+    finished when no pixel transmits more than the fraction ``opaque`` of the light. With a ``target`` (C, H, W),
+    however, every stroke is evaluated; ``target`` is (C, 0, 0) if there is none.
 
-    Writes ``image`` (C, H, W); ``used`` (tiles,), how much of its list each tile used; by slot, ``there`` (pairs,),
-    whether a stroke covers the tile, False before; ``near`` (pairs, 64) uint16 for `recall`, or (0, 64); and with a
-    target, ``errors`` (pairs, 2), the sums of alpha |color - target|^2 and of alpha.
+    Writes ``image`` (C, H, W); ``used`` (tiles,), how many strokes of its list each tile used; by slot, ``there``
+    (pairs,), initially False, whether a stroke covers the tile; ``near`` (pairs, 64) uint16 for `recall`, or (0, 64) if
+    it is not needed; and, with a target, ``errors`` (pairs, 2) by slot, the sums of alpha |color - target|^2 and of
+    alpha.
     """
     judge, keep = target.shape[1] > 0, len(near) > 0
     buf, own, temporary = np.empty(SCRATCH * AREA, F), np.empty(ROWS * AREA, F), np.empty(TEMPORARY * AREA, F)
@@ -161,7 +162,7 @@ def forward_pass(
 
 @inline
 def _replay(p, data, order, stroke, slot, there, near, at, n, ox, oy, buf, kept, temporary):
-    """Repeat the forward pass of a tile from its nearest points; keep each stroke's rows and the light reaching it."""
+    """Repeat a tile's forward pass from stored nearest points; keep each stroke's rows and the light reaching it."""
     buf[LIGHT * AREA : (LIGHT + 1) * AREA] = F(1)
     for k in range(n):
         if not there[slot[at + k]]:
@@ -179,7 +180,7 @@ def _replay(p, data, order, stroke, slot, there, near, at, n, ox, oy, buf, kept,
 
 @inline
 def _begin_behind(background, weighs, buf):
-    """Set up the bare canvas behind the last stroke: its colour, or its product with the gradient for `_step_back`."""
+    """Set up the canvas behind the last stroke: its colour or, for `_step_back`, the product with the gradient."""
     buf[: CHANNELS * AREA] = F(0)
     for c in range(CHANNELS):
         for q in range(AREA):
@@ -191,9 +192,9 @@ def _begin_behind(background, weighs, buf):
 
 @inline
 def _step_back(look, own, buf):
-    """Write the derivative with respect to a stroke's alpha, then add the stroke to what is behind the next one.
+    """Write the derivative with respect to a stroke's alpha, then composite the stroke over what is behind it.
 
-    Only the product of the colour behind with the gradient of the picture is needed.
+    Of the colour behind, only its product with the picture's gradient is needed.
     """
     for q in range(AREA):
         seen, light, behind = shade(look, own, q), own[ABOVE * AREA + q], buf[BEHIND * AREA + q]
@@ -204,7 +205,7 @@ def _step_back(look, own, buf):
 
 @inline
 def _product(look, seen, own, q, buf):
-    """Compute the dot product, over channels, of a stroke's colour at a pixel and the gradient of the picture."""
+    """Compute the dot product of a stroke's premultiplied colour and the picture's gradient at a pixel."""
     total = F(0)
     for c in range(CHANNELS):
         total += buf[(PICTURE + c) * AREA + q] * tone(look, seen, own, q, c)
@@ -213,7 +214,7 @@ def _product(look, seen, own, q, buf):
 
 @inline
 def _miss(look, own, buf):
-    """Compute how much a tile's weighted squared error grows if a stroke is removed; add it to the colour behind."""
+    """Compute how much removing a stroke increases a tile's weighted squared error; add its colour to that behind."""
     total = F(0)
     for q in range(AREA):
         seen, light, grown = shade(look, own, q), own[ABOVE * AREA + q], F(0)
@@ -230,12 +231,12 @@ def backward_pass(
     begin, end, p, data, reach, order, first, stroke, slot, columns, background, used, there, near, picture,
     weighs, pairs,
 ):  # fmt: skip
-    """Visit the strokes in these workers' tiles back to front, and compute the gradients of all pairs.
+    """Visit the strokes in the workers' tiles back to front, and compute the gradient of each (tile, stroke) pair.
 
-    The arguments are those of `forward_pass`, with the arrays it wrote. ``picture`` is the gradient of the image (C, H,
-    W). With ``weighs``, it is instead image minus target, followed by the weight of each pixel (C + 1, H, W), and the
-    output is the increase in the weighted squared error if a stroke is removed. ``pairs`` (pairs, .) is written where
-    they are ``there``.
+    The arguments are those of `forward_pass`, including the arrays that it wrote. ``picture`` is the gradient of the
+    image (C, H, W). With ``weighs``, it is instead image minus target, followed by the weight of each pixel (C + 1, H,
+    W), and the output is the increase in the weighted squared error if a stroke is removed. Rows of ``pairs`` (pairs,
+    .) are written only where ``there`` is true.
     """
     buf, temporary = np.empty(SCRATCH * AREA, F), np.empty(TEMPORARY * AREA, F)
     kept = np.empty(used.max() * ROWS * AREA, F)
@@ -264,7 +265,7 @@ def backward_pass(
 
 @function
 def sum_by_stroke(begin, end, pairs, there, row, order, out):
-    """Sum the rows of each stroke's pairs, in double precision and in a fixed order."""
+    """Sum the rows of ``pairs`` that belong to each stroke, in double precision and in a fixed order."""
     totals = np.empty(pairs.shape[1], np.float64)
     for i in range(begin, end):
         totals[:] = 0.0

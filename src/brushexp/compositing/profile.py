@@ -1,8 +1,8 @@
-"""Strokes with round ends and a soft edge, whose colour may change along their length, and the parts of their kernel.
+"""Strokes with round ends, soft edges and possibly a colour gradient along their length, and the parts of their kernel.
 
 By the envelope theorem, the distance to a curve depends on its control points only through the nearest point at fixed
-t, so its gradient is the unit normal times the Bernstein weights. Where thickness or colour change along the stroke,
-the derivative of t itself is added.
+t, so the gradient of the distance is the unit normal times the Bernstein weights. Where thickness or colour changes
+along the stroke, the derivative through t is added.
 """
 # mypy: allow-untyped-defs
 
@@ -30,12 +30,12 @@ DISTANCE, COVER, ROWS = 2, 3, 4  # whether colours change along strokes, a const
 
 @dataclass(frozen=True)
 class Profile(Layers):
-    """Strokes with round ends and a soft edge; each has one colour, which may change linearly along the stroke.
+    """Strokes with round ends and soft edges, each in one colour or a linear gradient of colour along the stroke.
 
-    alpha = opacity * C(d), where d is the distance to the curve and C(d) = S(h + d) + S(h - d) - 1 with the smooth step
-    S of width ``soft`` + ``softness``: a box of half width h smoothed by S, so that a line thinner than its edge fades
-    instead of disappearing. At the nearest parameter t, h = half_width * (1 - taper * u^2) * (1 + widening * u) with u
-    = 2t - 1, and the colour is color + drift * u.
+    alpha = opacity * C(d), where d is the distance to the curve and C(d) = S(h + d) + S(h - d) - 1, with a smooth step
+    S of width ``soft`` + ``softness``: a box of half width h smoothed by S, so that a line thinner than its soft edge
+    fades instead of disappearing. At the nearest parameter t, h = half_width * (1 - taper * u^2) * (1 + widening * u)
+    with u = 2t - 1, and the colour is color + drift * u.
     """
 
     per_stroke = ("curve", "half_width", "color", "opacity", "softness", "widening", "drift")
@@ -93,7 +93,7 @@ class Profile(Layers):
 
 
 def smooth_rise(x: Tensor) -> Tensor:
-    """Compute a cubic step from -1/2 (x <= -1/2) to 1/2 (x >= 1/2), exactly odd: values at x and -x sum to 0."""
+    """Compute a cubic step from -1/2 (x <= -1/2) to 1/2 (x >= 1/2); it is exactly odd, so f(x) + f(-x) = 0."""
     z = x.clamp(-0.5, 0.5)
     return z * (1.5 - 2 * z * z)
 
@@ -106,20 +106,20 @@ def _rise(x):
 
 @inline
 def _slope(x):
-    """Compute a sixth of the derivative of `_rise`."""
+    """Compute one sixth of the derivative of `_rise`."""
     z = min(max(x + F(0.5), F(0)), F(1))
     return z * (F(1) - z)
 
 
 @inline
 def _is_wide(p, i, taper):
-    """Check whether the stroke is everywhere at least as thick as its edge, so that only one side affects any point."""
+    """Check whether a stroke is nowhere thinner than its soft edge, so that only one side affects each point."""
     return taper == F(0) and p[i, 6] * (F(1) - abs(p[i, WIDENING])) * p[i, SHARP] >= F(0.5)
 
 
 @inline
 def _shape(taper, widening, u):
-    """Compute the thickness at u = 2t - 1, relative to the middle."""
+    """Compute the thickness at u = 2t - 1, relative to the thickness at the middle."""
     return (F(1) - taper * u * u) * (F(1) + widening * u)
 
 
@@ -198,7 +198,7 @@ def _pull(p, i, data, ox, oy, own, temporary, buf, out):
 
 @inline
 def _pull_curve(p, i, ox, oy, taper, own, of_t, buf, out, wide):
-    """Compute the gradients of the control points at fixed t, half width, opacity, sharpness and widening."""
+    """Compute the gradients of half width, opacity, sharpness, widening and, at fixed t, the control points."""
     sharp, widening = p[i, SHARP], p[i, WIDENING]
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, F(2) * (cx - sx), F(2) * (cy - sy)
@@ -245,7 +245,7 @@ def _pull_curve(p, i, ox, oy, taper, own, of_t, buf, out, wide):
 
 @inline
 def _of_all(color, own, buf, q):
-    """Compute the derivative with respect to alpha through the colour."""
+    """Compute the part of the derivative with respect to alpha that arises through the colour."""
     total = F(0)
     for c in range(CHANNELS):
         total += color[c] * of_color(own, buf, q, c)
@@ -254,7 +254,7 @@ def _of_all(color, own, buf, q):
 
 @inline
 def _add_change(p, i, ox, oy, taper, own, of_t, out):
-    """Add to the curve's gradient the effect of t on thickness and colour, and of the control points on t."""
+    """Add to the curve's gradient the effect of the control points, through t, on thickness and colour."""
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
     size = bx * bx + by * by + F(3) * abs(bx * fx + by * fy) + F(2) * (fx * fx + fy * fy)

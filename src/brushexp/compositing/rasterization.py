@@ -1,4 +1,4 @@
-"""Paint a picture with compiled kernels, differentiable in every tensor that the layers pass to them."""
+"""Paint a picture with compiled kernels, differentiably with respect to every tensor that the layers pass to them."""
 
 from typing import Any, NoReturn, Protocol
 
@@ -14,7 +14,7 @@ from brushexp.system.runtime import share
 
 
 class Rasterizer(Protocol):
-    """One pass of kernels over the layers given at construction; `paint` stores what `gradient` needs.
+    """Interface for one pass of kernels over the layers given at construction; `paint` stores the data for `gradient`.
 
     ``errors`` (N, 2) are the sums of alpha |color - target|^2 and of alpha; `paint` sets them if it gets a target.
     """
@@ -22,19 +22,19 @@ class Rasterizer(Protocol):
     errors: Tensor
 
     def paint(self, target: Tensor | None, *, keep: bool) -> Tensor:
-        """Paint a picture (C, H, W); ``keep`` the data that `gradient` and `importance` need."""
+        """Paint a picture (C, H, W); with ``keep``, store the data that `gradient` needs."""
 
     def gradient(self, grad_image: Tensor) -> tuple[Tensor, ...]:
-        """Compute gradients of the strokes' numbers and of learnt data from the gradient (C, H, W) of the picture."""
+        """Compute the gradients of the strokes' numbers and of learnt data from the picture's gradient (C, H, W)."""
 
     def importance(self, target: Tensor, weight: Tensor) -> Tensor:
-        """Compute how much (N,) the squared error, weighted by (H, W), grows when each stroke is removed."""
+        """Compute how much the squared error, weighted by ``weight`` (H, W), grows if each stroke is removed: (N,)."""
 
 
 class Rasterization(Rasterizer):
-    """Settings and lists for one pass of Numba's kernels; the arguments are those of `Blend`.
+    """One pass of the Numba kernels over layers and their tile lists; the arguments are those of `Blend`.
 
-    A tile is finished when it transmits no more than the fraction ``opaque`` of the light.
+    A tile is finished when no pixel transmits more than the fraction ``opaque`` of the light.
     """
 
     def __init__(
@@ -84,7 +84,7 @@ class Rasterization(Rasterizer):
         return pairs
 
     def _sums(self, pairs: Array) -> Array:
-        """Sum the rows (pairs, C) of each stroke: (N, C)."""
+        """Sum the rows of ``pairs`` (pairs, C) that belong to each stroke: (N, C)."""
         sums = np.zeros((len(self._strokes[0]), pairs.shape[1]), F)
         share(sum_by_stroke, len(sums), pairs, self._trace[1], self.lists.row, self.order, sums)
         return sums
@@ -109,7 +109,7 @@ class Painted(torch.autograd.Function):
 
 
 class DifferentiatedOnce(torch.autograd.Function):
-    """First derivatives that raise a UserError if differentiated again, in the gradient or the inputs."""
+    """First derivatives that raise a UserError if differentiated again, whether by the gradient or by the inputs."""
 
     @staticmethod
     def forward(ctx: Any, count: int, *tensors: Tensor) -> tuple[Tensor, ...]:

@@ -1,4 +1,4 @@
-"""Define a worker's scratch memory, rows of numbers for the 64 pixels of a tile, and copy pictures to and from it."""
+"""Define a worker's scratch memory, with rows for the 64 pixels of a tile, and copy picture tiles to and from it."""
 # mypy: allow-untyped-defs
 
 from brushexp.compat.compiled import inline
@@ -6,11 +6,11 @@ from brushexp.compositing.tile_lists import AREA, TILE, F
 
 
 def channel_rows(channels: int) -> dict[str, int]:
-    """Assign the rows of a worker's scratch memory for colours of ``channels`` channels.
+    """Assign the rows of a worker's scratch memory for colours with ``channels`` channels.
 
-    The first rows are the picture so far (in the backward pass: what lies behind), then the remaining light, the input
-    picture (target, gradient or error), and the weight of its pixels or, for `pull`, the derivative with respect to
-    alpha.
+    The first rows hold the picture painted so far or, in the backward pass, what is behind the current stroke. The next
+    rows hold the remaining light, the input picture (target, gradient or error), and the weight of its pixels or, for
+    `pull`, the derivative with respect to alpha.
     """
     light, picture, weight = channels, channels + 1, 2 * channels + 1
     rows = {"LIGHT": light, "PICTURE": picture, "WEIGHT": weight, "PULL_ALPHA": weight}
@@ -23,9 +23,10 @@ CHANNELS, LIGHT, PICTURE, WEIGHT, PULL_ALPHA, SCRATCH = channel_rows(3).values()
 
 @inline
 def load_tile(picture, top, left, buf):
-    """Copy a tile of a picture into rows PICTURE, and its weights into row WEIGHT.
+    """Copy a tile of a picture into rows PICTURE, and the weights of its pixels into row WEIGHT.
 
-    Weights are the plane after the channels, or 1 without such a plane, and 0 beyond the edge.
+    The weights are the plane that follows the channels, or 1 if there is no such plane. Beyond the edge of the picture
+    they are 0.
     """
     height, width = picture.shape[1] - top, picture.shape[2] - left
     if height >= TILE and width >= TILE:
@@ -37,7 +38,7 @@ def load_tile(picture, top, left, buf):
 
 @inline
 def _read(picture, top, left, height, width, buf):
-    """Copy part of a picture, and its weights, into the rows from PICTURE on."""
+    """Copy part of a picture and its weights into the rows that start at PICTURE."""
     for c in range(CHANNELS):
         for y in range(height):
             _copy(picture[c, top + y, left:], buf[(PICTURE + c) * AREA + y * TILE :], width)
@@ -57,7 +58,7 @@ def _copy(source, goal, n):
 
 @inline
 def show(buf, background, top, left, image):
-    """Write a finished tile into the picture, adding the bare canvas where light still gets through."""
+    """Write a finished tile to the picture, adding the bare canvas where light is still transmitted."""
     for c in range(CHANNELS):
         for q in range(AREA):
             buf[c * AREA + q] += buf[LIGHT * AREA + q] * background[c]
@@ -70,7 +71,7 @@ def show(buf, background, top, left, image):
 
 @inline
 def _write(buf, top, left, height, width, image):
-    """Copy the colours of the part of a tile inside the picture."""
+    """Copy a tile's colours to the picture, for the part of the tile that is inside it."""
     for c in range(CHANNELS):
         for y in range(height):
             _copy(buf[c * AREA + y * TILE :], image[c, top + y, left:], width)

@@ -1,4 +1,4 @@
-"""Find where the 64 pixels of a tile sample a stroke's texture; these are parts of the kernel for textured strokes."""
+"""Compute texture coordinates for the 64 pixels of a tile, as parts of the kernel for textured strokes."""
 # mypy: allow-untyped-defs
 
 import numpy as np
@@ -15,13 +15,13 @@ PLACES = 5  # rows that the place needs
 
 @inline
 def curve_size(bx, by, fx, fy):
-    """Compute the squared size of a curve: the sum of its squared velocities at both ends, halved."""
+    """Compute the squared size of a curve: a quarter of the sum of its squared velocities at both ends."""
     return fx * fx + fy * fy + (fx + bx) * (fx + bx) + (fy + by) * (fy + by)
 
 
 @inline
 def place_in_texture(p, i, ox, oy, frame, own):
-    """Write rows X, Y and ONE: the texels at which pixels of a tile sample the texture of stroke ``i``; see `frame`."""
+    """Write to rows X, Y and ONE the texels at which a tile's pixels sample stroke ``i``'s texture; see `frame`."""
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
     still = F(SLOWEST * SLOWEST) * curve_size(bx, by, fx, fy) + F(SLOWEST_PIXELS * SLOWEST_PIXELS)
@@ -53,9 +53,9 @@ def place_in_texture(p, i, ox, oy, frame, own):
 
 @function
 def places_in_windows(begin, end, p, frames, places):
-    """Write the ``places`` (n, S, S, 2) at which the pixels of a canvas sample strokes ``begin`` to ``end``.
+    """Write the texture positions (n, S, S, 2) that a canvas's pixels sample, for strokes ``begin`` to ``end``.
 
-    They are coordinates in the stroke's texture, from -1 to 1.
+    A position in ``places`` is a pair of coordinates in the stroke's texture, from -1 to 1.
     """
     side = places.shape[1]
     for i in range(begin, end):

@@ -1,7 +1,7 @@
-"""Strokes with textures defined in stroke coordinates, and the parts of their kernel.
+"""Strokes with textures that are defined in stroke coordinates, and the parts of their kernel.
 
-The kernel fetches the four texels around a place with one load: eight bits each of opacity and of tone. The gradient
-reaches the curve through both coordinates; the textures are fixed.
+The kernel fetches the four texels around a sampling position with one load: eight bits of opacity and eight bits of
+tone each. The gradient reaches the curve through both coordinates; the textures are fixed.
 """
 # mypy: allow-untyped-defs
 
@@ -33,12 +33,12 @@ ALPHA, SHADE, OPACITIES, LIGHTS, ROWS = range(PLACES, PLACES + 5)
 class TexturedProfile(Layers):
     """Strokes whose opacity and tone are looked up in textures (`Sheets`) by stroke coordinates.
 
-    The caps beyond the ends of a curve scale with its thickness. Along the curve lie the beginning of the texture, as
-    many ``repeats`` of its loop as fit, and its end; the curve parameter t runs evenly through all of them. A ``flip``
-    of -1 mirrors a texture. Lookups are bilinear.
+    The caps beyond the ends of a curve scale with its thickness. Along the curve, the beginning of the texture is
+    followed by ``repeats`` of its loop, as many as fit, and by its end; the curve parameter t is linear in the texture
+    column over all of them. A ``flip`` of -1 mirrors a texture. Lookups are bilinear.
 
-    The tone changes the colour: tone > 0 mixes it with white, tone < 0 with black, by |tone|. The colour therefore
-    stays in range without clamping.
+    The tone changes the colour: a tone > 0 mixes it with white, a tone < 0 with black, in the proportion |tone|. The
+    colour therefore stays in range without clamping.
     """
 
     per_stroke = ("curve", "half_width", "color", "opacity", "look", "repeats", "flip")
@@ -57,11 +57,11 @@ class TexturedProfile(Layers):
         return self.half_width * self.sheets.extent.to(self.half_width.dtype)[self.look]
 
     def frame(self) -> Tensor:
-        """Compute how each stroke maps to its texture (N, 8), in texels of its sheet; texel j has its centre at j.
+        """Compute the mapping (N, 8) of strokes to their textures, in texels of their sheets; texel j is centred at j.
 
-        The columns are: rows and columns of the sheet, the column at the start of the curve, the columns along the
-        curve, the column where the loop begins, the length of the loop (1 if there is none), the repeats after the
-        first, and the flip.
+        The columns are: the sheet's rows and columns, the texture column at the start of the curve, the number of
+        texture columns along the curve, the column at which the loop begins, the length of the loop (1 if there is
+        none), the number of repeats after the first, and the flip.
         """
         size, (begin, length) = self.sheets.size[self.look].double(), self.sheets.loop[self.look].double().unbind(1)
         cap, more = size[:, 0] / (2 * TEXEL_ASPECT), self.repeats - 1.0
@@ -86,7 +86,7 @@ class TexturedProfile(Layers):
         return replace(self, color=encode(self.color))
 
     def _look_up(self, index: Tensor, x: Tensor, y: Tensor, rows: Tensor, columns: Tensor) -> Tensor:
-        """Interpolate opacity and tone (..., 2) of strokes ``index`` at columns x and rows y of their textures."""
+        """Interpolate opacity and tone (..., 2) at columns x and rows y of the textures of the strokes ``index``."""
         texels, stride = self.sheets.texels[:, :2].to(x.dtype), columns.long() + 2
         x, y = torch.minimum(x.clamp_min(0), columns + 1), torch.minimum(y.clamp_min(0), rows + 1)
         left, top = torch.minimum(x.detach().floor(), columns), torch.minimum(y.detach().floor(), rows)
@@ -97,7 +97,7 @@ class TexturedProfile(Layers):
         return torch.lerp(above, below, down)
 
     def pictures(self, side: int) -> Tensor:
-        """Draw like other layers, but look up texture coordinates with compiled code; used for training."""
+        """Draw each stroke by itself, with texture coordinates from compiled code where possible; used for training."""
         size, free = self.sheets.size[self.look], not (self.curve.requires_grad or self.half_width.requires_grad)
         if not free or side % TILE or self.curve.device.type != "cpu" or bool((size != size[:1]).any()):
             return super().pictures(side)
@@ -127,16 +127,16 @@ class TexturedProfile(Layers):
 
 
 def with_reach(frame: Tensor, reach: Tensor) -> Tensor:
-    """Append the squared reach (N,) in pixels to `frame` (N, 8); nearest points beyond it are not sought."""
+    """Append the square of ``reach`` (N,), in pixels, to ``frame`` (N, 8); textures are not sampled beyond it."""
     return torch.cat([frame, reach.detach().float().square()[:, None]], dim=1)
 
 
 @inline
 def _fetch(cells, first, columns, rows, own, at, opacity, light):
-    """Write the corners (AREA,) around the places in rows X and Y, and replace these rows by positions in the cell.
+    """Write the packed corners (AREA,) around the positions in rows X and Y; replace these by positions within a cell.
 
-    ``cells`` are those of all textures (`cells_of`); this texture has ``rows`` x ``columns`` texels without the ring,
-    and begins at ``first``. ``at`` is scratch (AREA,) int32.
+    ``cells`` holds the cells of all textures (`cells_of`). The current texture has ``rows`` x ``columns`` texels
+    without its ring, and begins at ``first``. ``at`` is scratch memory (AREA,) int32.
     """
     for q in range(AREA):
         x, y = own[X * AREA + q], own[Y * AREA + q]
@@ -158,7 +158,7 @@ def _corner(word, k):
 
 @inline
 def _mix(word, x, y):
-    """Interpolate bilinearly between the four bytes of a word; also return the slopes along x and y."""
+    """Interpolate bilinearly between the four bytes of a word; also return the derivatives along x and y."""
     a, b, c, d = _corner(word, 0), _corner(word, 1), _corner(word, 2), _corner(word, 3)
     twist = a - b - c + d
     along_y = c - a + x * twist
@@ -202,9 +202,9 @@ def _tone(look, seen, own, q, c):
 
 @inline
 def _pull(p, i, data, ox, oy, own, temporary, buf, out):
-    """Compute the gradients of colour and opacity.
+    """Compute the gradients of colour and opacity, and of the texture position, from which `_move` computes the others.
 
-    The gradient of the place in the texture overwrites the place, for `_move`.
+    The gradient of the texture position overwrites the position in rows X and Y.
     """
     op, color = p[i, 7] * F(1 / 255), first_of(p[i, COLOR:], CHANNELS)
     words = own.view(I)
@@ -232,7 +232,7 @@ def _pull(p, i, data, ox, oy, own, temporary, buf, out):
 
 @inline
 def _of_colors(color, own, buf, q):
-    """Compute the derivatives with respect to the proportions of the stroke's colour and of white at a pixel."""
+    """Compute the derivatives with respect to the proportions of stroke colour and of white at a pixel."""
     plain, every = F(0), F(0)
     for c in range(CHANNELS):
         slope = of_color(own, buf, q, c)

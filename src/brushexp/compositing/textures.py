@@ -1,9 +1,10 @@
-"""Textures along and across a stroke: their layout, their reduced versions, and their form for the kernel.
+"""Textures along and across a stroke: their layout, their reduced versions, and their packing for the kernel.
 
-The rows of a texture run across the stroke, from ``SPREAD`` half widths on one side to ``SPREAD`` half widths on the
-other. Its columns are the cap before the start of the curve, its beginning, a piece that long strokes repeat (`Loop`),
-its end, and the cap beyond; the spacing of columns is ``TEXEL_ASPECT`` times that of rows. A ring of texels surrounds
-all this, transparent where its neighbours are, so that a lookup outside may be clamped to it with zero slope.
+The rows of a texture are stacked across the stroke, from ``SPREAD`` half widths on one side to ``SPREAD`` half widths
+on the other. Its columns are the cap before the start of the curve, its beginning, a piece that long strokes repeat
+(`Loop`), its end, and the cap beyond the end; the spacing of columns is ``TEXEL_ASPECT`` times that of rows. The
+texture is surrounded by a ring of texels, transparent where its neighbours are, so that a lookup outside may be clamped
+to the ring with zero slope.
 """
 
 from dataclasses import dataclass
@@ -21,7 +22,7 @@ BYTE, HALF = 255, 127  # steps of opacity, and of tone on either side of 0
 
 @dataclass(frozen=True)
 class Loop:
-    """The columns of a texture, without its ring, that repeat on a long stroke; length 0 means none."""
+    """The columns of a texture, not counting its ring, that repeat on a long stroke; a length of 0 means no loop."""
 
     begin: int
     length: int
@@ -29,7 +30,7 @@ class Loop:
 
 @dataclass(frozen=True, eq=False)
 class Sheets:
-    """M textures of several sizes, stored consecutively as lines of texels with their rings."""
+    """M textures of several sizes, stored consecutively, row by row, including their rings of texels."""
 
     texels: Tensor  # (T, C) opacity in [0, 1], tone in [-1, 1], and, where known, height in films, in [0, 1]
     first: Tensor  # (M,) int64, index of the first texel of each
@@ -43,10 +44,10 @@ class Sheets:
 
 
 def coordinates_of(rows: int, columns: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Compute the coordinates of the texels of a texture with its ring.
+    """Compute the coordinates of a texture's texels, including its ring.
 
-    The result is across (rows + 2,), and t, before and beyond the curve (columns + 2,). All but t are in half widths;
-    those before the start are negative.
+    Returns the coordinates across the curve (rows + 2,), and t and the coordinates before and beyond the curve, each
+    (columns + 2,). All but t are in half widths; coordinates before the start are negative.
     """
     step, cap = 2 * SPREAD / rows, cap_of(rows)
     across = step * (torch.arange(rows + 2) - 0.5 - rows / 2)
@@ -56,7 +57,7 @@ def coordinates_of(rows: int, columns: int) -> tuple[Tensor, Tensor, Tensor, Ten
 
 
 def cap_of(rows: int) -> float:
-    """Compute the number of columns in a cap."""
+    """Compute the number of columns in a cap of a texture."""
     return rows / (2 * TEXEL_ASPECT)
 
 
@@ -67,10 +68,10 @@ def texel_distances(rows: int, columns: int) -> Tensor:
 
 
 def sheets_of(textures: Tensor, levels: int, loop: Loop, *, rounded: bool) -> Sheets:
-    """Reduce textures (V, C, rows, columns) to ``levels`` sizes, each half the previous: M = V * levels.
+    """Reduce V textures (V, C, rows, columns) to ``levels`` sizes, each half the previous one: M = V * levels.
 
-    A texel of a smaller texture is the mean of four (mipmaps: Williams, 1983); all but opacity is weighted by opacity.
-    If ``rounded``, values are in whole steps of 8 bits, and there are cells for the kernel.
+    A texel of a smaller texture is the mean of four (mipmaps: Williams, 1983), weighted by opacity for all channels but
+    opacity itself. If ``rounded``, values are quantised to 8 bits, and cells for the kernel are included.
     """
     variants, _, rows, columns = textures.shape
     sheets = [_add_ring(_halve(textures, level)) for level in range(levels)]
@@ -100,7 +101,7 @@ def _halve(textures: Tensor, times: int) -> Tensor:
 
 
 def _add_ring(textures: Tensor) -> Tensor:
-    """Add the ring of texels; texels that reach the border of the texture become transparent."""
+    """Add the ring of texels, and make texels that reach the border of the texture transparent."""
     opacity, rest = functional.pad(textures, (1, 1, 1, 1), mode="replicate").split([1, textures.shape[1] - 1], dim=1)
     rows, columns = textures.shape[2:]
     may_cover = texel_distances(rows, columns) < SPREAD - 2 * SPREAD / rows
@@ -108,7 +109,7 @@ def _add_ring(textures: Tensor) -> Tensor:
 
 
 def _round_steps(sheet: Tensor) -> Tensor:
-    """Round to whole steps and drop the faintest opacities, because the cost of a stroke grows with its reach."""
+    """Quantise a sheet and set the faintest opacities to 0, because the cost of a stroke grows with its reach."""
     steps = torch.full((sheet.shape[1], 1, 1), float(BYTE)).to(sheet)
     steps[1] = HALF
     opacity, rest = ((sheet * steps).round() / steps).split([1, sheet.shape[1] - 1], dim=1)
@@ -116,18 +117,19 @@ def _round_steps(sheet: Tensor) -> Tensor:
 
 
 def extent_of(opacity: Tensor) -> Tensor:
-    """Compute the distances (M,) from the curve, in half widths, beyond which all opacities in a texture are 0."""
+    """Compute the distance (M,) from the curve, in half widths, beyond which each texture's opacity is 0."""
     distance = texel_distances(opacity.shape[1] - 2, opacity.shape[2] - 2).to(opacity)
     farthest = functional.max_pool2d(distance[None], 3, 1, 1)  # interpolation extends a texel to its neighbours
     return torch.where(opacity > 0, farthest, 0.0).amax((1, 2)) * (1 + 1e-5)
 
 
 def cells_of(texels: Tensor, size: Tensor) -> Tensor:
-    """Pack the four corners of the cell below and to the right of each texel into one word, for a lookup in one load.
+    """Pack the four corners of the cell to the lower right of each texel into a word, so that a lookup takes one load.
 
-    ``texels`` (T, C) and ``size`` (M, 2) are those of `Sheets`, in whole steps of 8 bits. A word is int64: its lower
-    half has the opacity of the corners above left, above right, below left and below right, lowest byte first; its
-    upper half has their tone + 128. A texel in the last row or column of a sheet begins no cell.
+    ``texels`` (T, C) and ``size`` (M, 2) are those of `Sheets`, with values quantised to 8 bits. A word is an int64:
+    its lower half holds the opacity of the upper left, upper right, lower left and lower right corners, lowest byte
+    first, and its upper half holds their tone + 128. The words of texels in the last row or column of a sheet are not
+    used.
     """
     whole = torch.stack([texels[:, 0] * BYTE, texels[:, 1] * HALF + 128], dim=1).round().to(torch.uint8)
     sides = (size.unique(dim=0).flip(0) + 2).tolist()  # sizes of the sheets of one texture, the largest first

@@ -1,7 +1,7 @@
-"""List the strokes that touch each tile, front to back, with compiled code.
+"""List the strokes that touch each tile, front to back, in compiled code.
 
-A (tile, stroke) pair has two numbers: its place in the tile's list, and its slot in the stroke's row of pairs. Kernels
-leave gradients in the slots, so that they can be summed per stroke without atomics and always in the same order.
+Each (tile, stroke) pair has two indices: its position in the tile's list, and its slot in the stroke's row of pairs.
+Kernels write gradients to the slots, which are then summed per stroke without atomics and always in the same order.
 """
 # mypy: allow-untyped-defs
 
@@ -31,7 +31,7 @@ Array = np.ndarray[Any, Any]
 
 @dataclass(frozen=True)
 class TileLists:
-    """The (tile, stroke) pairs of one canvas."""
+    """The (tile, stroke) pairs on a canvas, listed by tile and by stroke."""
 
     first: Array  # (tiles + 1,) where each tile's list begins in ``stroke`` and ``slot``; tiles go row by row
     stroke: Array  # (pairs,) index of the stroke, front to back within a tile
@@ -45,9 +45,9 @@ def tile_lists(
 ) -> TileLists:
     """List the strokes that may touch each tile of a canvas of ``size`` (H, W).
 
-    ``curve`` (N, 3, 2) and ``reach`` (N,) are those of `Layers`; ``front_to_back`` (N,) are indices of the strokes, top
-    stroke first, and the lists contain places in this order. With ``boxes_only``, strokes fill the boxes around them,
-    including the corners, as windows do.
+    ``curve`` (N, 3, 2) and ``reach`` (N,) are those of `Layers`; ``front_to_back`` (N,) holds the indices of the
+    strokes, top stroke first, and the lists contain positions in this order. With ``boxes_only``, every stroke fills
+    its bounding box, including the corners, as windows do.
     """
     points, reaches = (part.detach()[front_to_back].float().cpu().contiguous().numpy() for part in (curve, reach))
     rows, columns = -(-size[0] // TILE), -(-size[1] // TILE)
@@ -68,9 +68,9 @@ def tile_lists(
 
 
 def _boxes(curve, reach, rows, columns):
-    """Bound each stroke by a rectangle of tiles (4, N): left, top, right, bottom, inclusive.
+    """Compute each stroke's bounding rectangle (4, N) in tiles: left, top, right, bottom, inclusive.
 
-    If a stroke touches no tile, right < left.
+    If a stroke does not touch any tile, right < left.
     """
     start, control, end = np.ascontiguousarray(curve.transpose(1, 2, 0))  # (2, N)
     middle, bend = (start + 2 * control + end) / 4, start - 2 * control + end
@@ -85,10 +85,10 @@ def _boxes(curve, reach, rows, columns):
 
 @inline
 def _touches(points, reach, x, y):
-    """Check whether a piecewise straight stroke of half thickness ``reach`` meets the pixel centres around (x, y).
+    """Check whether a polyline with half thickness ``reach`` touches the square of pixel centres around (x, y).
 
-    It does if (x, y) is within reach of the hexagon that the square of pixel centres sweeps along a piece. Separating
-    axes alone (along and across) would keep false pairs at corners, an eighth of all pairs.
+    It does if (x, y) is within ``reach`` of the hexagon that the square sweeps along a piece of the polyline.
+    Separating axes alone (along and across) would keep false pairs at corners, an eighth of all pairs.
     """
     half = 0.5 * (TILE - 1)
     for m in range(PIECES):
@@ -122,11 +122,11 @@ def _touches(points, reach, x, y):
 
 @inline
 def _sample(curve, reach, xs, ys):
-    """Write points of a curve relative to its start, 16 per 40 px and at most 64, and return their number.
+    """Sample a curve relative to its start, at 16 points per 40 px and at most 64, and return the number of points.
 
-    Also returns the squared distance within which one of them lies from any point within ``reach`` of the curve: the
-    offset from the nearest point is perpendicular to the curve, or that point is an end, and the ends are among the
-    points.
+    Also returns a squared distance: any point within ``reach`` of the curve is within this distance of a sampled point.
+    The offset from the nearest point on the curve is perpendicular to the curve, or that point is an end, and the ends
+    are sampled.
     """
     sx, sy, cx, cy, ex, ey = curve
     fx, fy, bx, by = 2 * (cx - sx), 2 * (cy - sy), sx - 2 * cx + ex, sy - 2 * cy + ey
@@ -142,10 +142,10 @@ def _sample(curve, reach, xs, ys):
 
 @inline
 def _glance(xs, ys, count, x, y, within, beyond):
-    """Compare the distance from sampled curve points to the square around (x, y) with two squared distances.
+    """Compare the distances between sampled curve points and the square around (x, y) with two squared distances.
 
-    Returns 1000 or more if a point is closer than ``within``, 1 or more if one is closer than ``beyond``, and otherwise
-    0.
+    Returns 1000 or more if any point is no farther than ``within``, 1 or more if any is no farther than ``beyond``, and
+    otherwise 0.
     """
     total, half = F(0), F(0.5 * (TILE - 1))
     for k in range(count):
@@ -157,14 +157,14 @@ def _glance(xs, ys, count, x, y, within, beyond):
 
 @inline
 def _near_square(x, y, half, reach):
-    """Check whether (x, y) is within ``reach`` of the square from -half to half."""
+    """Check whether (x, y) is within ``reach`` of the square that extends from -half to half."""
     dx, dy = max(abs(x) - half, 0.0), max(abs(y) - half, 0.0)
     return dx * dx + dy * dy <= reach * reach
 
 
 @inline
 def _flatten(curve, points):
-    """Write PIECES + 1 points of a curve, and return the largest distance between the curve and the pieces."""
+    """Approximate a curve by a polyline of PIECES + 1 points, and return a bound on the distance between the two."""
     sx, sy, cx, cy, ex, ey = curve
     for m in range(PIECES + 1):
         t = m / PIECES
@@ -177,10 +177,10 @@ def _flatten(curve, points):
 
 @function
 def _find(first_band, end_band, curve, reach, boxes, rows, columns, boxes_only, space, hits, per_tile, per_band):
-    """Test the tiles in the boxes of strokes within some bands; record and count the tiles that are touched.
+    """Test the tiles in strokes' bounding boxes within a range of bands; record and count the tiles that are touched.
 
-    Starting at ``space[i]``, ``hits`` has room for all tiles in the box of stroke ``i``, row by row, so that no two
-    bands share memory.
+    Starting at ``space[i]``, ``hits`` has room for all tiles in the bounding box of stroke ``i``, row by row, so that
+    no two bands share memory.
     """
     for band in range(first_band, end_band):
         low, high = band * rows // BANDS, (band + 1) * rows // BANDS
@@ -208,7 +208,7 @@ def _find(first_band, end_band, curve, reach, boxes, rows, columns, boxes_only, 
 
 @function
 def _fill(first_band, end_band, hits, space, boxes, rows, place, row, per_band, stroke, slot):
-    """Sort the hits of some bands, which are grouped by stroke, into the lists of tiles and strokes."""
+    """Sort a range of bands' hits, which are grouped by stroke, into the lists by tile and by stroke."""
     for band in range(first_band, end_band):
         low = band * rows // BANDS
         for i in range(len(row)):
@@ -222,11 +222,11 @@ def _fill(first_band, end_band, hits, space, boxes, rows, place, row, per_band, 
 
 @inline
 def most_tiles(used):
-    """Return the largest number of tiles that a worker gets."""
+    """Return the largest number of tiles assigned to a worker."""
     return (len(used) + RUN * WORKERS - 1) // (RUN * WORKERS) * RUN
 
 
 @inline
 def tile_of(worker, k):
-    """Return the number of a worker's tile ``k``; the numbers ascend, and may exceed that of the last tile."""
+    """Return the index of a worker's tile ``k``; indices ascend with ``k``, and may exceed that of the last tile."""
     return (k // RUN * WORKERS + worker) * RUN + k % RUN

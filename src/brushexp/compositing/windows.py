@@ -1,9 +1,9 @@
-"""Strokes drawn in windows, and the parts of their kernel.
+"""Strokes drawn in square windows, and the parts of their kernel.
 
-Windows are aligned with the pixels, so the texels and weights of a bilinear lookup are computed once for each of the
-eight columns and rows of a tile. In the backward pass, a stroke stores two numbers for every pixel of a tile: the light
-that reaches it and the derivative with respect to its alpha. Then each stroke gathers them from its tiles into its
-picture.
+The sides of a window are parallel to the pixel grid, so the texels and weights of a bilinear lookup are computed once
+for each of the eight columns and eight rows of a tile. In the backward pass, a stroke stores two numbers for every
+pixel of a tile: the light that reaches it and the derivative with respect to its alpha. These numbers are then gathered
+from the stroke's tiles into the gradient of its image.
 """
 # mypy: allow-untyped-defs
 
@@ -29,10 +29,10 @@ TILE_PLACE, COLUMNS = 2 * AREA, 2 * AREA + 2  # numbers stored for a stroke; the
 
 @dataclass(frozen=True)
 class Windows(Layers):
-    """Strokes drawn in square windows; a window may lie anywhere on the canvas and is sampled bilinearly.
+    """Strokes drawn in square windows, which may be anywhere on the canvas and are sampled bilinearly.
 
-    Texel (row, column) of a window of side ``scale`` lies at ``position`` + scale * ((column + 0.5) / S - 0.5, ...);
-    beyond the outermost texel centres the picture fades to nothing within one texel.
+    The centre of texel (row, column) in a window of side ``scale`` is at ``position`` + scale * ((column + 0.5) / S -
+    0.5, ...). Beyond the outermost texel centres, the image fades to transparent within one texel.
     """
 
     per_stroke = ("images", "position", "scale", "opacity", "color")
@@ -45,13 +45,13 @@ class Windows(Layers):
 
     @property
     def curve(self) -> Tensor:  # type: ignore[override]
-        """Return the horizontal middle line of each window."""
+        """Return the horizontal centre line of each window."""
         half = torch.stack([0.5 * self.scale, torch.zeros_like(self.scale)], dim=-1)
         return torch.stack([self.position - half, self.position, self.position + half], dim=1)
 
     @property
     def reach(self) -> Tensor:  # type: ignore[override]
-        """Return the distance from the middle line to the farthest edge of the window, plus half a texel."""
+        """Return the distance from the centre line to the upper and lower edges of the window, plus half a texel."""
         return self.scale * (0.5 + 0.5 / self.images.shape[-1])
 
     def sample(self, index: Tensor, points: Tensor) -> tuple[Tensor, Tensor]:
@@ -73,11 +73,11 @@ class Windows(Layers):
         return self.opacity[index][..., None] * alpha, color
 
     def pictures(self, side: int) -> Tensor:
-        """Return the windows' own images if they have this size; otherwise draw each stroke alone."""
+        """Return the windows' own images if they have the given size; otherwise draw each stroke by itself."""
         return self.images if side == self.images.shape[-1] else super().pictures(side)
 
     def encoded(self, encode: Encode) -> Self:
-        """Encode the colours texel by texel."""
+        """Encode the colours of each texel."""
         color = encode(self.images[:, :3].movedim(1, -1)).movedim(-1, 1)
         return replace(self, images=torch.cat([color, self.images[:, 3:]], dim=1), color=encode(self.color))
 
@@ -87,7 +87,7 @@ class Windows(Layers):
 
     @torch.no_grad()
     def _boxes(self) -> tuple[Tensor, Tensor]:
-        """Compute the box around the visible part of each window, as a line (N, 3, 2) and a half thickness (N,).
+        """Compute the bounding box of the visible part of each window, as a line (N, 3, 2) and a half thickness (N,).
 
         Where an image is fully transparent, neither its alpha nor the network that drew it gets a gradient.
         """
@@ -106,9 +106,10 @@ class Windows(Layers):
 
 @inline
 def _axis(centre, scale, side, origin, index, weight, inside):
-    """Find the texels before and after each of eight pixels, starting at ``origin``, along one axis.
+    """Find the texels before and after each of eight pixels along one axis, starting at ``origin``.
 
-    Writes arrays (16,), the eight texels before first: their indices, their weights, and whether they exist.
+    Writes arrays (16,) of the texels' indices, their weights, and whether they exist; the eight texels before the
+    pixels come first.
     """
     per_pixel = F(side) / scale
     for q in range(TILE):
@@ -124,7 +125,7 @@ def _axis(centre, scale, side, origin, index, weight, inside):
 
 @inline
 def _axes(p, i, side, ox, oy, index, weight, inside):
-    """Find the texels along both axes: (AXES,), x first."""
+    """Find the texels along both axes and write arrays (AXES,), with x before y."""
     half = 2 * TILE
     _axis(p[i, 0], p[i, 2], side, ox, index[:half], weight[:half], inside[:half])
     _axis(p[i, 1], p[i, 2], side, oy, index[half:], weight[half:], inside[half:])
@@ -179,7 +180,7 @@ def _pull(p, i, data, ox, oy, own, temporary, buf, out):
 def _gather(
     left: Array, there: Array, row: Array, order: Array, grad_image: Array, places: Array, data: tuple[Array, ...]
 ) -> tuple[Array, Array]:
-    """Compute the gradients of places (N, 4) and images (N, C + 1, S, S)."""
+    """Compute the gradients of ``places`` (N, 4) and of the images (N, C + 1, S, S)."""
     gradients = np.zeros_like(places), np.zeros_like(data[0])
     share(_gathering(len(grad_image)), len(order), places, *data, order, row, there, left, grad_image, *gradients)
     return gradients
@@ -192,10 +193,10 @@ def _gathering(channels: int) -> Compiled:
 
 @function
 def _over_strokes(begin, end, places, images, order, row, there, left, grad_image, grad_places, grad_images):
-    """Gather the gradients of some strokes from what `_pull` left in their tiles (``left``), always in the same order.
+    """Gather a range of strokes' gradients from the numbers that `_pull` stored in ``left``, always in the same order.
 
-    ``places`` (N, 4) are centre x and y, side, and opacity of ``images`` (N, C + 1, S, S). Writes ``grad_places`` and
-    ``grad_images``, which have the same shapes and are 0 before.
+    ``places`` (N, 4) holds the centre (x, y), side and opacity for each of the ``images`` (N, C + 1, S, S). Writes
+    ``grad_places`` and ``grad_images``, which have the same shapes and are initially 0.
     """
     side = images.shape[-1]
     for s in range(begin, end):
@@ -226,9 +227,9 @@ def _over_strokes(begin, end, places, images, order, row, there, left, grad_imag
 
 @inline
 def _scatter(image, opacity, given, grad_image, top, left, y, x, index, weight, inside, out):
-    """Add one pixel's gradient to four texels of ``out`` (C + 1, S, S).
+    """Add a pixel's gradient to the four texels of ``out`` (C + 1, S, S) that it samples.
 
-    Returns the derivatives with respect to the pixel's place, in texels along x and y, and to the opacity.
+    Returns the derivatives with respect to the pixel's position, in texels along x and y, and to the opacity.
     """
     light, of_alpha = given[y * TILE + x], given[AREA + y * TILE + x]
     along_x, along_y, of_opacity = F(0), F(0), F(0)

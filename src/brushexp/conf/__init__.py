@@ -1,1 +1,1 @@
-"""Shipped configs; `brushexp.config.schema` declares the keys of tasks, and users keep their own in ``conf``."""
+"""Shipped configs; `brushexp.config.schema` declares the keys of tasks, and users put their own configs in ``conf``."""

@@ -1,4 +1,4 @@
-"""Declare keys of tasks (`schema`, `keys`, `rules`), build configs (`words`, `publish`, `compose`) and `check` them."""
+"""Declare the keys of tasks (`schema`, `keys`, `rules`), build (`words`, `publish`, `compose`) and `check` configs."""
 
 import warnings
 

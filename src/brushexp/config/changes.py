@@ -26,9 +26,9 @@ NONE = ("", "null", "none")  # values of a word that choose no change
 
 
 def expand_changes(words: Sequence[str], beside: Sequence[str] = (), *, sweep: bool = False) -> list[str]:
-    """Expand the command-line words that set options of changes; ``beside`` holds the other arguments in effect.
+    """Expand the command-line words that set options of changes; ``beside`` contains the other arguments in effect.
 
-    A UserError names any word from an earlier version and any word whose change is not chosen.
+    Raises a UserError that names a word from an earlier version, or a word whose change is not chosen.
     """
     refuse_earlier(words)
     schema = TASKS.get(value_of("task", [*beside, *words]), PaintTask)
@@ -64,9 +64,10 @@ def expand_changes(words: Sequence[str], beside: Sequence[str] = (), *, sweep: b
 
 
 def with_list_of_look(words: Sequence[str], beside: Sequence[str]) -> list[str]:
-    """Write out the changes that a look chooses, unless the arguments name several looks or a study, or add to a list.
+    """Add the look's list of changes to the arguments, unless they name several looks or a study, or add to a list.
 
-    Hydra composes members added by ``+change`` before the look, but options of some members depend on the look.
+    Hydra composes members that are added by ``+change`` before it composes the look, but the options of some members
+    depend on the look.
     """
     every = [*beside, *words]
     look = value_of("look", every) or PaintTask.presets["look"]
@@ -76,7 +77,7 @@ def with_list_of_look(words: Sequence[str], beside: Sequence[str]) -> list[str]:
 
 
 def choose(words: Sequence[str], names: Sequence[str], *, sweep: bool = False) -> list[str]:
-    """Add members to the list of changes on the command line, or to the look's list if there is none."""
+    """Add members to the list of changes on the command line or, if there is none, to the look's list."""
     if not names:
         return [*words]
     typed = [word for word in words if word.startswith((f"{GROUP}=", f"+{GROUP}="))]
@@ -91,7 +92,7 @@ def choose(words: Sequence[str], names: Sequence[str], *, sweep: bool = False) -
 
 
 def merge(words: Iterable[str]) -> list[str]:
-    """Merge all arguments that choose changes, such as those of a sweep and of its settings, into one list."""
+    """Merge all arguments that choose changes, such as those of a sweep and those of its settings, into one list."""
     words = [*words]
     lists = [word for word in words if word.startswith((f"{GROUP}=", f"+{GROUP}="))]
     if len(lists) < 2:
@@ -102,20 +103,20 @@ def merge(words: Iterable[str]) -> list[str]:
 
 
 def keep_added(words: Sequence[str], beside: Iterable[str]) -> list[str]:
-    """Add the changes in the arguments ``beside`` a setting to the setting's list, which would otherwise replace it."""
+    """Add changes from the other arguments, ``beside``, to a setting's own list, which would otherwise replace them."""
     added = [name for word in beside if word.startswith(f"+{GROUP}=") for name in names_in(word)]
     has_list = any(word.startswith((f"{GROUP}=", f"+{GROUP}=")) for word in words)
     return choose(words, added) if has_list else [*words]
 
 
 def names_in(word: str) -> list[str]:
-    """List the changes that an argument names; none if it defines a sweep."""
+    """List the changes that an argument names; the list is empty if the argument defines a sweep."""
     found = LIST.fullmatch(word.partition("=")[2])
     return re.findall(r"\w+", found[1]) if found else []
 
 
 def chosen_by(words: Sequence[str]) -> tuple[set[str], list[set[str]]]:
-    """List the changes that arguments choose, directly or through the looks they name."""
+    """Return the changes that arguments choose directly, and the changes that each look named by them chooses."""
     looks = (value_of("look", words) or PaintTask.presets["look"]).split(",")
     typed = [word for word in words if word.startswith((f"{GROUP}=", f"+{GROUP}="))]
     return {name for word in typed for name in names_in(word)}, [{*changes_of(look)} for look in looks]
@@ -129,13 +130,13 @@ def changes_of(look: str) -> list[str]:
 
 
 def missing(brought: Iterable[str], words: Sequence[str]) -> list[str]:
-    """List the implied arguments whose keys the user has not set."""
+    """List the implied arguments, ``brought``, whose keys the user has not set."""
     typed = {key.lstrip("+~") for key, _ in pairs_in(words)}
     return [word for word in brought if word.partition("=")[0].lstrip("+") not in typed]
 
 
 def refuse_earlier(words: Sequence[str]) -> None:
-    """Raise a UserError for callbacks and tasks of earlier versions that are now changes."""
+    """Raise a UserError for callbacks and tasks that have become changes since an earlier version."""
     for key, value in pairs_in(words):
         for name in re.findall(r"\w+", value) if key in ("task", "callbacks", "+callbacks") else ():
             if cure := table_of_words("earlier").get(f"{key.lstrip('+')}={name}"):
@@ -144,7 +145,7 @@ def refuse_earlier(words: Sequence[str]) -> None:
 
 
 def needs(word: str) -> str:
-    """Explain which words choose the change whose option an argument sets."""
+    """Explain which words choose the change to which an option word belongs."""
     names = [path_of(path)[0] for path in table_of_words("change_options")[word]]
     choosing = [key for key, path in table_of_words("change_words").items() if path_of(path)[0] in names]
     other = spellings("keys").get(word)
@@ -153,23 +154,23 @@ def needs(word: str) -> str:
 
 
 def pairs_in(words: Iterable[str]) -> list[tuple[str, str]]:
-    """List the key and value of each word that has both."""
+    """List the key and value of each word of the form ``key=value``."""
     return [(key, value) for key, equal, value in (word.partition("=") for word in words) if equal]
 
 
 def value_of(key: str, words: Iterable[str]) -> str:
-    """Return the last value of a key, or "" if it has none."""
+    """Return the last value given for a key, or "" if there is none."""
     return next((value for name, value in reversed(pairs_in(words)) if name == key), "")
 
 
 def path_of(option: str) -> tuple[str, str]:
-    """Split the path of an option into the names of its change and of the option."""
+    """Split an option path such as ``change.wet.amount`` into the names of the change and of the option."""
     _, name, option = option.split(".")
     return name, option
 
 
 def as_typed_word(name: str, node: Mapping[str, Any] | DictConfig) -> str:
-    """Write a chosen change as its short word, ``wet=0.5``, or as ``change=random_ground`` if it has none."""
+    """Write a chosen change as its short word, ``wet=0.5``, or, if it has none, as ``change=random_ground``."""
     for word, path in table_of_words("change_words").items():
         change, option = path_of(path)
         if change == name and node.get(option) is not None:
@@ -178,7 +179,7 @@ def as_typed_word(name: str, node: Mapping[str, Any] | DictConfig) -> str:
 
 
 def shortened(words: Iterable[str]) -> list[str]:
-    """Shorten expanded arguments for a command line that can be typed.
+    """Shorten expanded arguments to those that a user would type.
 
     >>> shortened(["image=a.png", "+change=[guides]", "change.guides.lines=b.png"])
     ['image=a.png', 'guides=b.png']

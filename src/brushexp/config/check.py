@@ -1,4 +1,4 @@
-"""Check names, types, bounds, plugins and rules of a composed config before anything runs."""
+"""Check the names, types, bounds, plugins and rules of a composed config before a run starts."""
 
 import math
 import re
@@ -35,13 +35,13 @@ STYLE_PARTS = {"style.loss": "style.image", "style.strokes": "style.brushwork"} 
 
 
 def check_stand_ins(name: str, values: Mapping[str, Any]) -> None:
-    """Raise a UserError for values that require a different task."""
+    """Raise a UserError if the values require a different task."""
     if (other := task_for(name, values)) != name:
         raise UserError(f"task={other} handles this, not task={name}; repeat the command with task={other}")
 
 
 def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
-    """Check a composed config, and keep the plugins built for the run; a UserError names the override to correct."""
+    """Check a composed config, and keep the plugins built for the run; errors name the override to correct."""
     schema = TASKS[cfg.task]
     check_stand_ins(cfg.task, cfg)
     for family in MULTI_SELECT:
@@ -71,7 +71,7 @@ def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
 
 
 def name_scaling_key(cfg: DictConfig, key: Key) -> str:
-    """Explain which key scales another key's value beyond its bounds, and give its limit; "" if none does."""
+    """Explain which key scales the value of ``key`` beyond its bounds, and suggest a value; return "" if none does."""
     scaling, power = SCALED_BY.get(key.name, ("", 0))
     if not power or not OmegaConf.is_interpolation(cfg, key.name) or not isinstance(key.bounds, Bounds):
         return ""
@@ -104,7 +104,7 @@ def check_collection(name: str, annotation: Any, value: Any) -> None:
 
 
 def check_names(cfg: DictConfig) -> None:
-    """Reject keys that the task does not have, at any level."""
+    """Raise a UserError for keys, at any level, that the task does not have."""
     schema = TASKS[cfg.task]
     names = {*keys_of(schema), *groups_of(schema), *NOT_KEYS, *(group.rpartition("@")[2] for group in schema.groups)}
     parents = {name.rpartition(".")[0] for name in names}
@@ -116,7 +116,7 @@ def check_names(cfg: DictConfig) -> None:
 
 
 def check_plugin(path: str, node: DictConfig, is_used: bool) -> None:
-    """Check the options of a plugin in its config node; build it and keep it if the run uses it."""
+    """Check the options in a plugin's config node; if the run uses the plugin, build it and keep it."""
     options = options_in(node, path)
     try:
         if is_used:
@@ -127,7 +127,7 @@ def check_plugin(path: str, node: DictConfig, is_used: bool) -> None:
 
 
 def leaves(settings: Any, above: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield all values of nested settings with their full keys."""
+    """Yield the full key and the value of each leaf of nested settings."""
     settings = dict(enumerate(settings)) if isinstance(settings, list) else settings
     if not isinstance(settings, dict):
         yield above, settings
@@ -137,7 +137,7 @@ def leaves(settings: Any, above: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def check_chosen(cfg: DictConfig) -> None:
-    """Reject a family without a chosen member, and options of a plugin that is not chosen."""
+    """Raise a UserError for a family without a chosen member, and for options of a plugin that is not chosen."""
     for family, default in TASKS[cfg.task].groups.items():
         if isinstance(default, str) and family in FAMILIES and "_target_" not in (cfg.get(family) or {}):
             raise UserError(f"{family} is not chosen; choose one of {members_of(family)}")
@@ -178,14 +178,14 @@ def members_of(family: str) -> str:
 
 
 def nearest_first(word: str, names: Sequence[str]) -> str:
-    """List the three names most similar to a word for an error message, known synonyms first."""
+    """List, for an error message, the three names most similar to a word, with known synonyms first."""
     plain = plain_name(word)
     ours = [name for name in (spellings("keys").get(plain, ""), spellings("members").get(plain, "")) if name in names]
     return ", ".join([*dict.fromkeys([*ours, *get_close_matches(word.lower(), names, SUGGESTIONS, 0)])][:SUGGESTIONS])
 
 
 def unknown_option(option: str, plugin: Plugin, arguments: Sequence[str] = ()) -> str:
-    """Explain that a plugin lacks an option, and name the plugins that have it, those the user named first."""
+    """Explain that a plugin lacks an option, and name the plugins that have it, starting with those the user named."""
     family, names = plugin.family, list(plugin.meanings)
     text = f"{plugin.path}.{option} is not an option of {family}={plugin.name}; "
     text += f"its options, nearest first: {nearest_first(option, names)}" if names else "it has none"
@@ -202,19 +202,19 @@ def unknown_option(option: str, plugin: Plugin, arguments: Sequence[str] = ()) -
 
 
 def change_words_of(schema: type[Task]) -> dict[str, str]:
-    """Map the short words that a task accepts to the options of changes they set."""
+    """Map the short words that a task accepts to the options of changes that they set."""
     taken = table_of_words("change_words") if "change" in schema.groups else {}
     return {word: option for word, option in taken.items() if word not in keys_of(schema)}
 
 
 def meaning_of_option(option: str) -> str:
-    """Return the description of a plugin's option such as ``change.wet.amount``, or "" if there is none."""
+    """Return the description of a plugin option such as ``change.wet.amount``, or "" if the option does not exist."""
     above, _, name = option.rpartition(".")
     return next((plugin.meanings.get(name, "") for plugin in plugins() if plugin.path == above), "")
 
 
 def explain_foreign_key(typed: str, task: str) -> str:
-    """Explain an unknown key by giving its name in this program; "" if there is no equivalent."""
+    """Explain an unknown key by naming its equivalent in this program; return "" if there is no equivalent."""
     schema, plain = TASKS[task], plain_name(typed)
     keys, words = keys_of(schema), change_words_of(schema)
     if typed in words:
@@ -230,7 +230,7 @@ def explain_foreign_key(typed: str, task: str) -> str:
 
 
 def unknown_key(typed: str, task: str) -> str:
-    """Explain that a task lacks a key, or that the plugin with this option is not chosen."""
+    """Explain that a task lacks a key, or that the plugin to which an option belongs is not chosen."""
     family, _, rest = typed.partition(".")
     keys, plain = keys_of(TASKS[task]), plain_name(typed)
     names = [*keys, *change_words_of(TASKS[task]), *groups_of(TASKS[task])]

@@ -1,4 +1,4 @@
-"""Find the folders of configs and compose a config with Hydra."""
+"""Find the config folders and compose a config with Hydra."""
 
 import re
 from collections.abc import Sequence
@@ -22,9 +22,9 @@ GLOBAL = "# @package _global_\n"  # first line of global config files
 
 
 def folders_of(root: Path, words: Sequence[str] = ()) -> list[Path]:
-    """List the config folders: the shipped one and the user's, which is ``--config-dir`` or ``root/conf``.
+    """List the config folders: those that are shipped, and the user's folder, ``--config-dir`` or ``root/conf``.
 
-    Raises a UserError if the given folder does not exist.
+    Raises a UserError if the folder given by ``--config-dir`` does not exist.
     """
     typed = parse_arguments(words)[0].config_dir
     own = root / "conf" if typed is None else Path(typed)
@@ -35,40 +35,40 @@ def folders_of(root: Path, words: Sequence[str] = ()) -> list[Path]:
 
 
 def own_folders(folders: Sequence[Path]) -> list[Path]:
-    """List the config folders that do not ship with the program."""
+    """List the config folders that are not shipped."""
     return [folder for folder in folders if folder not in conf_folders()]
 
 
 def folders_in(cfg: DictConfig) -> list[Path]:
-    """List the folders whose files make up a composed config, shipped ones first."""
+    """List the folders from which a config was composed, shipped folders first."""
     sources = [source for source in cfg.hydra.runtime.config_sources if source.schema == SOURCE]
     return list(dict.fromkeys([*conf_folders(), *(Path(source.path).resolve() for source in sources)]))
 
 
 def files_of(folder: Path, group: str) -> dict[str, Path]:
-    """Map the names in a config group to their files in a config folder."""
+    """Map the name of each config in a group to its file in a config folder."""
     return {path.stem: path for path in sorted((folder / group).glob("*.yaml"))}
 
 
 def presets_of(folder: Path) -> dict[str, str]:
-    """Map the presets in a folder to their first comment lines, ignoring Hydra's own directive line."""
+    """Map each preset in a folder to its first comment line, ignoring Hydra's directive line."""
     texts = {path.stem: decode_text(path.read_bytes()) for path in folder.glob("*.yaml")}
     return {name: text.removeprefix(GLOBAL).partition("\n")[0].lstrip("# ") for name, text in texts.items()}
 
 
 def load_config(path: Path) -> Any:
-    """Read the YAML of a config, in any encoding that `decode_text` supports."""
+    """Load a YAML config file, in any encoding that `decode_text` supports."""
     return OmegaConf.load(StringIO(decode_text(path.read_bytes())))
 
 
 def search_path(folders: Sequence[Path]) -> list[str]:
-    """Write the override that adds the configs of packages and the user; ``--config-dir`` would put them first."""
+    """Return the override that adds package and user configs last; ``--config-dir`` would put them first."""
     places = [quote(f"{SOURCE}://{folder.resolve()}") for folder in folders[1:]]
     return [f"hydra.searchpath=[{','.join(places)}]"] if places else []
 
 
 def without_folder(words: Sequence[str]) -> list[str]:
-    """Drop ``--config-dir`` from command-line arguments."""
+    """Remove ``--config-dir`` and its value from command-line arguments."""
     flags = ("--config-dir", "-cd")
     return [
         word
@@ -78,13 +78,13 @@ def without_folder(words: Sequence[str]) -> list[str]:
 
 
 def quote(text: str) -> str:
-    """Quote a text so that Hydra and OmegaConf read every character literally."""
+    """Quote text so that Hydra and OmegaConf read every character literally."""
     escaped = re.sub(r'(\\*)("|$)', lambda end: 2 * end[1] + end[2].replace('"', '\\"'), literal(text))
     return '"' + escaped + '"'
 
 
 def composed(words: Sequence[str], folders: Sequence[Path] = ()) -> DictConfig:
-    """Compose the config for command-line arguments; ``folders`` default to the shipped config folders.
+    """Compose the config for command-line arguments; ``folders`` defaults to the shipped config folders.
 
     The function is thread-safe and does not disturb other users of Hydra in this process.
     """

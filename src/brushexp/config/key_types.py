@@ -1,4 +1,4 @@
-"""Find the types of keys and of plugin options by name, importing as few plugins as possible."""
+"""Look up the types of keys and plugin options by name, importing as few plugins as possible."""
 
 from collections.abc import Iterator
 from dataclasses import fields
@@ -14,7 +14,7 @@ from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, member, plugins
 
 
 def is_key(name: str) -> bool:
-    """Check whether a name is a key of a task, an option of a plugin, or a config group."""
+    """Check whether a name is a task's key, a plugin's option, or a config group."""
     return name in CHOSEN_GROUPS or type_of_key(name)[0] is not None
 
 
@@ -22,8 +22,8 @@ def is_key(name: str) -> bool:
 def type_of_key(name: str, task: str = "") -> tuple[Any, bool]:
     """Return the type of a key and whether it may be null, or (None, False) if no such key exists.
 
-    Keys of ``task`` come first, because keys of the same name may differ in type between tasks. If the plugins of a
-    family give an option different types, the type is ``str`` if any of them is, otherwise ``object``.
+    The keys of ``task`` take precedence, because a key's type may differ between tasks. If an option's type differs
+    between the plugins of a family, the result is ``str`` if one of the types is, otherwise ``object``.
 
     >>> type_of_key("strokes"), type_of_key("strokes", "score"), type_of_key("nothing")
     ((<class 'int'>, True), (<class 'str'>, False), (None, False))
@@ -37,15 +37,15 @@ def type_of_key(name: str, task: str = "") -> tuple[Any, bool]:
 
 
 def without_null(annotation: Any) -> Any:
-    """Return a type without null."""
+    """Return the type that remains when null is removed from an optional type."""
     parts = get_args(annotation)
     return next(part for part in parts if part is not NoneType) if NoneType in parts else annotation
 
 
 def _annotations_of(name: str, task: str) -> Iterator[list[Any]]:
-    """Yield the annotations of a name in the task, then in plugins, then in all other tasks.
+    """Yield lists of the annotations found for a name: in the task, then in plugins or in any other task.
 
-    A word for an option of a change has the type of that option.
+    A short word for an option of a change has the type of that option.
     """
     for other in dict.fromkeys([*([task] if task in TASKS else []), "paint"]):
         yield [key.annotation] if (key := keys_of(TASKS[other]).get(name)) is not None else []
@@ -60,7 +60,7 @@ def _annotations_of(name: str, task: str) -> Iterator[list[Any]]:
 
 
 def _owners(family: str, option: str) -> list[tuple[Plugin, str]]:
-    """List the plugins that may have an option, each with its own name for the option."""
+    """List the plugins that may have an option, each with the plugin's own name for it."""
     if family in MULTI_SELECT:
         name, _, own = option.partition(".")
         plugin = member(family, name)

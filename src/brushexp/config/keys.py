@@ -1,4 +1,4 @@
-"""Declare the keys of a task and list them for Hydra, `--help`, messages and documentation."""
+"""Declare the keys of a task, and list them for Hydra, `--help`, error messages and documentation."""
 
 from dataclasses import MISSING as NO_DEFAULT
 from dataclasses import dataclass, field, fields, is_dataclass
@@ -10,7 +10,7 @@ from brushexp.bounds import ANY, Bounds, Rule
 
 
 def key(default: Any, meaning: str, bounds: Bounds | Rule = ANY) -> Any:
-    """Declare a key; a default of ``MISSING`` makes it mandatory."""
+    """Declare a key of a task; a default of ``MISSING`` makes it mandatory."""
     metadata = {"meaning": meaning, "bounds": bounds}
     if isinstance(default, list):
         return field(default_factory=lambda: list(default), metadata=metadata)
@@ -19,7 +19,7 @@ def key(default: Any, meaning: str, bounds: Bounds | Rule = ANY) -> Any:
 
 @dataclass(frozen=True)
 class Key:
-    """A key of a task."""
+    """A key of a task, with its type, default, description and bounds."""
 
     name: str
     annotation: Any
@@ -29,7 +29,7 @@ class Key:
 
 
 def keys_of(schema: type[Any], above: str = "") -> dict[str, Key]:
-    """List all keys of a task by their full names, with the keys common to all tasks last."""
+    """Map the full name of each key of a task to its declaration, with the keys common to all tasks last."""
     hints = get_type_hints(schema)
     keys: dict[str, Key] = {}
     inherited = {item.name for base in schema.__bases__ if is_dataclass(base) for item in fields(base)}
@@ -49,12 +49,12 @@ def groups_of(schema: type[Any]) -> list[str]:
 
 
 def with_types(schema: type[Any], values: DictConfig) -> DictConfig:
-    """Convert the values of a task's keys to the types of its schema; OmegaConf raises an error if this fails."""
+    """Convert the values of a task's keys to their declared types; OmegaConf raises an error if this fails."""
     return OmegaConf.merge(without_class(OmegaConf.structured(schema)), values)  # type: ignore[return-value]
 
 
 def without_class(node: DictConfig) -> DictConfig:
-    """Copy values with declared types into a plain mapping, so that groups can be added."""
+    """Copy a typed config into a plain mapping, so that groups can be added."""
     children = ((name, node._get_node(name)) for name in node)
     return DictConfig(
         {name: without_class(child) if isinstance(child, DictConfig) else child for name, child in children}

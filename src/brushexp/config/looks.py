@@ -1,9 +1,9 @@
-"""Publish looks: files of overrides, ``conf/look/<name>.yaml``, that define a medium or style (``look=oil``).
+"""Publish looks (``look=oil``): override files, ``conf/look/<name>.yaml``, that define a medium or style.
 
-A look also sets options of plugins, which must not apply if the user chooses another plugin. These options are
-therefore published separately, as ``look_options/<family>/<look>_<member>``. The defaults lists of tasks, and of
-members of families that allow several, load only the options of the chosen members. ``renderer=analytic`` on the
-command line keeps all other options.
+A look also sets plugin options, which must not apply if the user chooses another plugin. These options are therefore
+published separately, as ``look_options/<family>/<look>_<member>``. The defaults lists of tasks, and of members in
+families that allow several members, load only the options of the chosen members. With ``renderer=analytic`` on the
+command line, all other options of the look remain in effect.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -37,7 +37,7 @@ LAYERS = 3  # layers added at abstraction=1, so that the smallest strokes keep t
 
 
 def scale(key: str, value: float, *, _root_: DictConfig) -> int | float:
-    """Scale a look's value of a key by ``detail``, ``effort`` and ``abstraction``; integers remain integers."""
+    """Scale the value of a key in a look by ``detail``, ``effort`` and ``abstraction``; integers remain integers."""
     fewer = FEWER**_root_.abstraction
     scaled: dict[str, int | float] = {
         "steps": round(value * _root_.effort),
@@ -50,10 +50,10 @@ def scale(key: str, value: float, *, _root_: DictConfig) -> int | float:
 
 
 def fast_start(look: str, family: str) -> str:
-    """Choose a member for a draft; for ``init``, one that places strokes in a single pass, if the look names one.
+    """Choose a family's member for a draft; for ``init``, prefer one that places strokes in a single pass.
 
-    The members of other families are then chosen to match this initialiser. A look that imitates brushwork or tunes the
-    optimizer keeps its own members.
+    A config in the group ``fast_start`` names this initialiser and the matching members of other families. A look that
+    imitates brushwork or tunes the optimizer keeps its own members.
     """
     store = ConfigStore.instance()
     node = store.load(f"look/{look}.yaml").node
@@ -68,31 +68,31 @@ def fast_start(look: str, family: str) -> str:
 
 
 def start_of_draft(look: str, family: str) -> str:
-    """Choose a member for a draft: the look's own if its strokes keep their size, otherwise that of a fast start."""
+    """Choose a member for a draft: the look's own if its strokes keep their size, otherwise that for a fast start."""
     node = ConfigStore.instance().load(f"look/{look}.yaml").node
     return str(choices_of(node, PaintTask.groups)[family]) if node.get(KEEPS_SIZE) else fast_start(look, family)
 
 
 def density_of_quality(look: str, density: str) -> str:
-    """Choose the density policy of a quality: the look's own if its strokes keep their size, otherwise ``density``."""
+    """Choose the density policy for a quality: the look's own if its strokes keep their size, otherwise ``density``."""
     chosen, keeps_size = _density_of(look)
     return chosen if keeps_size else density
 
 
 def density_of_look(look: str, density: str) -> str:
-    """Choose as `density_of_quality` does, but a look's own policy also if it differs from the task's."""
+    """Choose as `density_of_quality` does, but also use the look's own policy if it differs from the task's default."""
     chosen, keeps_size = _density_of(look)
     return chosen if keeps_size or chosen != PaintTask.groups["density"] else density
 
 
 def _density_of(look: str) -> tuple[str, bool]:
-    """Return the density policy of a look, and whether its strokes keep their size."""
+    """Return a look's density policy, and whether its strokes keep their size."""
     node = ConfigStore.instance().load(f"look/{look}.yaml").node
     return str(choices_of(node, PaintTask.groups)["density"]), bool(node.get(KEEPS_SIZE))
 
 
 def by_quality(nearer: Any, finished: Any, *, _root_: DictConfig) -> Any:
-    """Resolve a value in a quality preset: ``finished`` if the look's strokes keep their size, otherwise ``nearer``."""
+    """Return ``finished`` if the look's strokes keep their size, otherwise ``nearer``; used in quality presets."""
     return finished if _root_[KEEPS_SIZE] else nearer
 
 
@@ -105,9 +105,9 @@ OmegaConf.register_new_resolver("fast_start", fast_start, replace=True)
 
 
 def publish_looks(folders: Sequence[Path], schema: type[Any], left_out: Collection[Path] = ()) -> set[str]:
-    """Publish the looks in config folders for a task, and list the single-member families whose options they set.
+    """Publish the looks in config folders for a task; return the single-member families whose options they set.
 
-    Files are parsed now, and checked when they are chosen.
+    Files are parsed immediately, and checked only if they are chosen.
     """
     paths = {name: path for folder in folders for name, path in files_of(folder, "look").items()}
     paths = {name: path for name, path in paths.items() if path not in left_out}
@@ -128,13 +128,13 @@ def publish_looks(folders: Sequence[Path], schema: type[Any], left_out: Collecti
 
 
 def look_names() -> list[str]:
-    """List the published looks of ``task=paint`` in alphabetical order; some choose other tasks."""
+    """List the published looks for ``task=paint``, in alphabetical order; looks that choose other tasks are omitted."""
     names = sorted(name.removesuffix(".yaml") for name in ConfigStore.instance().list("look"))
     return [name for name in names if task_for("paint", {"look": name}) == "paint"]
 
 
 def _parse(path: Path) -> dict[str, Any]:
-    """Parse the file of a look into plain values; an invalid file becomes an empty mapping, and `_read` reports it."""
+    """Parse a look file into plain values; an invalid file gives an empty mapping, and is reported by `_read`."""
     try:
         return _with_options_of_changes(yaml_of(read_text(path, "correct it")))
     except UserError:
@@ -142,9 +142,9 @@ def _parse(path: Path) -> dict[str, Any]:
 
 
 def _with_options_of_changes(look: dict[str, Any]) -> dict[str, Any]:
-    """Expand short words for options of changes, such as ``wet: 0.5``, into those options, and choose the changes.
+    """Expand short words such as ``wet: 0.5`` into the options of changes for which they stand, and choose the changes.
 
-    Looks of version 0.1 contain such keys, and users still write them.
+    Looks written for version 0.1 contain such words, and users still write them.
     """
     words = {word: option for word, option in table_of_words("change_words").items() if word in look}
     if not words or not isinstance(look.get("change") or {}, dict):
@@ -162,7 +162,7 @@ def _with_options_of_changes(look: dict[str, Any]) -> dict[str, Any]:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    """Read the file of a look; raise a UserError for plugins or options in places that Hydra ignores."""
+    """Read a look file; raise a UserError for plugins or options where Hydra would ignore them."""
     look = _with_options_of_changes(yaml_of(read_text(path, "correct it")))
     if not look:
         raise UserError(f"{path} sets nothing; a look has lines like 'steps: 100'")
@@ -184,7 +184,7 @@ def _values(options: Any) -> list[Any]:
 
 
 def _keys_of(path: Path, schema: type[Any]) -> DictConfig:
-    """Build the config of a look without options of plugins; ``detail`` and similar keys scale its numbers."""
+    """Build a look's config without plugin options; its numbers are scaled by ``detail`` and similar keys."""
     look = _read(path)
     for family, chosen in _tuned_by(look, schema.groups):
         _options_of(path, family, chosen, schema.groups)  # raises a UserError if the plugin lacks them
@@ -196,7 +196,7 @@ def _keys_of(path: Path, schema: type[Any]) -> DictConfig:
 
 
 def _as_scaled(key: str, value: object) -> object:
-    """Wrap a number in a look so that `scale` can adapt it."""
+    """Wrap a number in a look so that `scale` is applied to it; return other values unchanged."""
     return f"${{scaled:{key},{value}}}" if isinstance(value, int | float) else value
 
 
@@ -214,7 +214,7 @@ def _tuned_by(look: Mapping[str, Any], groups: Mapping[str, Any]) -> Iterator[tu
 
 
 def _options_of(path: Path, family: str, chosen: str, groups: Mapping[str, Any]) -> DictConfig:
-    """Build the config of a look's options for a member; raise a UserError for options that the plugin lacks."""
+    """Build the config of the options that a look sets for a member; raise a UserError for options that it lacks."""
     look = _read(path)
     options: DictConfig = OmegaConf.create(look[family][chosen] if family in MULTI_SELECT else look[family])
     check_options(path, family, chosen, options)
@@ -224,7 +224,7 @@ def _options_of(path: Path, family: str, chosen: str, groups: Mapping[str, Any])
 
 
 def choices_of(look: Mapping[str, Any] | DictConfig, groups: Mapping[str, Any]) -> dict[str, Any]:
-    """Map the families of a task to the members chosen by the look, or by the task if the look chooses none."""
+    """Map each family to the members that a look chooses or, if it chooses none, to the task's default."""
     chosen = dict(groups)
     for entry in look.get("defaults") or []:
         if isinstance(entry, Mapping | DictConfig):
@@ -233,7 +233,7 @@ def choices_of(look: Mapping[str, Any] | DictConfig, groups: Mapping[str, Any]) 
 
 
 def check_options(path: Path, family: str, name: str, options: DictConfig) -> None:
-    """Raise a UserError for a file that sets options that the plugin does not have."""
+    """Raise a UserError if a file sets options that a plugin does not have, or gives them unsuitable values."""
     if (plugin := member(family, name)) is None:
         return  # a preset, which Hydra reports
     try:
@@ -245,13 +245,13 @@ def check_options(path: Path, family: str, name: str, options: DictConfig) -> No
 
 
 def is_tuned(family: str, name: str) -> bool:
-    """Check whether any published look sets options of this member of a family that allows several."""
+    """Check whether a published look sets options of the given member of a family that allows several members."""
     stored = ConfigStore.instance().get_type(f"{UNTUNED}/{family}/{name}.yaml")
     return stored is ObjectType.CONFIG
 
 
 def _make_tunable(family: str, name: str) -> None:
-    """Republish a member so that a look's options for it apply wherever it is chosen."""
+    """Republish a member so that the options a look sets for it apply wherever it is chosen."""
     parts = [
         "_self_",
         f"/{UNTUNED}/{family}/{name}@_here_",

@@ -1,4 +1,4 @@
-"""Explain errors of Hydra and OmegaConf: what is wrong and what to type instead."""
+"""Explain Hydra and OmegaConf errors: what is wrong, and what to type instead."""
 
 import math
 import os
@@ -33,7 +33,7 @@ KINDS = {int: "a whole number", float: "a number", bool: "true or false", str: "
 
 
 def explanation(error: BaseException, folders: Sequence[Path], arguments: Sequence[str]) -> str:
-    """Explain an error of Hydra, OmegaConf or the program in one line, with what to type instead."""
+    """Explain in one line an error raised by Hydra, OmegaConf or the program, and say what to type instead."""
     if isinstance(error, OSError) and not isinstance(error, CompactHydraException):
         return f"cannot use {error.filename or 'the disk'}: {error.strerror}; choose another place with output=..."
     text = " ".join(str(error).partition("Config search path")[0].split())
@@ -48,7 +48,7 @@ def explanation(error: BaseException, folders: Sequence[Path], arguments: Sequen
 
 
 def translate(text: str, task: str, folders: Sequence[Path], arguments: Sequence[str] = ()) -> str | None:
-    """Translate an error message of Hydra or OmegaConf for a task; return None for an unknown message."""
+    """Translate a Hydra or OmegaConf error message for a task; return None for an unknown message."""
     if message := explain_grammar_error(text):
         return message
     if match := re.search(r"Could not (?:find|load) '(\w+)/([^']*)'", text):
@@ -73,7 +73,7 @@ def translate(text: str, task: str, folders: Sequence[Path], arguments: Sequence
 
 
 def explain_grammar_error(text: str) -> str | None:
-    """Translate an error message of Hydra or OmegaConf about an argument they cannot parse; None for other messages."""
+    """Translate an error message about an argument that cannot be parsed; return None for other messages."""
     if match := re.match(r"LexerNoViableAltException: (.*?) \^ See |Ambiguous value for argument '(.*?)' ", text):
         return explain_quoting(match[1]) if match[1] else several(match[2])
     if match := re.search(r"Sweep parameters '(.*)' requires --multirun", text):
@@ -90,7 +90,7 @@ def explain_grammar_error(text: str) -> str | None:
 
 
 def explain_unparsed(error: BaseException) -> str | None:
-    """Explain an argument that Hydra's parser rejects without explanation; None for other errors."""
+    """Explain an argument that Hydra's parser rejects without explanation; return None for other errors."""
     word = getattr(error, "override", None)
     if word and (twice := re.fullmatch(r"([\w.]+)=[=:](.*)", word)):
         return f"{word} has one sign too many; type {twice[1]}={twice[2]}"
@@ -98,7 +98,7 @@ def explain_unparsed(error: BaseException) -> str | None:
 
 
 def explain_quoting(word: str) -> str:
-    """Explain how to quote an argument that contains characters of Hydra's grammar."""
+    """Explain how to quote an argument that contains special characters in Hydra's grammar."""
     key = word.partition("=")[0]
     return f"{word} has characters that need quotes; type both kinds: '{key}=\"...\"'"
 
@@ -133,7 +133,7 @@ def takes_fractions(key: str) -> bool:
 
 
 def with_decimal_points(value: str) -> str | None:
-    """Replace decimal commas with points in a number or a size such as 29,7x21; None for other values.
+    """Replace decimal commas with points in a number or a size such as 29,7x21; return None for other values.
 
     >>> [with_decimal_points(value) for value in ("30,5", "1.000,5", "-1,5e-3", "29,7x21")]
     ['30.5', '1000.5', '-1.5e-3', '29.7x21']
@@ -148,7 +148,7 @@ def with_decimal_points(value: str) -> str | None:
 
 
 def task_of(arguments: Sequence[str], folders: Sequence[Path]) -> str:
-    """Find the task named by a command line or by its experiment."""
+    """Determine the task that a command line or its experiment names."""
     words = [word for word in add_task(arguments) if re.fullmatch(r"(task|experiment)=\w+", word)]
     if not any(word.startswith("experiment=") for word in words):
         typed = [word.removeprefix("task=") for word in words]
@@ -160,14 +160,14 @@ def task_of(arguments: Sequence[str], folders: Sequence[Path]) -> str:
 
 
 def choices(group: str, folders: Sequence[Path]) -> list[str]:
-    """List the names of a group of configs."""
+    """List the names that can be chosen in a config group."""
     names = [plugin.name for plugin in plugins(group)]
     presets = [name for folder in folders for name in files_of(folder, group)]
     return names + presets + (list(TASKS) if group == "task" else [])
 
 
 def wrong_type(text: str, task: str) -> str | None:
-    """Explain that a value does not fit a key or option; None for other errors."""
+    """Explain that a value has the wrong type for a key or option; return None for other errors."""
     typed = re.search(r"full_key: ([^\s\[]+)", text)
     if typed is None or (declared := declaration_of(path := typed[1], task)) is None:
         return None
@@ -187,7 +187,7 @@ def wrong_type(text: str, task: str) -> str | None:
 
 
 def guess_value(value: str, kind: Any, meaning: str) -> str | None:
-    """Guess what the user meant by a unit, a size, a word for none, or text in place of a list; None if unknown.
+    """Guess the value meant by a unit, a size, a word for none, or text in place of a list; return None if unknown.
 
     >>> guess_value("512px", int, ""), guess_value("1920x1080", int, ""), guess_value("2min", float, "")
     ('512', '1920', '120')
@@ -216,7 +216,7 @@ def guess_value(value: str, kind: Any, meaning: str) -> str | None:
 
 
 def declaration_of(path: str, task: str) -> tuple[Any, Any, str] | None:
-    """Find the type, default and description of a key or of a plugin's option; None if it does not exist."""
+    """Look up the type, default and description of a key or plugin option; return None if it does not exist."""
     if (key := keys_of(TASKS[task]).get(path)) is not None:
         return key.annotation, key.default, key.meaning
     above, _, option = path.rpartition(".")
@@ -230,14 +230,14 @@ def declaration_of(path: str, task: str) -> tuple[Any, Any, str] | None:
 
 
 def strip_null(annotation: Any) -> Any:
-    """Return a type without null."""
+    """Return the type that remains when null is removed from an optional type."""
     if isinstance(annotation, UnionType) or get_origin(annotation) is Union:
         return next(part for part in get_args(annotation) if part is not NoneType)
     return annotation
 
 
 def in_words(annotation: Any) -> str:
-    """Describe the values of a type in words."""
+    """Describe the values that a type allows in words."""
     parts = get_args(annotation)
     if (plain := strip_null(annotation)) is not annotation:
         return in_words(plain)

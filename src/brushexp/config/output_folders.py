@@ -1,4 +1,4 @@
-"""Choose the folder of a run if the user does not set ``output``."""
+"""Choose the output folder of a run if the user does not set ``output``."""
 
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,9 @@ BESIDE_PAINTING = "${beside_painting:}/" + MOMENT
 
 
 def beside_painting(*, _root_: DictConfig) -> str:
-    """Return the folder for the records of an export: ``exports`` in the run of ``catalogue``, or ``outputs``.
+    """Return the folder for an export's records: ``exports`` in the run folder of ``catalogue``, or ``outputs``.
 
-    It is ``outputs`` for a catalogue outside a run, in a sweep, or if the run's folder is read-only.
+    It is ``outputs`` if the catalogue is not in a run folder, if the run folder is read-only, or in a sweep.
     """
     run = run_beside(_root_)
     return "outputs" if run is None else str(run / FOLDER)

@@ -1,4 +1,4 @@
-"""Check the user's own config files: report invalid files, and reject them if they are chosen."""
+"""Check the user's own config files: report invalid files, and raise an error if one is chosen."""
 
 import logging
 import re
@@ -19,7 +19,7 @@ log = logging.getLogger(__name__)
 
 
 def check_own_files(folders: Sequence[Path], words: Sequence[str], *, warns: bool = True) -> set[Path]:
-    """List the user's invalid config files; raise a UserError for a chosen one, and warn of others if ``warns``."""
+    """List the user's invalid config files; raise a UserError if one is chosen, and warn of the others if ``warns``."""
     wrong = {path: message for folder in own_folders(folders) for path, message in problems_in(folder)}
     for path, message in wrong.items():
         if _is_chosen(path, words):
@@ -29,14 +29,14 @@ def check_own_files(folders: Sequence[Path], words: Sequence[str], *, warns: boo
 
 
 def _is_chosen(path: Path, words: Sequence[str]) -> bool:
-    """Check whether command-line arguments choose a file: ``look=mine``, ``loss=[mse,mine]``, ``mine``."""
+    """Check whether command-line arguments choose a config file, as ``look=mine``, ``loss=[mse,mine]`` or ``mine``."""
     group, name = path.parent.name, path.stem
     chosen = rf"\+*{re.escape(group)}=(.*\W)?{re.escape(name)}(\W.*)?"
     return any(re.fullmatch(chosen, word) or (group in ALONE and word == name) for word in words)
 
 
 def problems_in(folder: Path) -> Iterator[tuple[Path, str]]:
-    """Yield each invalid file in a config folder, with what is wrong and how to fix it."""
+    """Yield each invalid file in a config folder with a message that says what is wrong and how to fix it."""
     for path in sorted(folder.glob("*/*.yaml")):
         if any((shipped / path.relative_to(folder)).exists() for shipped in conf_folders()):
             yield path, f"{path} has the name of a shipped preset; give the file another name"
@@ -45,7 +45,7 @@ def problems_in(folder: Path) -> Iterator[tuple[Path, str]]:
 
 
 def _problem_of(path: Path) -> str:
-    """Explain what is wrong with a file for which Hydra would show a traceback or misread a word as a key."""
+    """Explain what is wrong with a file that Hydra would misread or reject with a traceback; "" if it is valid."""
     if not path.is_file():
         return f"{path} is a folder, a device or a pipe, not a file; remove it"
     kind, example = (list, "- photo.jpg") if path.parent.name == "pictures" else (dict, "steps: 100")

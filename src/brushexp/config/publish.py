@@ -28,7 +28,7 @@ from hydra_plugins.brushexp_settings import SettingsSweeperConf
 
 @cache
 def scratch_folder() -> str:
-    """Make a folder that is removed when the program ends, for tasks that write no files of their own."""
+    """Create a temporary folder, removed when the program ends, for tasks that write no files of their own."""
     folder = mkdtemp(prefix="brushexp-")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder
@@ -41,10 +41,10 @@ PUBLISHER = "brushexp"  # owner of a config in Hydra's store
 
 
 def prepare(root: Path, words: Sequence[str] = (), *, warns: bool = True) -> None:
-    """Announce all plugins, import ``root/plugins``, and publish tasks and presets to Hydra.
+    """Register all plugins, import ``root/plugins``, and publish tasks and presets to Hydra.
 
-    With ``warns``, files that are left out are reported, except in the processes of a sweep, whose parent has already
-    warned.
+    With ``warns``, files that are left out are reported. The worker processes of a sweep do not use it, because their
+    parent has already warned.
     """
     load_plugins(root / "plugins", warns=warns)
     folders = folders_of(root, words)
@@ -52,7 +52,7 @@ def prepare(root: Path, words: Sequence[str] = (), *, warns: bool = True) -> Non
 
 
 def offer(folders: Sequence[Path], left_out: Collection[Path] = ()) -> None:
-    """Publish tasks, looks, and the presets of families that allow several members."""
+    """Publish tasks, looks, sweepers, and presets for families that allow several members."""
     for folder in folders:
         for family in MULTI_SELECT:
             files = files_of(folder, family)
@@ -62,9 +62,9 @@ def offer(folders: Sequence[Path], left_out: Collection[Path] = ()) -> None:
 
 
 def offer_tasks(tuned: Collection[str]) -> None:
-    """Publish every task as a choice of Hydra's group ``task``; looks set options of ``tuned`` families.
+    """Publish every task as a choice in Hydra's group ``task``; looks set options in the ``tuned`` families.
 
-    A run reads only one of these tasks.
+    A run reads only one of the tasks, so configs are built when they are read.
     """
     for name in TASKS:
         store_when_read(MEMBERS, name, partial(members_of_task, name), PUBLISHER, package=None)
@@ -72,12 +72,12 @@ def offer_tasks(tuned: Collection[str]) -> None:
 
 
 def members_of_task(name: str) -> Any:
-    """Build the defaults list of the families of a task."""
+    """Build a task's defaults list, which chooses the members of its families."""
     return OmegaConf.create({"defaults": [{f"/{group}": chosen} for group, chosen in TASKS[name].groups.items()]})
 
 
 def config_of_task(name: str, tuned: Collection[str]) -> Any:
-    """Build the config of a task."""
+    """Build the config of a task: its defaults list, keys and settings."""
     schema = TASKS[name]
     options = []
     if "look" in schema.presets:
@@ -91,9 +91,9 @@ def config_of_task(name: str, tuned: Collection[str]) -> Any:
 def offer_presets(family: str, paths: Mapping[str, Path]) -> None:
     """Publish YAML files as members of a family that allows several: ``loss=name``.
 
-    By itself, Hydra would put the values of ``conf/loss/name.yaml`` next to the losses, not below ``loss.name``. Files
-    that list several members or name their package are left to Hydra. A file that has the name of a plugin, or sets an
-    option that its plugin lacks, raises a UserError.
+    Without this, Hydra would put the values in ``conf/loss/name.yaml`` beside the losses, not below ``loss.name``.
+    Files that list several members or name their package are left to Hydra. Raises a UserError for a file that has the
+    name of a plugin or that sets an option which its plugin lacks.
     """
     for name, path in paths.items():
         if any(name == plugin.name for plugin in plugins(family)):
@@ -108,9 +108,9 @@ def offer_presets(family: str, paths: Mapping[str, Path]) -> None:
 
 
 def offer_sweepers() -> None:
-    """Replace Hydra's sweeper with ours under the same name, and publish the sweepers of packages.
+    """Replace Hydra's basic sweeper with the program's own, and publish the sweepers of installed packages.
 
-    A default in config.yaml would override a study that chooses another sweeper.
+    The name stays the same because a default in config.yaml would override a study that chooses another sweeper.
     """
     Plugins.instance()  # publishes Hydra's own sweepers at first use
     ConfigStore.instance().store(group="hydra/sweeper", name="basic", node=SettingsSweeperConf, provider=PUBLISHER)
@@ -122,7 +122,7 @@ def offer_sweepers() -> None:
 
 
 class PinnedGroup(dict[str, Any]):
-    """A group whose configs Hydra cannot replace when it republishes its own in each worker process."""
+    """A group whose configs Hydra cannot replace when it republishes its own configs in each worker process."""
 
     def __setitem__(self, name: str, node: Any) -> None:
         if name not in self or self[name].provider != PUBLISHER:

@@ -1,4 +1,4 @@
-"""Check before a run starts that the files in a config exist and that its keys are consistent."""
+"""Check, before a run starts, that the files named in a config exist and that its keys are consistent."""
 
 import logging
 import re
@@ -56,7 +56,7 @@ PAINTING_CURVES = ("psnr", "seconds", "loss/", "lr-")  # prefixes of the names o
 
 
 def canvas_of(path: str, option: str) -> tuple[int, tuple[int, int]]:
-    """Read the number of strokes of a saved painting, and the height and width of its canvas."""
+    """Read the number of strokes in a saved painting, and the height and width of its canvas."""
     from brushexp.strokes.storage import load_catalogue  # noqa: PLC0415
 
     if path.lower().endswith(tuple(picture_suffixes())):
@@ -67,7 +67,7 @@ def canvas_of(path: str, option: str) -> tuple[int, tuple[int, int]]:
 
 
 def working_side(text: str, option: str) -> int:
-    """Read the longer side of a working picture in pixels; raise a UserError if it cannot be parsed."""
+    """Parse the longer side of a working picture in pixels; raise a UserError for an invalid value."""
     if not re.fullmatch(r"\d{1,9}", text) or not 1 <= int(text) <= LARGEST_RESOLUTION:
         raise UserError(f"{option}={text} is not {AUTO}, null or 1 to {LARGEST_RESOLUTION}; try {option}={AUTO}")
     return int(text)
@@ -82,7 +82,7 @@ FACES = Rule(partial(size_of_picture, resolution=1, also=f"{AUTO}, {OFF}, "), be
 
 
 def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
-    """Check the config of a painting of one picture, and warn of user-set keys that its changes override."""
+    """Check the config for painting a single picture, and warn of user-set keys that its changes override."""
     from brushexp.painting.changes import build_changes  # noqa: PLC0415
     from brushexp.painting.working_size import sizes_of  # noqa: PLC0415
 
@@ -102,7 +102,7 @@ def check_paint(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
 
 def keeps(before: Any, after: Any) -> bool:
-    """Check whether a change kept a value; members or options added to a node do not count as overrides.
+    """Check whether a change kept a value; members or options that it adds to a node do not count as overrides.
 
     >>> keeps({"psnr": 1}, {"psnr": 1, "bits": 2}), keeps({"psnr": 1}, {"psnr": 2})
     (True, False)
@@ -134,9 +134,10 @@ def check_objective(cfg: DictConfig) -> None:
 def check_painting(
     cfg: DictConfig, overrides: Sequence[str], size: tuple[int, int], *, painted: tuple[int, int] | None = None
 ) -> None:
-    """Reject losses, strokes, a mask or a catalogue that do not fit a picture's ``size`` (H, W) or the memory.
+    """Raise a UserError for losses, strokes, a mask or a catalogue that do not fit ``size`` (H, W) or the memory.
 
-    ``painted`` is the size of the painting if strokes are optimised on a smaller picture.
+    ``size`` is that of the picture on which strokes are optimised, and ``painted`` that of the painting if it is
+    larger.
     """
     from brushexp.painting.components import build_stages, check_losses, check_size, stroke_budget  # noqa: PLC0415
     from brushexp.plugins.renderer.base import check_trained  # noqa: PLC0415
@@ -171,7 +172,7 @@ def check_painting(
 
 
 def warn_of_unused_keys(cfg: DictConfig, overrides: Sequence[str]) -> None:
-    """Warn of user-set keys that other keys make ineffective; in a sweep they may apply to other jobs."""
+    """Warn of user-set keys that other keys make ineffective; in a sweep, they may be effective in other jobs."""
     keys = [override.lstrip("+~").partition("=")[0] for override in overrides]
     unused = sorted({key for key in keys if key.partition(".")[0] in STEP_KEYS or key.startswith("change.variety.")})
     if unused and isinstance(keep_built(cfg.painter), Painter):
@@ -189,7 +190,7 @@ def warn_of_unused_keys(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
 
 def check_export(cfg: DictConfig, overrides: Sequence[str]) -> None:
-    """Check that the renderer can be built and that the painting fits into memory and the formats."""
+    """Check that the renderer can be built, and that the painting fits into memory and suits the export formats."""
     from brushexp.compositing.bands import cuts  # noqa: PLC0415
     from brushexp.painting.reopen import export_job  # noqa: PLC0415
     from brushexp.strokes.storage import load_catalogue  # noqa: PLC0415
@@ -209,7 +210,7 @@ def check_export(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
 
 def check_monitors(cfg: DictConfig, curves: tuple[str, ...]) -> None:
-    """Raise a UserError for a callback that watches a curve the task lacks, or that needs a curve and names none."""
+    """Raise a UserError if a callback watches a curve that the task lacks, or needs a curve but does not name one."""
     for name, node in cfg.callbacks.items():
         if not (node.get("monitor") or curves[0]).startswith(curves):
             option = f"callbacks.{name}.monitor"

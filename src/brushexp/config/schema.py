@@ -1,4 +1,4 @@
-"""Declare the keys of the core tasks, one per line with type, default, bounds and meaning, and the tasks' plugins."""
+"""Declare the plugin families and keys of the core tasks; each key has a type, default, bounds and description."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -43,7 +43,7 @@ class Lamp:
 
 @dataclass
 class OtherLamp:
-    """Keys below ``light`` of ``task=export``, with the meaning they have in ``task=paint``."""
+    """Keys below ``light`` of ``task=export``, with the same meanings as in ``task=paint``."""
 
     depth: float | None = key(None, "thickness of the paint; 0 = flat; null = as painted", BOUNDS["depth"])
     azimuth: float | None = key(None, "direction of the lamp, in degrees clockwise from the top; null = as painted")
@@ -73,7 +73,7 @@ class TrainerOptions:
 
 @dataclass
 class Task:
-    """Keys of every task; a task is a subclass, published as an entry point of the group ``brushexp.tasks``."""
+    """Keys that all tasks have; each task is a subclass, and an entry point in the group ``brushexp.tasks``."""
 
     # Config groups, most of them families of plugins, and the chosen member of each; ``loss@style.loss`` is a loss with
     # options below ``style.loss``. Presets override the values here.
@@ -89,21 +89,21 @@ class Task:
 
     @staticmethod
     def suits(typed: Mapping[str, Any]) -> bool:
-        """Return whether the command line or config calls for this task instead of the task it can replace."""
+        """Return whether a command line or config calls for this task instead of the one that it can replace."""
         return False
 
     @staticmethod
     def grows(cfg: DictConfig, folder: Path) -> bool:
-        """Return whether this run adds to results that are already in its folder."""
+        """Return whether a run adds to the results that are already in its folder."""
         return False
 
     @staticmethod
     def check(cfg: DictConfig, overrides: Sequence[str]) -> None:
-        """Raise a UserError for mistakes beyond types and bounds before anything runs."""
+        """Raise a UserError, before anything runs, for mistakes that types and bounds do not catch."""
 
     @staticmethod
     def inputs(cfg: DictConfig) -> dict[str, str]:
-        """Describe inputs other than files that a resumed run must find unchanged: ``key=value`` -> ``33 strokes``."""
+        """Describe non-file inputs that must be unchanged when a run is resumed: ``key=value`` -> ``33 strokes``."""
         return {}
 
     seed: int = key(0, "seed of all random numbers", between(0, LARGEST_SEED))

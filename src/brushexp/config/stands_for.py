@@ -1,8 +1,9 @@
-"""Expand keys that set several other keys: ``brush=stroke.png`` chooses a renderer and sets its files.
+"""Expand keys that stand for several others: ``brush=stroke.png`` chooses a renderer and sets its files.
 
 The vocabulary files (`brushexp.config.vocabulary`) declare these keys in tables ``[stands_for.KEY]``. ``settings``
-lists the settings that a key expands to, where ``{value}`` is its value and ``{paths}`` the same with absolute paths,
-so that a painting can be redrawn from any folder. ``beside`` lists settings that the key makes redundant.
+lists the settings to which a key expands; in them, ``{value}`` is replaced by the key's value, and ``{paths}`` by the
+value with absolute paths, so that a painting can be redrawn from any folder. ``beside`` lists settings that the key
+makes redundant.
 """
 
 import os
@@ -13,7 +14,7 @@ from brushexp.system.words import table_of_words
 
 
 def spell_out(words: Sequence[str]) -> list[str]:
-    """Replace each key that stands for several settings by those settings; of repeated keys, the last one counts."""
+    """Replace each key that stands for several settings with those settings; the last of repeated keys takes effect."""
     table = table_of_words("stands_for")
     typed = {key: value for key, equal, value in (word.partition("=") for word in words) if equal and key in table}
     beside = {setting for key in typed for setting in table[key].get("beside", ())}
@@ -27,6 +28,6 @@ def spell_out(words: Sequence[str]) -> list[str]:
 
 
 def _absolute(value: str) -> str:
-    """Make the paths in a list absolute; names that are not files stay unchanged, so that messages can quote them."""
+    """Make the paths in a list absolute; names of missing files are kept unchanged for error messages."""
     parts = [value] if is_path(value) else value.split(",")
     return ",".join(os.path.abspath(os.path.expanduser(part)) if is_path(part) else part for part in parts)

@@ -1,4 +1,4 @@
-"""Look up tasks by name: those of the core and those of installed packages."""
+"""Look up tasks by name: core tasks and those of installed packages."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
@@ -11,7 +11,7 @@ from brushexp.system.published import published
 
 
 class Tasks(Mapping[str, type[Task]]):
-    """Map names to tasks; a package's task is imported when it is first used."""
+    """A mapping from names to tasks; a package's task is imported on first access."""
 
     def __init__(self, own: Mapping[str, type[Task]]) -> None:
         self._loaded = dict(own)
@@ -26,7 +26,7 @@ class Tasks(Mapping[str, type[Task]]):
         return name in self._loaded or name in published(TASK_POINTS)
 
     def __getitem__(self, name: str) -> type[Task]:
-        """Return a task; raise a UserError that explains why its module cannot be imported."""
+        """Return a task; if its module cannot be imported, raise a UserError that explains why."""
         if name not in self._loaded:
             point = published(TASK_POINTS)[name]
             self._loaded[name] = import_or_explain(point.load, f"entry point {name} ({point.value})")
@@ -43,7 +43,7 @@ def stand_ins_of(name: str) -> list[str]:
 
 
 def task_for(name: str, values: Mapping[str, Any]) -> str:
-    """Find the task that replaces a task for these values; usually it is the same task.
+    """Return the task that replaces the named task for the given values; usually it is the same task.
 
     >>> task_for("paint", {"image": "clip.mp4"}), task_for("paint", {"image": "photo.jpg"})
     ('film', 'paint')
@@ -53,15 +53,15 @@ def task_for(name: str, values: Mapping[str, Any]) -> str:
 
 
 def _count_known(task: type[Task], values: Mapping[str, Any]) -> int:
-    """Count the keys among ``values`` that a task has.
+    """Count how many of the keys in ``values`` a task has.
 
-    Of several suitable tasks, the one with the most keys is chosen.
+    If several tasks are suitable, the one with the highest count is chosen.
     """
     return len({field.name for field in fields(task)} & values.keys())
 
 
 def add_task(words: Sequence[str]) -> list[str]:
-    """Add ``task=`` for the task that suits the arguments of a command line, unless they already name one."""
+    """Add ``task=`` to a command line whose arguments call for a different task from the one they name or imply."""
     typed: dict[str, str] = {}
     for name, _, value in (word.partition("=") for word in words):
         typed[name] = f"{typed[name]},{value}" if name in typed else value  # several pictures, as in a sweep

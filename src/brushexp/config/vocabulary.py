@@ -1,4 +1,4 @@
-"""Look up painters' words and alternative spellings; all imports here are fast."""
+"""Look up painters' words and alternative spellings; this module imports nothing slow."""
 
 import os
 import re
@@ -18,12 +18,12 @@ ALONE = ("look", "quality")  # groups whose members may be typed alone: watercol
 
 @cache
 def spellings(table: str) -> dict[str, str]:
-    """Map other names for ``keys`` or ``members``, or words to be replaced (``instead``), to ours."""
+    """Map alternative names of ``keys`` or ``members``, or words to be replaced (``instead``), to the program's own."""
     return {theirs: ours for ours, others in table_of_words(table).items() for theirs in others}
 
 
 def options_of_word(word: str) -> list[str]:
-    """List the options of changes that a short word sets, if any.
+    """List the options of changes that a short word sets; the list is empty for other words.
 
     >>> options_of_word("variety"), options_of_word("steps")
     (['change.variety.amount'], [])
@@ -33,7 +33,7 @@ def options_of_word(word: str) -> list[str]:
 
 
 def with_words_of_changes(message: str) -> str:
-    """Replace options of changes in a message by their short words.
+    """Replace options of changes in a message with their short words.
 
     >>> with_words_of_changes("change.variety.amount=2 is above 1")
     'variety=2 is above 1'
@@ -46,12 +46,12 @@ def with_words_of_changes(message: str) -> str:
 
 
 def members_alone() -> dict[str, str]:
-    """Map each look and quality, shipped or in ``conf/``, to the meaning of its bare name."""
+    """Map the bare name of each look and quality, shipped or in ``conf/``, to the setting for which it stands."""
     return {name: f"{group}={name}" for group in ALONE for name in members_of_group(group)}
 
 
 def meaning_of(word: str) -> str | None:
-    """Return the meaning of a painter's word as key=value; None for other words.
+    """Return the meaning of a painter's word as key=value, or None for other words.
 
     >>> meaning_of("finer"), meaning_of("watercolor"), meaning_of("photo.jpg")
     ('detail=2', 'look=watercolour', None)
@@ -79,7 +79,7 @@ def switch_spelling(text: str) -> str:
 
 
 def respell_task(word: str) -> str:
-    """Respell a command-line argument if that makes it the name of a task.
+    """Switch the spelling of a command-line argument if the result is the name of a task.
 
     >>> respell_task("analyze"), respell_task("task=analyze"), respell_task("optimiser")
     ('analyse', 'task=analyse', 'optimiser')
@@ -100,9 +100,9 @@ def is_path(text: str) -> bool:
 
 
 def spell_paths(word: str) -> str:
-    """Spell the paths in a command-line argument like the existing files and folders (`find_spelling`).
+    """Give paths in a command-line argument the spelling of existing files and folders (`find_spelling`).
 
-    In a list, ``image=a.png,b.png``, each part may be a path. Only an output folder need not exist.
+    In a list such as ``image=a.png,b.png``, each part may be a path. Only an output folder need not exist.
     """
     if word.isascii() or is_path(word):
         return word
@@ -117,7 +117,7 @@ def spell_paths(word: str) -> str:
 
 
 def _found(path: str) -> str:
-    """Spell a path like the existing file, with the home folder expanded; a correctly spelled path stays unchanged."""
+    """Expand the home folder in a path and give it the existing file's spelling; a correct path stays unchanged."""
     whole = os.path.expanduser(path)
     found = find_spelling(whole)
     return path if found == whole else found

@@ -1,4 +1,4 @@
-"""Expand the shorthand of a command line into Hydra's grammar; an existing path always stands for itself.
+"""Expand command-line shorthand into Hydra's grammar; an existing path is always taken literally.
 
 photo.jpg, photos/    image=photo.jpg, image=photos/
 train                 task=train
@@ -53,9 +53,9 @@ NOT_LITERAL = re.compile(r"[\['\"{]|null$|\w+\(|\$\{")  # start of values that H
 
 
 def expand_positional(word: str, task: str = "paint", beside: Mapping[str, str] | None = None) -> str:
-    """Write an argument as ``key=value``: a bare word is a task, a painter's word, or the path that a task takes.
+    """Rewrite an argument as ``key=value``; a bare word is a task, a painter's word, or the path that a task takes.
 
-    ``beside`` holds the other keys of the command line, which may assign a path to another task.
+    ``beside`` contains the command line's other keys, which may mean that the path belongs to another task.
     """
     path = Path(word)
     if is_setting(word):
@@ -89,7 +89,7 @@ def is_setting(word: str) -> bool:
 
 
 def unknown_word(word: str) -> str:
-    """Explain that a bare word has no meaning, and name the most similar words that do."""
+    """Explain that a bare word has no meaning, and name the most similar words that have one."""
     group = word.removesuffix("s")
     if group in CHOSEN_GROUPS:
         own = TASKS if group == "task" else members_of_group(group)
@@ -125,7 +125,7 @@ def nearest_folders(word: str) -> list[str]:
 
 
 def setting_in(word: str) -> str | None:
-    """Guess the setting meant by a bare number or size, or by a key with a sign other than ``=``; None if unknown.
+    """Guess the setting meant by a bare number or size, or by a key with a wrong sign; return None if it is unknown.
 
     >>> setting_in("1920x1080"), setting_in("30s"), setting_in("look:oil"), setting_in("version"), setting_in("moo")
     ('resolution=1920', 'seconds=30', 'look=oil', 'brushexp --version', None)
@@ -147,7 +147,7 @@ def setting_in(word: str) -> str | None:
 
 
 def expand_home(word: str) -> str:
-    """Expand the home folder in ``output=~/x``, which some shells leave alone; picture keys expand it themselves."""
+    """Expand the home folder in ``output=~/x``, which some shells do not do; keys for pictures expand it themselves."""
     key, _, value = word.partition("=")
     is_other = key in ("image", "pictures", "style", "style.image", "focus", "faces") or os.path.lexists(value)
     if is_other or not re.fullmatch(r"~(/.*)?", value):
@@ -158,9 +158,9 @@ def expand_home(word: str) -> str:
 
 
 def expand_shorthand(word: str, sweep: bool = False, task: str = "") -> str:
-    """Write one argument in Hydra's grammar; in a ``sweep``, commas separate the values of jobs.
+    """Rewrite an argument in Hydra's grammar; in a ``sweep``, commas separate the values of different jobs.
 
-    ``task`` is the task that the argument belongs to, or "" if it is not known yet.
+    ``task`` is the task to which the argument belongs, or "" if it is not known yet.
     """
     if word == RESUME_SWEEP:
         return "hydra.sweeper.resume=true"
@@ -185,7 +185,7 @@ def expand_shorthand(word: str, sweep: bool = False, task: str = "") -> str:
 
 
 def output_folder(value: str) -> str:
-    """Write the value of ``output`` for Hydra; raise a UserError for a folder that cannot be written."""
+    """Write the value of ``output`` in Hydra's grammar; raise a UserError for a folder that cannot be used."""
     if not value:
         raise UserError("output= is empty; type output=FOLDER, or output=. for the current folder")
     if value.strip().lstrip("+-").lower() in NO_FOLDERS and not os.path.lexists(value):
@@ -214,14 +214,14 @@ def spell_value(key: str, value: str, sweep: bool, task: str) -> str:
 
 
 def refuse_deletion(name: str) -> None:
-    """Raise a UserError for the deletion of a key, ``~strokes``; only groups of plugins can be deleted."""
+    """Raise a UserError for an argument that deletes a key, such as ``~strokes``; only plugin groups can be deleted."""
     key = name.removeprefix("~")
     if key != name and key not in CHOSEN_GROUPS and is_key(key):
         raise UserError(f"{name} would delete a key that every run needs; drop it, or type {key}=...")
 
 
 def respell(key: str, value: str) -> tuple[str, str]:
-    """Use our spelling for a key and for the member of a group: look=watercolor, style.colours=content."""
+    """Correct the spelling of a key or of a group's members: look=watercolor, style.colours=content."""
     plain = key.lstrip("+~")
     if switch_spelling(plain) != plain and not is_key(plain) and is_key(switch_spelling(plain)):
         key = key.removesuffix(plain) + switch_spelling(plain)
@@ -235,12 +235,12 @@ def respell(key: str, value: str) -> tuple[str, str]:
 
 
 def parse_value(value: str) -> Any:
-    """Parse a text as Hydra does; raise a `HydraException` if its grammar does not allow it."""
+    """Parse a value as Hydra does; raise a `HydraException` if Hydra's grammar does not allow it."""
     return OverridesParser.create().parse_override(f"key={value}").value()
 
 
 def is_readable(value: str) -> bool:
-    """Check whether Hydra's grammar accepts a text as a value."""
+    """Check whether Hydra's grammar allows a value."""
     try:
         parse_value(value)
     except HydraException:
@@ -249,7 +249,7 @@ def is_readable(value: str) -> bool:
 
 
 def verbatim(text: str) -> str:
-    """Write a text so that Hydra reads it literally, quoting it if necessary."""
+    """Write text so that Hydra reads it literally, with quotes if necessary."""
     try:
         return text if parse_value(text) == text and "${" not in text else quote(text)
     except HydraException:
@@ -257,9 +257,9 @@ def verbatim(text: str) -> str:
 
 
 def quote_text(key: str, value: str, sweep: bool = False, optional: bool = False) -> str:
-    """Quote the text of a key if Hydra would read it as a number or null, or if a file has this name.
+    """Quote the value of a text key if Hydra would read it as a number or null, or if it names an existing file.
 
-    A value that could mean either a file or null raises a UserError.
+    Raises a UserError for a value that could mean either a file or null.
     """
     if is_path(value):
         if value == "null" and optional:
@@ -277,7 +277,7 @@ def quote_text(key: str, value: str, sweep: bool = False, optional: bool = False
 
 
 def check_choice(group: str, value: str) -> None:
-    """Raise a UserError for a value that cannot be a plugin, a preset or a list of them; it lists the plugins."""
+    """Raise a UserError, which lists the plugins, for a value that cannot name plugins or presets."""
     try:
         choice = parse_value(value)
     except HydraException:
@@ -291,7 +291,7 @@ def check_choice(group: str, value: str) -> None:
 
 
 def as_typed(value: Any, *, is_part: bool = False) -> str:
-    """Write a value as a user would type it, quoting strings in lists or mappings where necessary."""
+    """Write a value as a user would type it, with quotes around strings in lists or mappings where necessary."""
     plain: Any = OmegaConf.to_container(value) if OmegaConf.is_config(value) else value
     plain = plain.item() if hasattr(plain, "item") else plain  # scalars of NumPy and PyTorch become Python's
     if plain is None or isinstance(plain, bool):

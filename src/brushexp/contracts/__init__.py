@@ -1,22 +1,22 @@
 """The public interface for plugins, packages and your own programs.
 
-Everything here keeps its name and meaning within a major version; the rest of ``brushexp`` may change. This module
-provides what every plugin needs: registration, bounds of options, and the error that users see. Its submodules provide:
+All names here keep their meaning within a major version; the rest of ``brushexp`` may change. This module provides what
+every plugin needs: registration, bounds for options, and the error that users see. Its submodules provide:
 
-- `families`: the contract of each family of plugins.
+- `families`: the interface of each plugin family.
 - `members`: shipped plugins that others extend.
-- `strokes`: the representation of strokes: curves, catalogues, the prior, measures.
-- `pictures`: reading and writing pictures, colour, structure, feature networks.
-- `layers`: compositing of strokes, and the light on them.
+- `strokes`: stroke representation: curves, catalogues, the prior, measures.
+- `pictures`: reading and writing pictures; colour, structure, feature networks.
+- `layers`: compositing and lighting of strokes.
 - `networks`: layers for networks that draw strokes.
 - `kernels`: compiled code, and the interface of rasterisers for other hardware.
 - `painting`: the parts of a painting, its optimisation and its result.
-- `tasks`: keys and rules of a task.
+- `tasks`: the keys of a task and rules between them.
 - `runs`: output folders, the Trainer, resuming, sweeps, and the functions of ``brushexp``.
 - `machine`: threads, memory and devices.
-- `results`: finished runs as tables, and measures of their strokes.
+- `results`: tables of finished runs, and measures of their strokes.
 - `pages`: HTML pages of runs and sweeps.
-- `files`: safe reading and writing of files, progress, text for terminals.
+- `files`: safe reading and writing of files; progress display; text for terminals.
 """
 
 from brushexp.bounds import (

@@ -1,4 +1,4 @@
-"""The contract of each family of plugins: its base class and the types that its methods exchange."""
+"""The interface of each plugin family: its base class, and the types that its methods take and return."""
 
 from brushexp.plugins.blend.base import Blend, Compositor, match_dtype, pixel_centres
 from brushexp.plugins.callbacks.base import Callback

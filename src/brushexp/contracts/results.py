@@ -1,4 +1,4 @@
-"""Finished runs as tables, curves over time, and measures of their strokes."""
+"""Tables of finished runs, curves over time, and measures of strokes."""
 
 from brushexp.reporting.tables import MISSING, csv_table, escape_markdown, latex_table, markdown_table
 from brushexp.results.anytime_curves import LEAD, Curve, curve_from, curves_by_image, leaders, mean_curve, mean_curves

@@ -1,4 +1,4 @@
-"""A run: its folder, the Trainer, resuming and sweeps; also the Python functions of ``brushexp``."""
+"""Runs: their folders, the Trainer, resuming and sweeps; also the Python functions of ``brushexp``."""
 
 from brushexp.api.painting import Painting
 from brushexp.api.parts import create, render

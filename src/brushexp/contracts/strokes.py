@@ -1,4 +1,4 @@
-"""The representation of strokes: their curves and units, catalogues of strokes, the prior, and measures."""
+"""Stroke representation: curves and units, catalogues, the prior, and measures."""
 
 from brushexp.strokes import measures
 from brushexp.strokes.bezier import (

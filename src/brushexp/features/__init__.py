@@ -1,4 +1,4 @@
-"""Feature networks for losses and metrics: they map pictures to named activations, without internet access."""
+"""Feature networks for losses and metrics, which map pictures to named activations without internet access."""
 
 from pathlib import Path
 
@@ -12,9 +12,10 @@ NETWORKS = ("effl0", *PUBLISHED)  # names that `open_backbone` accepts
 
 
 def open_backbone(name: str, weights: str | None = None, option: str = OPTION) -> Backbone:
-    """Open a feature network with weights from a file or from its pip package, if it has one.
+    """Load a feature network with weights from a file or, if it has one, from its pip package.
 
-    If there are no weights, the UserError states what to install or set; ``option`` is the key that sets the file.
+    Raises a UserError that states what to install or set if no weights are found; ``option`` is the key that sets the
+    file.
     """
     if name == "effl0":
         return EfficientNetLite0(read_tensors(Path(weights) if weights else packaged_file(PACKAGE, FILE), option))

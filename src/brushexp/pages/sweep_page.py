@@ -1,4 +1,4 @@
-"""Write ``report.html`` for a sweep or any set of runs: a sortable, filterable table, pictures and plots."""
+"""Write ``report.html`` for a sweep or any set of runs, with a sortable, filterable table, pictures and plots."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def write_sweep_page(folder: Path, frame: DataFrame) -> Path:
 
 
 def sweep_page(folder: Path, frame: DataFrame) -> str:
-    """Build the page of at least one run, with embedded pictures; runs are named by folder relative to ``folder``."""
+    """Build the page for one or more runs, with embedded pictures; runs are named by their paths below ``folder``."""
     data = _page_data(frame)
     return page(
         "sweep.html.j2",
@@ -56,7 +56,7 @@ def sweep_page(folder: Path, frame: DataFrame) -> str:
 
 
 def _summary(frame: DataFrame) -> str:
-    """Summarise in words how many paintings (from a folder of pictures) or runs there are, and how many failed."""
+    """State how many runs there are, or how many paintings of a folder of pictures, and how many failed."""
     if not tables.is_album(frame):
         return tables.run_count(frame)
     failed = int((frame["run", "status"] == Status.FAILED).sum())
@@ -65,7 +65,7 @@ def _summary(frame: DataFrame) -> str:
 
 
 def _page_data(frame: DataFrame) -> dict[str, Any]:
-    """Collect the data of the page; ``axes`` holds the varying settings: key -> value as typed -> value as shown."""
+    """Collect the data for the page; ``axes`` has the varying settings: key -> value as typed -> value as shown."""
     typed = tables.varying_settings(frame)
     axes = {key: {v: name or "not set" for v, name in shorten(values).items()} for key, values in typed.items()}
     settings = frame["setting"].fillna("").iloc[0]
@@ -99,7 +99,7 @@ def _page_data(frame: DataFrame) -> dict[str, Any]:
 
 
 def _rows(frame: DataFrame, targets: list[str], groups: dict[tuple[str, str], int], side: int) -> list[dict[str, Any]]:
-    """List the runs; ``target`` and ``group`` are numbers on the page, ``curve`` has pairs of seconds and PSNR."""
+    """List the runs; ``target`` and ``group`` are indices on the page, and ``curve`` has pairs of seconds and PSNR."""
     settings, values = frame["setting"].fillna(""), tables.numbers(frame)
     texts = as_text(tables.shown_metrics(frame), digits())
     paths = [PurePath(name).as_posix() for name in frame.index]
@@ -123,7 +123,7 @@ def _groups(frame: DataFrame) -> tuple[list[dict[str, Any]], list[str]]:
     """List the compared settings and the names of the painted pictures.
 
     ``picture`` is the index of the painted picture. ``ahead_from`` is the time, in seconds, at which a setting last
-    took the lead; None if it never led.
+    took the lead, or None if it never did.
     """
     keys = list(tables.over_seeds(frame).index)
     pictures = list(dict.fromkeys(image for image, _ in keys))
@@ -137,7 +137,7 @@ def _groups(frame: DataFrame) -> tuple[list[dict[str, Any]], list[str]]:
 
 
 def _means(frame: DataFrame) -> DataFrame | None:
-    """Tabulate means over seeds; if many settings vary, they share one column."""
+    """Tabulate means over seeds, with the settings in a single column if many of them vary."""
     means = tables.means_table(frame)
     if means is None:
         return None
@@ -151,7 +151,7 @@ def _means(frame: DataFrame) -> DataFrame | None:
 
 
 def _best(data: dict[str, Any]) -> dict[str, str]:
-    """Find the best value of each metric; none if several pictures were painted."""
+    """Find the best value of each metric; return an empty dictionary if several pictures were painted."""
     best = {}
     for metric in data["metrics"] if len(data["pictures"]) <= 1 else ():
         key = metric["key"]
@@ -162,7 +162,7 @@ def _best(data: dict[str, Any]) -> dict[str, str]:
 
 
 def _plotted(data: dict[str, Any]) -> dict[str, Any]:
-    """Choose the initial plot: ``x`` (a metric, or a setting as ``axis:steps``) and ``y`` (a metric), "" for none.
+    """Choose the initial plot: ``x``, a metric or a setting (``axis:steps``), and ``y``, a metric; "" for no plot.
 
     ``xs`` maps the choices for ``x`` to their names.
     """
@@ -186,7 +186,7 @@ def _plotted(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def _script_data(data: dict[str, Any]) -> dict[str, Any]:
-    """Select the data for the page's scripts, and replace values by their indices."""
+    """Select the data for the page's scripts, and replace setting values by their indices."""
     filters = data["filters"]
     keys = ("name", "label", "error", "cells", "numbers", "command", "report", "target", "group", "curve")
     return {
@@ -206,7 +206,7 @@ def side_for(count: int) -> int:
 
 
 def thumbnail(path: Path, side: int) -> dict[str, Any] | None:
-    """Embed a picture shrunk to this side, encoded once per process; None if it cannot be read."""
+    """Embed a picture shrunk to ``side`` pixels, encoded once per process; return None if it cannot be read."""
     try:
         state = path.stat()
         return _thumbnail(path.resolve(), state.st_mtime_ns, state.st_size, side)

@@ -32,9 +32,9 @@ log = logging.getLogger(__name__)
 
 
 def build_painter(cfg: DictConfig, target: Tensor | None = None) -> PaintingModule:
-    """Build the painter of a checked config of ``task=paint`` on the CPU, after seeding PyTorch's generators.
+    """Build, on the CPU, the painter for a checked config of ``task=paint``; seed PyTorch's generators before calling.
 
-    ``target`` (3, H, W) in [0, 1] replaces the picture named by ``image``, and keeps its size and colours.
+    ``target`` (3, H, W) in [0, 1], if given, replaces the picture named by ``image``; its size and colours are kept.
     """
     sizes = sizes_of(cfg) if target is None else None
     picture = _load(cfg, resolution_of(cfg)) if target is None else target
@@ -52,7 +52,7 @@ def build_painter(cfg: DictConfig, target: Tensor | None = None) -> PaintingModu
 
 
 def target_of(cfg: DictConfig) -> Tensor:
-    """Load the picture (3, H, W) to paint, in its palette, at the size at which strokes are optimised."""
+    """Load the picture to paint (3, H, W), reduced to the palette, at the size at which strokes are optimised."""
     return _in_palette(cfg, _load(cfg, resolution_of(cfg)))
 
 
@@ -67,10 +67,10 @@ def _in_palette(cfg: DictConfig, picture: Tensor, features: Sequence[Feature] = 
 
 
 def faces_of(cfg: DictConfig, picture: Tensor) -> list[Face]:
-    """Find the faces of a picture (3, H, W) if its focus or its strokes depend on them.
+    """Find the faces in a picture (3, H, W) if the focus or the strokes depend on them.
 
-    A mask adds the faces it marks. With ``faces=off``, or if all strokes are given and there is no automatic focus, no
-    network is loaded and no faces are returned.
+    A mask adds the faces that it marks. With ``faces=off``, or if all strokes are given and the focus is not automatic,
+    no network is loaded and the list is empty.
     """
     return faces_and_eyes_of(cfg, picture)[0]
 
@@ -90,7 +90,7 @@ def faces_and_eyes_of(cfg: DictConfig, picture: Tensor) -> tuple[list[Face], lis
 
 
 def _seeks_spots(cfg: DictConfig) -> bool:
-    """Check whether spots get strokes; not if the user set their number, since spots are less certain than faces."""
+    """Check whether spots get strokes: not if the user sets their number, because spots are less certain than faces."""
     return bool(cfg.faces != OFF and cfg.focus == AUTO and cfg.strokes is None and cfg.catalogue is None)
 
 
@@ -167,13 +167,13 @@ def _stroke_optimizer(
 
 
 def clip_of(cfg: DictConfig) -> GradientClip | None:
-    """Read the gradient clipping from the Trainer's options; None for no clipping."""
+    """Read the gradient clipping from the Trainer's options; return None if gradients are not clipped."""
     most, algorithm = cfg.trainer.gradient_clip_val, cfg.trainer.gradient_clip_algorithm
     return None if most is None else GradientClip(most, algorithm or "norm")
 
 
 def compute_focus(cfg: DictConfig, target: Tensor, faces: Sequence[Face] = ()) -> tuple[Tensor | None, Tensor | None]:
-    """Compute the pixel weights (H, W), of mean 1, and the map behind them if ``focus`` is set."""
+    """Compute the pixel weights (H, W), with mean 1, and the focus map from which they derive, if ``focus`` is set."""
     if cfg.focus is None:
         return None, None
     attended = focus_map(cfg.focus, target, faces)
@@ -181,7 +181,7 @@ def compute_focus(cfg: DictConfig, target: Tensor, faces: Sequence[Face] = ()) -
 
 
 def match_colors(target: Tensor, parts: Components) -> tuple[Tensor, Tensor]:
-    """Match the colours of target and style picture as the style loss requires; return both."""
+    """Match the colours of the target and the style picture as the style loss requires; return both pictures."""
     style = parts.losses[STYLE]
     assert isinstance(style, StyleLoss)
     picture = style.picture(target)

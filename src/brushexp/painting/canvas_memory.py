@@ -1,4 +1,4 @@
-"""Paint a part of the canvas, and keep the rest as last painted."""
+"""Paint part of the canvas, and keep the rest as it was last painted."""
 
 from dataclasses import dataclass
 
@@ -21,10 +21,10 @@ MAX_CACHE_BYTES = 2**29  # memory for cached pictures: 16,384 of 64 x 64 pixels
 
 @dataclass(eq=False)
 class CanvasMemory:
-    """Paints the region that a step compares, and keeps the whole picture up to date.
+    """Paints the region that a step compares with the target, and keeps the whole picture up to date.
 
-    Where a region's strokes are neither moved nor drawn by the view, its pixels come from the last whole picture.
-    Differs from the thesis, which leaves those strokes out and hides the gap behind the ring.
+    Where a region contains strokes that the view neither moves nor draws, its pixels are taken from the last whole
+    picture. The thesis instead omits these strokes and hides the gap behind the ring.
     """
 
     picture: Tensor  # (3, H, W) the whole painting, changed in place; the other fields are those of `Picture`
@@ -44,13 +44,13 @@ class CanvasMemory:
 
     @property
     def error(self) -> float:
-        """Mean squared error of the whole picture as last painted."""
+        """Mean squared error of the last whole picture."""
         return max(self._squares, 0.0) / self.target.numel()
 
     def paint(
         self, moving: Strokes, strokes: Strokes, view: View, front_to_back: Tensor, *, accuracy: bool
     ) -> tuple[Canvas, PaintedView]:
-        """Paint the region of a view, differentiably in its active strokes; see `Picture.see`."""
+        """Paint the region of a view, differentiably with respect to its active strokes; see `Picture.see`."""
         region, active, ring = view.region, view.active, view.ring
         assert active is not None
         numbers = active if ring is None else torch.cat([active, ring])
@@ -71,7 +71,7 @@ class CanvasMemory:
         return Canvas(image, measures), PaintedView(image, part, strokes.with_rows(active, moving), around, focus)
 
     def _turn_to(self, region: Region, numbers: Tensor, strokes: Strokes) -> None:
-        """Switch to another region or other strokes; the same region reuses its objects."""
+        """Switch to another region or other strokes; objects for the same region are reused."""
         is_new = region != self._region
         if is_new:
             whole = region == Region.whole(self.target)
@@ -90,10 +90,11 @@ class CanvasMemory:
 
 
 class PatchCache:
-    """The render image catalogue (thesis 2020, 6.3): caches a network's pictures of the surrounding strokes.
+    """Caches a network's pictures of the surrounding strokes: the render image catalogue (thesis 2020, 6.3).
 
-    It holds up to ``most_bytes`` of pictures in 16-bit floats (errors of 1/4096 at most) and discards the oldest first.
-    Renderers of profiles need no cache. The thesis keeps all pictures and updates them at every step.
+    It holds up to ``most_bytes`` bytes of pictures as 16-bit floats, with errors of at most 1/4096, and discards the
+    oldest pictures first. Renderers that draw profiles do not need a cache. The thesis keeps all pictures and updates
+    them at every step.
     """
 
     def __init__(self, renderer: Renderer, most_bytes: int = MAX_CACHE_BYTES) -> None:
@@ -101,13 +102,13 @@ class PatchCache:
         self._pictures: dict[int, Tensor] = {}  # index of a stroke -> picture (4, side, side), oldest first
 
     def forget(self, number: Tensor) -> None:
-        """Discard the pictures of changed strokes ``number`` (K,)."""
+        """Discard the pictures of strokes that have changed; ``number`` (K,) holds their indices."""
         for key in number.tolist() if self._pictures else ():
             self._pictures.pop(key, None)
 
     @torch.no_grad()
     def layers(self, strokes: Strokes, number: Tensor) -> Layers:
-        """Draw K strokes, ``number`` (K,) in the painting, without gradient."""
+        """Draw K strokes, whose indices in the painting are ``number`` (K,), without gradient."""
         if not isinstance(self.renderer, PatchRenderer):
             return self.renderer(strokes)
         keys = number.tolist()
@@ -125,21 +126,21 @@ class PatchCache:
 
 
 def sum_of_squares(first: Tensor, second: Tensor) -> Tensor:
-    """Sum the squared differences of two pictures."""
+    """Sum the squared differences between two pictures."""
     rows = zip(first.split(COMPARED_ROWS, 1), second.split(COMPARED_ROWS, 1), strict=True)
     return torch.stack([(a - b).square().sum(dtype=torch.float64) for a, b in rows]).sum()
 
 
 @torch.no_grad()
 def boxes_of(strokes: Strokes, edge: float) -> tuple[Tensor, Tensor]:
-    """Compute boxes (corners, (N, 2) each) around the pixels that strokes may cover; ``edge`` is the renderer's."""
+    """Compute opposite corners (N, 2) of the boxes of pixels that strokes may cover; ``edge`` is `Renderer.edge`."""
     curve, reach = curve_of(strokes), reach_of(strokes, edge)[:, None]
     return curve.amin(1) - reach, curve.amax(1) + reach
 
 
 @torch.no_grad()
 def find_reaching(strokes: Strokes, region: Region, edge: float) -> Tensor:
-    """Mark the pixels (h, w), bool, of a region that are in the box (`boxes_of`) of any of N strokes."""
+    """Mark the pixels of a region, (h, w) bool, that are in the bounding box (`boxes_of`) of any of N strokes."""
     left_top, right_bottom = boxes_of(strokes, edge)
     device = left_top.device
     size = torch.tensor([region.width, region.height], device=device)

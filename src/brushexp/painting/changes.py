@@ -1,4 +1,4 @@
-"""Build the changes of a painting's config in the order in which they apply."""
+"""Build the changes in a painting's config, in the order in which they are applied."""
 
 from collections.abc import Callable
 from typing import Any
@@ -10,12 +10,12 @@ from brushexp.registry import keep_built, take_built
 
 
 def build_changes(cfg: DictConfig, make: Callable[[DictConfig], Any] = take_built) -> dict[str, Change]:
-    """Build the chosen changes by name, lowest rank first."""
+    """Build the chosen changes and return them by name, lowest rank first."""
     return by_rank({str(name): make(node) for name, node in cfg.change.items()})
 
 
 def changed_settings(cfg: DictConfig) -> DictConfig:
-    """Return the settings of a config after its changes have adapted them."""
+    """Return a config's settings as adapted by its changes."""
     for change in build_changes(cfg, keep_built).values():
         cfg = change.settings(cfg)
     return cfg

@@ -1,4 +1,4 @@
-"""Build the parts of a painting: a member of each family that gradient steps need, and the initial strokes."""
+"""Build the components of a painting: a member of each family that gradient steps need, and the initial strokes."""
 
 import logging
 import math
@@ -50,7 +50,7 @@ AUTO = "auto"  # value of warm_up that lets the renderer choose
 
 @dataclass(frozen=True)
 class Stage:
-    """A number of gradient steps with one renderer, and the renderer's name for messages."""
+    """A number of gradient steps with one renderer; ``name`` is the renderer's name for messages."""
 
     name: str
     renderer: Renderer
@@ -59,7 +59,7 @@ class Stage:
 
 @dataclass(frozen=True)
 class Components:
-    """The parts of a painting: one member of each family, and one renderer per stage."""
+    """The components of a painting: one member of each family, and a renderer for each stage."""
 
     stages: Sequence[Stage]
     blend: Compositor
@@ -74,7 +74,7 @@ def standard_components(
     renderer: Renderer | None = None, *, steps: int = 500, blend: Blend | None = None, color: ColorSpace | None = None,
     **chosen: Any,
 ) -> Components:  # fmt: skip
-    """Build the default components of ``task=paint`` in Python, replaced where ``chosen`` names others."""
+    """Build the default components of ``task=paint``, replaced by those in ``chosen`` where it has any."""
     renderer = renderer or Analytic()
     stages = [Stage(type(renderer).__name__.lower(), renderer, steps)]
     compositor = Compositor(blend or Tiled(), color or Rgb())
@@ -83,7 +83,7 @@ def standard_components(
 
 
 def build_components(cfg: DictConfig) -> Components:
-    """Build the components of a config."""
+    """Build the components that a config chooses."""
     others = {family: take_built(cfg[family]) for family in ("order", "density", "sampler", "optimizer")}
     try:
         check_units(others["optimizer"].units)
@@ -107,7 +107,7 @@ def build_losses(cfg: DictConfig) -> dict[str, Loss]:
 
 
 def check_losses(cfg: DictConfig) -> None:
-    """Raise a UserError for two losses with the same name, and for a loss without its reference."""
+    """Raise a UserError for two losses with the same name, and for a loss whose reference painting is missing."""
     for key, name in (("image", STYLE), ("brushwork", BRUSHWORK)):
         if cfg.style[key] is not None and name in cfg.loss:
             raise UserError(f"style.{key}={cfg.style[key]} adds the loss {name} itself; drop {name} from loss=...")
@@ -116,7 +116,7 @@ def check_losses(cfg: DictConfig) -> None:
 
 
 def build_stages(cfg: DictConfig, make: Callable[[DictConfig], Renderer] = take_built) -> list[Stage]:
-    """Build the stages: a warm-up if ``warm_up`` requests one, then the chosen renderer."""
+    """Build the stages: a warm-up stage if ``warm_up`` requests one, then a stage with the chosen renderer."""
     name, renderer = plugin_of(cfg.renderer).name, make(cfg.renderer)
     first = renderer.warm_up if cfg.warm_up == AUTO else cfg.warm_up
     if first is None or not (cfg.steps or cfg.seconds):
@@ -129,8 +129,8 @@ def plan_steps(
 ) -> Components:
     """Plan the steps for partial updates of ``strokes`` on a canvas of ``size`` (H, W).
 
-    Each stroke moves ``steps_per_stroke`` times in the first stage (None keeps the stage's steps). In a second stage,
-    with a slow renderer, it moves as many times as that stage has steps.
+    In the first stage, each stroke moves ``steps_per_stroke`` times; None keeps the number of steps. In a second stage,
+    with a slow renderer, each stroke moves as many times as that stage had steps.
     """
     first, *others = parts.stages
     if steps_per_stroke is None and not others:
@@ -142,7 +142,7 @@ def plan_steps(
 
 
 def check_size(cfg: DictConfig, strokes: int, size: tuple[int, int]) -> None:
-    """Raise a UserError if a canvas of ``size`` (H, W) or the windows of strokes are too large for memory."""
+    """Raise a UserError if a canvas of ``size`` (H, W) and the strokes' windows do not fit into memory."""
     pixels = math.prod(size)
     window = max(getattr(stage.renderer, "window", 0) for stage in build_stages(cfg, keep_built))
     windows = strokes * window**2 * BYTES_PER_WINDOW_PIXEL if isinstance(keep_built(cfg.sampler), Whole) else 0
@@ -153,7 +153,7 @@ def check_size(cfg: DictConfig, strokes: int, size: tuple[int, int]) -> None:
 
 
 def warn_of_slow_steps(stages: Sequence[Stage], strokes: int) -> None:
-    """Warn if a network that draws each stroke will take minutes for its steps on this machine."""
+    """Log an estimate if a network that draws each stroke will take minutes for its steps on this machine."""
     for stage in stages:
         if isinstance(stage.renderer, PatchRenderer) and strokes * stage.steps >= MANY_DRAWINGS:
             minutes = strokes * stage.steps * stage.renderer.seconds_per_stroke() / 60
@@ -173,11 +173,11 @@ def first_strokes(
     *,
     painted: tuple[int, int] | None = None,
 ) -> tuple[Strokes, int]:
-    """Load the strokes of ``catalogue``, or create them with ``init`` and ``style.brushwork``; also return the budget.
+    """Load the strokes in ``catalogue``, or create them by ``init`` and ``style.brushwork``; also return the budget.
 
-    Small strokes for ``features`` come last. They, and the strokes that abstraction leaves to ``faces``, are added to
-    the look's own number of strokes, but count towards ``strokes`` if the user sets it. ``painted`` is the size (H, W)
-    of the painting if the target is a smaller version of it.
+    Small strokes for ``features`` come last. These, and the strokes that are restored to ``faces`` after abstraction,
+    are added to the look's own number of strokes, but count towards ``strokes`` if the user sets it. ``painted`` is the
+    size (H, W) of the painting if the target is smaller.
     """
     _, height, width = target.shape
     painted = painted or (height, width)
@@ -210,14 +210,15 @@ def first_strokes(
 
 
 def planned_steps(cfg: DictConfig) -> int:
-    """Return the minimum number of steps of a painting."""
+    """Return the minimum number of steps for a painting."""
     return cfg.steps if cfg.steps_per_stroke is None else round(cfg.steps_per_stroke)
 
 
 def stroke_budget(cfg: DictConfig, size: tuple[int, int], density: Density, count: int | None = None) -> int:
-    """Return the final number of strokes for a picture of ``size`` (H, W), given the ``count`` from ``catalogue``.
+    """Return the final number of strokes for a picture of ``size`` (H, W); ``count`` is the number in ``catalogue``.
 
-    Raises a UserError if the picture has too few pixels for them, or if nothing adds the missing strokes.
+    Raises a UserError if the picture has too few pixels for the strokes, or if no density policy adds the strokes that
+    ``catalogue`` lacks.
     """
     n = count if cfg.strokes is None else cfg.strokes
     if n is None:
@@ -235,7 +236,7 @@ def stroke_budget(cfg: DictConfig, size: tuple[int, int], density: Density, coun
 
 
 def load_strokes(path: Path, size: tuple[int, int]) -> Strokes:
-    """Load the strokes of a catalogue, bottom stroke first, scaled to a canvas of ``size`` (H, W)."""
+    """Load the strokes from a catalogue, bottom stroke first, scaled to a canvas of ``size`` (H, W)."""
     saved = load_catalogue(path)
     check_ratio(str(path), saved.size, size, "catalogue")
     return saved.strokes[saved.depth.argsort()].moved(zoom=max(size) / max(saved.size))

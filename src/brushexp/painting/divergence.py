@@ -1,4 +1,4 @@
-"""Find the plugin that produced the first NaN or Inf in a step without a finite result."""
+"""Find the plugin that produced the first NaN or Inf in a step whose result is not finite."""
 
 from typing import Any
 
@@ -13,9 +13,9 @@ from brushexp.strokes.catalogue import Strokes
 
 @torch.enable_grad()
 def find_non_finite(painter: Any, strokes: Strokes, wrong: str | None) -> str:
-    """Repeat the last step with its N ``strokes``; return its first non-finite result and the plugin that produced it.
+    """Repeat the last step with its N ``strokes``; state the first non-finite result and the plugin that produced it.
 
-    ``wrong`` names the loss that was not finite in that step, if any.
+    ``wrong`` is the name of the loss that was not finite in that step, or None.
     """
     picture, losses = painter.picture, painter.components.losses
     renderer, blend = name_member("renderer", picture.renderer), name_member("blend", picture.blend.blend)
@@ -40,7 +40,7 @@ def find_non_finite(painter: Any, strokes: Strokes, wrong: str | None) -> str:
 
 
 def find_non_finite_stroke(layers: Layers, count: int) -> int | None:
-    """Find the first of N strokes with a non-finite tensor or a non-finite sample along its curve."""
+    """Return the index of the first stroke with a non-finite field or sample along its curve; None if there is none."""
     index = torch.arange(count, device=layers.curve.device)
     samples = layers.sample(index[:, None], layers.curve) if layers.curve.isfinite().all() else ()
     fields = [value for value in tensors_of(layers) if len(value) == count]
@@ -52,12 +52,12 @@ def find_non_finite_stroke(layers: Layers, count: int) -> int | None:
 
 
 def tensors_of(layers: Layers) -> list[Tensor]:
-    """List the floating-point tensors of layers."""
+    """List the floating-point tensors among the fields of layers."""
     return [value for value in vars(layers).values() if isinstance(value, Tensor) and value.is_floating_point()]
 
 
 def has_finite_gradient(value: Tensor, inputs: list[Tensor]) -> bool:
-    """Check whether a value's gradient is finite in all inputs on which it depends."""
+    """Check whether the gradient of a value is finite with respect to all inputs on which it depends."""
     inputs = [one for one in inputs if one.requires_grad]
     slopes = torch.autograd.grad(value, inputs, allow_unused=True, retain_graph=True) if value.requires_grad else ()
     return all(slope is None or bool(slope.isfinite().all()) for slope in slopes)

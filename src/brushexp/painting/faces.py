@@ -1,4 +1,4 @@
-"""Make strokes for faces: small ones for eyes and mouths, and some of those that abstraction would remove."""
+"""Create strokes for faces: small strokes for eyes and mouths, and some of those that abstraction would remove."""
 
 import math
 from collections.abc import Sequence
@@ -33,7 +33,7 @@ IN_LAYERS = InLayers(layers=2, ratio=0.5, cover=0.5, length=2.2, width=0.9, edge
 
 @dataclass(frozen=True)
 class Feature:
-    """A round area that needs at least ``floor`` small strokes: an eye, a mouth or a whole face; in pixels.
+    """A circular area, in pixels, that needs at least ``floor`` small strokes: an eye, a mouth or a whole face.
 
     A small stroke is narrower than ``radius`` divided by ``fineness``. A feature is certain if it belongs to a face.
     """
@@ -47,16 +47,16 @@ class Feature:
 
     @property
     def floor(self) -> int:
-        """Minimum number of small strokes: ``most``, or fewer for an area only a few pixels wide."""
+        """Minimum number of small strokes: ``most``, or fewer if the area is only a few pixels wide."""
         return min(self.most, round(math.pi * (self.radius / THINNEST_STROKE) ** 2))
 
     def holds(self, position: Tensor) -> Tensor:
-        """Return which positions (N, 2) are within the feature: (N,) bool."""
+        """Return whether each position (N, 2) is within the feature, as (N,) bool."""
         return (position - position.new_tensor([self.x, self.y])).norm(dim=1) < self.radius
 
 
 def features_of(faces: Sequence[Face], spots: Sequence[Spot] = ()) -> list[Feature]:
-    """List the eyes and mouth of each face (the whole face if it has no landmarks), and the spots."""
+    """List the eyes and mouth of each face, or the whole face if it has no landmarks, and then the spots."""
     features = []
     for face in faces:
         if not len(face.landmarks):
@@ -73,7 +73,7 @@ def features_of(faces: Sequence[Face], spots: Sequence[Spot] = ()) -> list[Featu
 
 
 def places_of(features: Sequence[Feature], size: tuple[int, int]) -> Tensor | None:
-    """Mark the areas of features on a canvas of ``size`` (H, W), bool; None if there are none."""
+    """Mark the areas of features on a canvas of ``size`` (H, W), as (H, W) bool; return None if there are none."""
     if not features:
         return None
     down, across = (torch.arange(side) + 0.5 for side in size)
@@ -89,10 +89,11 @@ def draw_features(
     generator: torch.Generator,
     limit: float = math.inf,
 ) -> Strokes:
-    """Add small strokes to the features of a target (3, H, W) that have fewer than their floor.
+    """Create small strokes for features of a target (3, H, W) that have fewer small strokes than their floor.
 
-    The new strokes lie on top of all others. There are at most ``limit``, shared in proportion to the floors. An
-    initialiser with details of its own draws certain features only: elsewhere they would be blots.
+    The new strokes, to be placed on top of all others, number at most ``limit``, shared in proportion to the floors. An
+    initialiser with details of its own draws only features that are certain, because elsewhere the strokes would be
+    blots.
     """
     width, only_certain = 2 * half_width_of(strokes), initializer.details() is not None
     sought = [feature for feature in features if feature.is_certain or not only_certain]
@@ -103,10 +104,10 @@ def draw_features(
 
 
 def count_small(feature: Feature, position: Tensor, width: Tensor) -> int:
-    """Count the small strokes in a feature that no broad stroke hides: those above the topmost broad one.
+    """Count the small strokes in a feature that are not hidden: those above its topmost broad stroke.
 
     ``position`` (N, 2) and ``width`` (N,) of N strokes are in pixels, bottom stroke first. A broad stroke is wider than
-    `BROAD` times the largest width of a small one.
+    `BROAD` times the largest width of a small stroke.
     """
     small = max(feature.radius / feature.fineness, THINNEST_STROKE)
     inside = width[feature.holds(position)]
@@ -118,7 +119,7 @@ def count_small(feature: Feature, position: Tensor, width: Tensor) -> int:
 def draw_feature(
     initializer: Initializer, target: Tensor, feature: Feature, n: int, generator: torch.Generator
 ) -> Strokes:
-    """Draw at most ``n`` small strokes on a feature of a target (3, H, W)."""
+    """Create at most ``n`` small strokes within a feature of a target (3, H, W)."""
     height, width = target.shape[1:]
     left, right = (round(min(max(feature.x + way * feature.radius, 0), width)) for way in (-1, 1))
     top, bottom = (round(min(max(feature.y + way * feature.radius, 0), height)) for way in (-1, 1))
@@ -133,7 +134,10 @@ def draw_feature(
 def face_strokes(
     initializer: Initializer, target: Tensor, face: Face, n: int, abstraction: float, generator: torch.Generator
 ) -> Strokes:
-    """Draw up to `MOST_ON_A_FACE` of the strokes that ``abstraction`` took from a face; the picture keeps ``n``."""
+    """Create up to `MOST_ON_A_FACE` of the strokes that ``abstraction`` removed from a face.
+
+    The whole picture has ``n`` strokes after abstraction.
+    """
     reach = FACE_REACH * face.side
     top, left = max(0, round(face.y - reach)), max(0, round(face.x - reach))
     near = target[:, top : round(face.y + reach), left : round(face.x + reach)].contiguous()

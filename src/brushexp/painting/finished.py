@@ -49,9 +49,9 @@ FASTEST = 1  # compression of a PNG of many megapixels
 class Finished:
     """A finished painting, from memory or from a folder.
 
-    Pictures are (H, W, 3) uint8: ``painting``, ``target`` and, if they exist, ``flat`` (the painting without the lamp),
-    ``style`` and ``focus``. Their size is that at which the strokes were optimised; the job has the painting's size,
-    which may be larger.
+    Pictures are (H, W, 3) uint8: ``painting``, ``target`` and, if they exist, ``flat`` (the painting without its lamp),
+    ``style`` and ``focus``. They have the size at which the strokes were optimised; the job has the size of the
+    painting, which may be larger.
     """
 
     job: ExportJob
@@ -63,23 +63,23 @@ class Finished:
 
     @cached_property
     def metrics(self) -> dict[str, Any]:
-        """The entries of metrics.json, computed on first use, because that takes as long as several steps."""
+        """The entries of metrics.json, computed on first use because this takes as long as several steps."""
         return dict(self.compute_metrics())
 
     @cached_property
     def image(self) -> np.ndarray:
-        """The painting (H, W, 3) uint8 at its own size."""
+        """The painting at its own size, (H, W, 3) uint8."""
         if self.whole is not None:
             return self.whole
         return self.pictures["painting"] if self.is_whole else self.job.picture()
 
     @property
     def is_whole(self) -> bool:
-        """Return whether the pictures have the size of the painting."""
+        """Return whether the pictures are as large as the painting."""
         return self.pictures["painting"].shape[:2] == self.job.size
 
     def write(self, folder: Path, names: Collection[str] = ("painting", "flat")) -> None:
-        """Write the pictures ``names``, the catalogue, the SVG, the files of metrics, and finally ``metrics.json``."""
+        """Write the catalogue, the pictures ``names``, the SVG, the metrics' files, and finally ``metrics.json``."""
         (folder / METRICS_FILE).unlink(missing_ok=True)  # the old metrics describe the painting that is being replaced
         save_catalogue(folder / "catalogue.h5", self.job.saved)  # first, because all other files can be made from it
         about = credits_of(self.job.source)
@@ -99,7 +99,7 @@ class Finished:
         write_json(folder / METRICS_FILE, metrics | status)
 
     def conclude(self, folder: Path) -> None:
-        """Add the final status of the painting to ``metrics.json``, after all other files have been written."""
+        """Write the painting's final status to ``metrics.json``, after all other files have been written."""
         write_json(folder / METRICS_FILE, self.metrics)
 
 
@@ -107,10 +107,10 @@ def finish(
     painter: "PaintingModule", cfg: DictConfig, timelapse: "Timelapse", metrics: Mapping[str, Metric], *,
     provenance: Mapping[str, Any], start: float | None = None,
 ) -> Finished:  # fmt: skip
-    """Finish a painting; the lamp affects its pictures, but not its catalogue or metrics.
+    """Finish a painting; its lamp affects the pictures and ``psnr_lit``, but not the catalogue or other metrics.
 
-    ``provenance`` goes into the metrics. ``start`` is the `time.monotonic` at which the program started; None for a
-    resumed run.
+    ``provenance`` is added to the metrics. ``start`` is the `time.monotonic` at which the program started, or None for
+    a resumed run.
     """
     painter.schedule.pause()
     painter.hand_over()
@@ -150,7 +150,7 @@ def finish(
 
 
 def bare_job(cfg: DictConfig, renderer: Renderer, compositor: Compositor, size: tuple[int, int]) -> ExportJob:
-    """Make the export job of a painting without strokes from its settings and parts."""
+    """Create an export job without strokes from the settings and components of a painting."""
     source = plugin_of(cfg.renderer).name, renderer.weights_hash, cfg.seed, OmegaConf.to_yaml(cfg, resolve=True)
     saved = Saved(Strokes.none(), torch.empty(0, dtype=torch.int32), size, torch.ones(3), *source)
     parts = renderer, compositor.blend, compositor.space, Light(**cfg.light)
@@ -158,7 +158,7 @@ def bare_job(cfg: DictConfig, renderer: Renderer, compositor: Compositor, size: 
 
 
 def alpha_from(cfg: DictConfig) -> Tensor | None:
-    """Load the picture's alpha (H, W) uint8 if the background and some of the picture's pixels are transparent."""
+    """Load the picture's alpha (H, W) uint8; return None unless the background and some pixels are transparent."""
     if cfg.background != TRANSPARENT:
         return None
     alpha = (255 * load_cutout(cfg.image, resolution_of(cfg))[1]).round().to(torch.uint8)
@@ -166,7 +166,7 @@ def alpha_from(cfg: DictConfig) -> Tensor | None:
 
 
 def effort_of(painter: "PaintingModule", n: int) -> dict[str, object]:
-    """List the cost of a painting of ``n`` strokes for metrics.json."""
+    """Collect the cost of a painting of ``n`` strokes (time, steps, memory) for metrics.json."""
     schedule, seconds = painter.schedule, painter.schedule.seconds
     a_step = seconds / schedule.step if schedule.step else None
     effort: dict[str, object] = {
@@ -181,7 +181,7 @@ def effort_of(painter: "PaintingModule", n: int) -> dict[str, object]:
 
 
 def style_distances(painter: "PaintingModule", cfg: DictConfig, colors: Tensor) -> dict[str, float]:
-    """Measure the distance of a painting (3, H, W) from the style picture with each kernel of the style loss."""
+    """Measure the distance between a painting (3, H, W) and the style picture with each kernel of the style loss."""
     if cfg.style.image is None or not painter.resumable:  # only painters that take gradient steps have a style
         return {}
     style = painter.losses[STYLE]
@@ -190,7 +190,7 @@ def style_distances(painter: "PaintingModule", cfg: DictConfig, colors: Tensor) 
 
 
 def summary_line(folder: Path, metrics: Mapping[str, Any]) -> str:
-    """Summarise a painting in one line: its path, number of strokes, time and quality."""
+    """Summarise a painting's path, number of strokes, time and quality in one line."""
     psnr, ssim, total = metrics["psnr"], metrics.get("ssim"), metrics["seconds_total"]
     quality = f"{psnr:.2f} dB" if isinstance(psnr, float) and math.isfinite(psnr) else "identical to the target"
     if "psnr_lit" in metrics:

@@ -1,4 +1,4 @@
-"""Goals that end a stage or a run early and record why in the ``status`` of metrics.json."""
+"""Goals that end a stage or a run early, and record the reason as the ``status`` in metrics.json."""
 
 import logging
 from collections import deque
@@ -23,7 +23,7 @@ RECENT_SECONDS = 0.25  # shortest time over which speed is measured
 class NoMoreGain(EarlyStopping):
     """Ends a stage when 100 evaluations improve PSNR by less than ``gain`` dB (Lightning's EarlyStopping).
 
-    It counts evaluations, not epochs, because a step of L-BFGS has several, and skips coarse steps and those with
+    It counts evaluations, not epochs, because an L-BFGS step has several, and ignores coarse steps and steps with
     surplus strokes.
     """
 
@@ -55,7 +55,7 @@ class NoMoreGain(EarlyStopping):
 
 
 class Quality(L.Callback):
-    """Ends the run when the 8-bit picture before the last step, with the last renderer, reaches ``psnr`` dB."""
+    """Ends the run when the 8-bit picture before the last step, drawn by the last renderer, reaches ``psnr`` dB."""
 
     def __init__(self, psnr: float) -> None:
         self.psnr = psnr
@@ -73,10 +73,11 @@ class Quality(L.Callback):
 
 
 class TimeBudget(L.Callback):
-    """Adapts the number of steps to ``seconds`` of optimisation, so that schedules end on time.
+    """Adapts the number of steps to ``seconds`` of optimisation, so that schedules are completed in time.
 
-    After every step it plans as many more steps as fit into the remaining time at the speed of the stage's last fifth.
-    The last of several stages gets half of the time; the others share the rest in proportion to their steps.
+    After every step, it plans as many further steps as fit into the remaining time at the speed measured over the most
+    recent fifth of the stage. The last of several stages gets half of the time; the others share the rest in proportion
+    to their steps.
     """
 
     def __init__(self, seconds: float) -> None:
@@ -87,7 +88,7 @@ class TimeBudget(L.Callback):
         self._recent: deque[tuple[float, int]] = deque()  # (seconds, step) of the last steps of this stage
 
     def on_fit_start(self, trainer: L.Trainer, painter: Any) -> None:
-        """Divide the time among the stages, and plan at least one step for each."""
+        """Divide the time among the stages, and plan at least one step for each unless ``seconds`` is 0."""
         schedule = painter.schedule
         if not self.deadlines:
             ends, rest = schedule.ends, (1 - LAST_STAGE_SHARE) * self.seconds
@@ -128,7 +129,7 @@ class TimeBudget(L.Callback):
 
 
 class SecondsLimit(L.Callback):
-    """Ends the run after ``seconds``, for painters that do not plan their steps."""
+    """Ends the run after ``seconds`` of optimisation, for painters that do not plan their steps."""
 
     def __init__(self, seconds: float) -> None:
         self.seconds = seconds
@@ -142,6 +143,9 @@ class SecondsLimit(L.Callback):
 def goals_of(
     *, early_stop: float | None, psnr: float | None, seconds: float | None, has_plan: bool = True
 ) -> list[L.Callback]:
-    """Make the goals of a run; a value of None sets no goal. Without a plan, steps are not adapted to ``seconds``."""
+    """Create the goals of a run, one for each value that is not None.
+
+    If the painter does not plan its steps (``has_plan``), their number is not adapted to ``seconds``.
+    """
     goals = ((NoMoreGain, early_stop), (Quality, psnr), (TimeBudget if has_plan else SecondsLimit, seconds))
     return [goal(value) for goal, value in goals if value is not None]

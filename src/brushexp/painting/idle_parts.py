@@ -1,4 +1,4 @@
-"""Report chosen components that have no effect on a painting, and numbers of steps that the user did not choose."""
+"""Report components without effect on a painting, and second stages that take more steps than the first."""
 
 import logging
 
@@ -11,7 +11,7 @@ log = logging.getLogger(__name__)
 
 
 def log_idle_parts(parts: Components, strokes: Strokes, size: tuple[int, int]) -> None:
-    """Log components without effect for ``strokes`` on a canvas of ``size`` (H, W), and step counts set by default."""
+    """Log components without effect for ``strokes`` on a canvas of ``size`` (H, W), and longer second stages."""
     steps = sum(stage.steps for stage in parts.stages)
     if steps and (reason := parts.density.idle_reason(steps)):
         log.warning("%s %s", name_member("density", parts.density), reason)

@@ -19,7 +19,7 @@ log = logging.getLogger(__name__)
 
 
 def metrics_of(cfg: DictConfig) -> dict[str, Metric]:
-    """Build the chosen metrics by name, always including PSNR."""
+    """Build the chosen metrics and return them by name; PSNR is always included."""
     chosen = {name: take_built(node) for name, node in cfg.metric.items()}
     return {"psnr": build_named("metric", "psnr", {})} | chosen
 
@@ -30,7 +30,7 @@ def standard_metrics() -> dict[str, Metric]:
 
 
 def kept_files(metrics: Mapping[str, Metric]) -> dict[str, bytes]:
-    """List by name the files that metrics created and keep."""
+    """Return the files that metrics have created, by file name."""
     return {name: data for metric in metrics.values() for name, data in metric.files.items()}
 
 
@@ -39,11 +39,11 @@ def measure(
     metrics: Mapping[str, Metric], picture: np.ndarray, target: np.ndarray,
     *, focus: Tensor | None = None, strokes: Strokes | None = None, job: ExportJob | None = None,
 ) -> dict[str, float | str | None]:  # fmt: skip
-    """Compare two 8-bit RGB pictures (H, W, 3); return numbers by name as in metrics.json.
+    """Compare two 8-bit RGB pictures (H, W, 3); return the metrics by name, as written to metrics.json.
 
-    ``job`` draws the first picture, without light and paper.
+    ``job`` is the export job that draws the first picture, without light or paper.
 
-    Warns of metrics that are NaN.
+    Logs a warning for metrics that are NaN.
     """
     image, goal = (torch.from_numpy(one).permute(2, 0, 1).to(torch.float32) / 255 for one in (picture, target))
     comparison = Comparison(image, goal, focus, strokes, job)

@@ -1,4 +1,4 @@
-"""Run painters that take no gradient steps, state by state."""
+"""Run painters that do not take gradient steps, state by state."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from brushexp.strokes.catalogue import Strokes, check_strokes
 
 
 class OtherPainter(PaintingModule):
-    """Draws the states of a painter, one per step, with the renderer of the last stage.
+    """Draws the states that a painter yields, one per step, with the renderer of the last stage.
 
     The clock is stopped while a state is drawn.
     """
@@ -46,7 +46,7 @@ class OtherPainter(PaintingModule):
         return strokes.map(lambda value: value.to(self.device))
 
     def draw_strokes(self, strokes: Strokes) -> Tensor:
-        """Draw strokes, bottom first, as a picture (3, H, W), differentiably in those that require a gradient."""
+        """Draw strokes, bottom first, as a picture (3, H, W), differentiably where they require a gradient."""
         strokes = self._here(strokes)
         order = torch.arange(len(strokes) - 1, -1, -1, device=self.device)
         if not (torch.is_grad_enabled() and any(value.requires_grad for _, value in strokes.items())):
@@ -86,7 +86,7 @@ class OtherPainter(PaintingModule):
 
     @torch.no_grad()
     def _show(self, state: PaintState) -> None:
-        """Draw and store a state."""
+        """Draw a state, and store its strokes and picture."""
         strokes = self.renderer.convert(state.strokes.map(Tensor.detach))
         image = self.draw_strokes(strokes)
         if not image.isfinite().all():

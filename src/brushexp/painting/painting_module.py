@@ -28,10 +28,10 @@ UNFOUNDED = ".*your dataloader is not resumable|.*checkpoint will contain the mo
 
 
 class PaintingModule(L.LightningModule):
-    """Base module of all painters: counts steps, draws the picture, and logs losses, PSNR and why the run ended.
+    """Base module of all painters: counts steps, draws the picture, logs losses and PSNR, and records why a run ended.
 
-    A batch is a bare number, because each step chooses for itself what to compare, depending on the previous step. The
-    painter's own state contains everything needed to resume.
+    A batch is just a number, because each step chooses what to compare, depending on the previous step. The painter's
+    own state contains everything that is needed to resume.
     """
 
     painted: tuple[int, int] | None = None  # height and width of the painting if the target is smaller
@@ -60,7 +60,7 @@ class PaintingModule(L.LightningModule):
 
     @abstractmethod
     def strokes(self) -> Strokes:
-        """Return the current strokes without gradient; ``depth`` orders them."""
+        """Return the current strokes without gradient; their order is given by ``depth``."""
 
     @property
     def renderer(self) -> Renderer:
@@ -73,7 +73,7 @@ class PaintingModule(L.LightningModule):
 
     @property
     def is_unready(self) -> bool:
-        """Return whether the picture is not of final quality yet, because it is smaller or has surplus strokes."""
+        """Return whether the picture is not yet of final quality, because it is reduced or has surplus strokes."""
         return False
 
     @property
@@ -88,7 +88,7 @@ class PaintingModule(L.LightningModule):
 
     @property
     def progress(self) -> float:
-        """Completed fraction of the current stage, 0 to 1."""
+        """Completed fraction of the current stage, from 0 to 1."""
         done, steps = self.schedule.stage_progress
         return done / steps if steps else 1.0
 
@@ -107,17 +107,17 @@ class PaintingModule(L.LightningModule):
         return self.picture.draw(self.strokes(), self.front_to_back)
 
     def latest(self, zoom: float = 1.0) -> Tensor:
-        """Return the whole picture as last painted by the steps, or draw it if no step has run.
+        """Return the last whole picture that the steps painted, or draw it if no step has been taken.
 
-        With ``zoom`` below 1, the steps must have painted it at that size.
+        With ``zoom`` below 1, the last step must have painted the picture at that size.
         """
         return self.draw_whole() if (last := self.picture.at(zoom).last) is None else last
 
     def hand_over(self) -> None:
-        """Convert the strokes to the form that the run saves."""
+        """Convert the strokes to the form in which the run saves them."""
 
     def now(self, **about: bool) -> PaintingState:
-        """Describe the painting for changes; ``about`` are fields that describe what the step compares."""
+        """Return the state of the painting for changes; ``about`` contains further fields of `PaintingState`."""
         order = self.components.order
         return PaintingState(
             target=self.picture.target,
@@ -138,9 +138,10 @@ class PaintingModule(L.LightningModule):
 
     @torch.no_grad()
     def finished_strokes(self) -> tuple[Strokes, Tensor]:
-        """Return the final strokes after all changes, and their order, front to back.
+        """Apply `Change.end` for every change; return the final strokes and their order, front to back.
 
-        The first N strokes are those of `strokes`, brought within all limits; others may follow.
+        The first N strokes correspond to those of `strokes`, within the limits of all changes; other strokes may
+        follow.
         """
         strokes, order = self.strokes(), self.front_to_back
         for change in self.changes.values():
@@ -150,7 +151,7 @@ class PaintingModule(L.LightningModule):
         return strokes, order
 
     def enlarge(self, strokes: Strokes) -> Strokes:
-        """Let changes adapt the final strokes after these were scaled from the target to the painting."""
+        """Let changes adapt the final strokes after they have been scaled from the target's size to the painting's."""
         if len(strokes) == len(self.front_to_back):
             for change in self.changes.values():
                 strokes = change.enlarge(strokes)
@@ -162,15 +163,15 @@ class PaintingModule(L.LightningModule):
 
     @abstractmethod
     def prepare(self) -> None:
-        """Compile the code needed for the steps."""
+        """Compile the code that the steps need."""
 
     def train_dataloader(self) -> range:
         return range(STEPS_PER_EPOCH)
 
     def publish(self) -> None:
-        """Publish losses, seconds, and the PSNR of the step's picture (before its strokes moved) to callbacks.
+        """Publish losses, seconds, and the PSNR of the picture from before the step to callbacks.
 
-        They go into ``trainer.callback_metrics``; loggers get some of them from `on_train_batch_end`.
+        The values are stored in ``trainer.callback_metrics``; `on_train_batch_end` passes some of them to loggers.
         """
         labels = {name: loss.label or name for name, loss in self.components.losses.items()}
         self.values = {f"loss/{labels[name]}": term for name, term in self.terms.items()}

@@ -1,4 +1,4 @@
-"""Update a part of the strokes: slice parameters and optimiser state, and write them back."""
+"""Update some of the strokes: slice parameters and optimiser state, and write them back."""
 
 import logging
 from collections import defaultdict
@@ -20,11 +20,11 @@ STEP_COUNT = "step"  # name under which optimisers store their step count
 def partial_update(
     catalogue: Catalogue, optimizer: optim.Optimizer, rows: Tensor | None, visits: Tensor
 ) -> Iterator[Catalogue]:
-    """Show an optimiser only the strokes ``rows`` (A,), as a separate catalogue; None for all strokes.
+    """Give an optimiser only the strokes with indices ``rows`` (A,), as a separate catalogue; None for all strokes.
 
-    Otherwise its running averages would move strokes whose gradient is 0. The optimiser keeps its state for a stroke if
-    the state has one number per parameter; any other state (the history of L-BFGS) is reset. ``visits`` (N,) counts the
-    steps of each stroke; the optimiser sees their median as its own step count.
+    Otherwise the optimiser's running averages would move strokes whose gradient is 0. The optimiser's state for a
+    stroke is kept if it has one number per parameter; any other state (the history of L-BFGS) is reset. ``visits`` (N,)
+    counts the steps of each stroke; its median over ``rows`` becomes the optimiser's step count.
     """
     if rows is None:
         yield catalogue
@@ -58,7 +58,7 @@ def partial_update(
 
 @torch.no_grad()
 def _write_back(whole: Any, states: list[tuple[nn.Parameter, dict[str, Any]]], rows: Tensor) -> bool:
-    """Write the state of some strokes into the state of all strokes, if it has one number per parameter."""
+    """Write the optimiser state of some strokes back to that of all strokes, if it has one number per parameter."""
     if not all(_has_shapes(state, (len(rows), *old.shape[1:])) for old, state in states):
         return False
     for old, state in states:
@@ -85,5 +85,5 @@ def _slice_state(state: dict[str, Any], steps: int, rows: Tensor, old: Tensor) -
 
 
 def unwrap_optimizer(optimizer: Any) -> optim.Optimizer:
-    """Return PyTorch's optimiser inside Lightning's wrapper."""
+    """Return the PyTorch optimiser that Lightning has wrapped."""
     return optimizer.optimizer if isinstance(optimizer, LightningOptimizer) else optimizer

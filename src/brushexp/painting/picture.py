@@ -1,4 +1,4 @@
-"""Order strokes and paint their picture: in full, reduced, or only the part that a view shows."""
+"""Order strokes and paint them: the whole picture at full or reduced size, or only the part that a view shows."""
 
 import math
 from typing import Any
@@ -22,9 +22,9 @@ from brushexp.system.precision import at_least_single
 
 
 class Picture(nn.Module):
-    """Paints what a step compares, and keeps the whole picture as last painted, with its error.
+    """Paints the picture or part that a step compares with the target, and keeps the last whole picture and its error.
 
-    Steps may `aim` at a target, or paint on a ground, other than the painting's own.
+    For some steps, `aim` may replace the painting's own target and ground.
     """
 
     own_target: Tensor  # (3, H, W) in [0, 1]
@@ -56,7 +56,7 @@ class Picture(nn.Module):
         return self.own_background if self._aim is None else self._aim[1]
 
     def aim(self, target: Tensor, background: Tensor) -> None:
-        """Make the next steps aim at another target (3, H, W) on a ground of another colour (3,)."""
+        """Set the target (3, H, W) and the ground colour (3,) for the next steps."""
         is_other = target is not self.target
         is_own = target is self.own_target and background is self.own_background
         self._aim = None if is_own else (target, background)
@@ -71,7 +71,7 @@ class Picture(nn.Module):
 
     @property
     def error(self) -> float:
-        """Mean squared error of the last whole picture; if it was smaller, its pixels count as uniform squares."""
+        """Mean squared error of the last whole picture; pixels of a reduced picture are treated as uniform squares."""
         if self.memory is not None:
             return self.memory.error
         if self._error is None:
@@ -84,7 +84,7 @@ class Picture(nn.Module):
 
     @property
     def last(self) -> Tensor | None:
-        """The last whole picture (3, H, W) that was painted; None before the first step."""
+        """The last whole picture (3, H, W) that was painted, or None before the first step."""
         if self.memory is not None:
             return self.memory.picture.to(self.target.device)
         return None if self._last is None else self._enlarge(self._last)
@@ -96,9 +96,10 @@ class Picture(nn.Module):
         return interpolate(picture[None], self.size, mode="bilinear", align_corners=False)[0]
 
     def _goal(self, zoom: float) -> tuple[Tensor, Tensor | None, float]:
-        """Return target and focus, averaged to ``zoom`` times their size, and the variance within the averaged squares.
+        """Return target and focus, averaged to ``zoom`` times their size, and the target's variance within the squares.
 
-        This variance and the error of the averages add up to the error of uniformly coloured squares.
+        The sum of this variance and the error of a reduced picture is the error of the corresponding picture of uniform
+        squares.
         """
         if zoom == 1:
             return self.target, self.focus, 0.0
@@ -111,9 +112,9 @@ class Picture(nn.Module):
         return self._small[zoom]
 
     def at(self, zoom: float) -> "Picture":
-        """Return a picture with the same target and focus, averaged to ``zoom`` times their size.
+        """Return a `Picture` with the same target and focus, averaged to ``zoom`` times their size.
 
-        It takes over the last picture painted if that had the same size.
+        It keeps the last painted picture if that had the same size.
         """
         if zoom == 1:
             return self
@@ -125,7 +126,7 @@ class Picture(nn.Module):
         return small
 
     def show(self, picture: Tensor, zoom: float = 1.0) -> None:
-        """Set the last picture to a complete picture (3, H, W) at ``zoom`` times the size of the canvas."""
+        """Store a whole picture (3, H, W), at ``zoom`` times the size of the canvas, as the last picture."""
         self._last, self._zoom, self._error, self.memory = picture, zoom, None, None
 
     @torch.no_grad()
@@ -139,9 +140,9 @@ class Picture(nn.Module):
     def see(
         self, moving: Strokes, strokes: Strokes, view: View, front_to_back: Tensor, *, accuracy: bool
     ) -> tuple[Canvas, PaintedView]:
-        """Paint the part of N ``strokes`` in a view, differentiably in the active strokes, ``moving``.
+        """Paint the part of the picture in a view, differentiably with respect to the active strokes, ``moving``.
 
-        With ``accuracy``, also measure the accuracy of the active strokes.
+        ``strokes`` are all N strokes. With ``accuracy``, the accuracy of the active strokes is also measured.
         """
         if view.active is None:
             return self._see_whole(moving, front_to_back, view.zoom, accuracy)
@@ -160,12 +161,12 @@ class Picture(nn.Module):
         return canvas, PaintedView(canvas.image, target, strokes, focus=focus)
 
     def forget_strokes(self, rows: Tensor | None) -> None:
-        """Drop the cached pictures of changed strokes ``rows``."""
+        """Discard the cached pictures of strokes that have changed; ``rows`` holds their indices."""
         if self.memory is not None and rows is not None:
             self.memory.cache.forget(rows)
 
     def memory_of(self, picture: Tensor) -> CanvasMemory:
-        """Make a canvas memory from a whole picture (3, H, W)."""
+        """Create a canvas memory from a whole picture (3, H, W)."""
         return CanvasMemory(picture, self.target, self.focus, self.background, self.renderer, self.blend)
 
     def forget(self) -> None:
@@ -188,7 +189,7 @@ class Depth:
 
     @torch.no_grad()
     def revise(self, keep: Tensor, new: int) -> None:
-        """Remove strokes where ``keep`` (N,) is false, add ``new`` strokes on top, and keep the order of the others."""
+        """Remove strokes where ``keep`` (N,) is false, keep the order of the rest, and add ``new`` strokes on top."""
         before = self.front_to_back.to(keep.device)  # after a fit, Lightning leaves the strokes on the processor
         stay = before[keep[before]]
         added = torch.arange(len(stay), len(stay) + new, device=stay.device).flip(0)
@@ -197,12 +198,12 @@ class Depth:
             self.accuracy = torch.cat([self.accuracy[keep], self.accuracy.new_ones(new)])
 
     def needs_accuracy(self, schedule: Schedule, *, partial: bool) -> bool:
-        """Return whether this step must measure accuracy: before reordering, and always for partial updates."""
+        """Return whether a step must measure accuracy for the order: before reordering, or for any partial update."""
         done, steps = schedule.stage_progress
         return self.order.needs_accuracy and (partial or self.order.due(done + 1, steps))
 
     def note_accuracy(self, accuracy: Tensor | None, rows: Tensor | None, n: int) -> None:
-        """Record the accuracy of strokes ``rows`` of ``n`` (None for all) where it is not NaN."""
+        """Record the accuracy of the strokes with indices ``rows``, or of all ``n`` strokes, where it is not NaN."""
         if accuracy is None:
             return
         if self.accuracy is None:

@@ -1,4 +1,4 @@
-"""Reopen a catalogue with its own renderer, colour space, paper and lamp, or with others."""
+"""Reopen a catalogue with the renderer, colour space, paper and lamp recorded in it, or with a chosen renderer."""
 
 import logging
 import math
@@ -25,10 +25,10 @@ def export_job(
     saved: Saved, renderer: Renderer | None = None, blend: Blend | None = None, *, resolution: int | None = None,
     source: str = "",
 ) -> ExportJob:  # fmt: skip
-    """Make an export job from a saved painting with the colour space, paper and lamp of its settings.
+    """Create an export job from a saved painting, with the colour space, paper and lamp in its settings.
 
-    By default it keeps the painting's renderer and size and uses ``blend=tiled``; ``renderer``, ``blend`` and
-    ``resolution`` (pixels on the longer side) replace them. Titles name ``source``, a file or picture.
+    By default, the job keeps the renderer and size of the painting and uses ``blend=tiled``; ``renderer``, ``blend``
+    and ``resolution`` (pixels on the longer side) override these. Titles name ``source``, a file or picture.
     """
     side = resolution or max(saved.size)
     if side > LARGEST_SIDE_PIXELS:
@@ -39,12 +39,15 @@ def export_job(
 
 
 def renderer_of(saved: Saved) -> Renderer:
-    """Build the renderer of a catalogue by its registered name, because a file must not name code to run."""
+    """Build a catalogue's renderer from its registered name, because a file must not be able to name code to run."""
     return build_named("renderer", saved.renderer, recorded_settings(saved)["renderer"])
 
 
 def with_renderer(saved: Saved, chosen: DictConfig | None, path: str) -> tuple[Saved, Renderer]:
-    """Build the ``chosen`` renderer, or that of the catalogue at ``path``, and record it in the catalogue."""
+    """Build the ``chosen`` renderer and record it in the catalogue, or build the catalogue's own if none is chosen.
+
+    Error messages name the catalogue's ``path``.
+    """
     if chosen is None:
         try:
             name, renderer = saved.renderer, renderer_of(saved)
@@ -74,9 +77,9 @@ def space_of(saved: Saved) -> ColorSpace:
 
 
 def _member_of(saved: Saved, family: str) -> Any:
-    """Build the member of a family that a catalogue names.
+    """Build the member of a family that a catalogue names, or return None if it does not name one.
 
-    The member must be registered, because a file must not name code to run.
+    The member must be registered, because a file must not be able to name code to run.
     """
     node = recorded_settings(saved).get(family)
     if not node:
@@ -88,7 +91,7 @@ def _member_of(saved: Saved, family: str) -> Any:
 
 
 def light_of(saved: Saved) -> Light:
-    """Read the lamp of a catalogue; None if its settings do not name one."""
+    """Read the lamp of a catalogue; return one without effect if its settings do not name a lamp."""
     options = recorded_settings(saved).get("light") or {}
     if not isinstance(options, dict):
         raise UserError(f"light is {in_short(options)} in the config of the catalogue; write light: {{}} for none")
@@ -101,7 +104,7 @@ def light_of(saved: Saved) -> Light:
 
 
 def recorded_settings(saved: Saved) -> dict[str, Any]:
-    """Read the settings of a catalogue; options of its renderer are below ``renderer``."""
+    """Read a catalogue's settings, with the options of its renderer below ``renderer``."""
     try:
         settings = todays_settings(yaml_of(saved.config))
         options = settings.get("renderer", {})

@@ -13,7 +13,7 @@ Pair = tuple[float, float]  # seconds of optimisation, PSNR in dB
 
 
 class Schedule:
-    """Counts the steps of consecutive stages; goals may shift the ends of stages.
+    """Counts the steps of consecutive stages, whose ends may be shifted by goals.
 
     >>> schedule = Schedule([4, 3])
     >>> schedule.step = 5
@@ -35,7 +35,7 @@ class Schedule:
 
     @property
     def stage(self) -> int:
-        """Index of the current stage; after the last step, that of the last stage."""
+        """Index of the current stage, or of the last stage after the last step."""
         return min(bisect_right(self.ends, self.step), len(self.ends) - 1)
 
     @property
@@ -44,7 +44,7 @@ class Schedule:
 
     @property
     def stage_progress(self) -> tuple[int, int]:
-        """Number of steps taken in the current stage, and its total."""
+        """Number of steps taken in the current stage, and the stage's total number of steps."""
         stage = self.stage
         begin = self.ends[stage - 1] if stage else 0
         return self.step - begin, self.ends[stage] - begin
@@ -60,14 +60,14 @@ class Schedule:
         return self._cpu_seconds + (0.0 if self._since is None else self.cpu_clock() - self._since[1])
 
     def start(self) -> None:
-        """Start the clocks; they run until `pause`."""
+        """Start the clocks, which run until `pause` is called."""
         self._since = self.clock(), self.cpu_clock()
 
     def pause(self) -> None:
         self._seconds, self._cpu_seconds, self._since = self.seconds, self.cpu_seconds, None
 
     def end_stage(self) -> bool:
-        """Skip the rest of the current stage; return False if it is the last stage."""
+        """Skip the rest of the current stage and return True; return False if it is the last stage."""
         if self.is_last_stage:
             return False
         stage, (done, steps) = self.stage, self.stage_progress
@@ -75,7 +75,7 @@ class Schedule:
         return True
 
     def replan(self, steps: int) -> None:
-        """Move the end of the current stage, no earlier than now, so that all stages together have ``steps`` steps.
+        """Move the end of the current stage, but not before the present step, so that all stages total ``steps`` steps.
 
         >>> schedule = Schedule([100, 10])
         >>> schedule.step = 30
@@ -99,8 +99,9 @@ class Schedule:
 def add_pair(curve: list[Pair], seconds: float, psnr: float, *, most: int = MAX_PAIRS) -> None:
     """Add a finite PSNR to a curve, replacing the last pair if it has the same time.
 
-    Above ``most`` pairs, the pair whose triangle with its two neighbours is smallest is removed (Visvalingam and
-    Whyatt, 1993): bends stay, straight parts need few pairs. The first and the last pair always stay.
+    If there are more than ``most`` pairs, the pair that forms the smallest triangle with its two neighbours is removed
+    (Visvalingam and Whyatt, 1993), so that bends are kept and straight parts need few pairs. The first and the last
+    pair are always kept.
     """
     if not math.isfinite(psnr):
         return

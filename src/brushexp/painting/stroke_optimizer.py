@@ -38,19 +38,19 @@ CHANGE_PIXELS = 0.01  # largest change by a renderer that is not logged
 
 @dataclass(frozen=True)
 class GradientClip:
-    """Clips gradients before a step by their ``norm`` or by each ``value``."""
+    """Gradient clipping before a step: by ``norm``, or element by element by ``value``."""
 
     most: float
     algorithm: str = "norm"
 
 
 class StrokeOptimizer(PaintingModule):
-    """Optimises strokes step by step (`take_step`) until the picture matches the target; renderers stay frozen.
+    """Optimises strokes step by step (`take_step`) so that the picture matches the target; renderers stay frozen.
 
     When a stage begins, its renderer converts the strokes, and the optimiser and its learning rate are reset. The first
-    steps, a fraction ``coarse`` of the first stage, compare the whole picture at half its size, and no strokes are
-    added or removed during them. A density policy may also choose a smaller picture (`Density.zoom`), on which it may
-    add and remove strokes.
+    steps, a fraction ``coarse`` of the first stage, compare the whole picture at half its size, without adding or
+    removing strokes. A density policy may also choose a smaller picture (`Density.zoom`), on which it may add and
+    remove strokes.
 
     >>> import lightning as L
     >>> from brushexp.plugins.init.random import Random
@@ -65,7 +65,7 @@ class StrokeOptimizer(PaintingModule):
     >>> trainer.global_step, painter.draw_whole().shape
     (3, torch.Size([3, 24, 32]))
 
-    Use the losses alone, in your own loop with your own optimiser:
+    To use only the losses, write your own loop with your own optimiser:
 
     >>> optimizer = torch.optim.Adam(painter.catalogue.parameters(), lr=0.02)
     >>> for _ in range(3):
@@ -125,7 +125,7 @@ class StrokeOptimizer(PaintingModule):
 
     @property
     def zoom_of_step(self) -> float:
-        """Size of the next step's picture relative to the canvas."""
+        """Size of the picture in the next step, relative to the canvas."""
         if self.is_coarse:
             return COARSE_ZOOM
         if self.stage:
@@ -144,7 +144,7 @@ class StrokeOptimizer(PaintingModule):
 
     @torch.no_grad()
     def within_limits(self, strokes: Strokes, before: Strokes | None = None, rows: Tensor | None = None) -> Strokes:
-        """Bring strokes, all or only ``rows``, within the limits of all changes; ``before`` holds their old values."""
+        """Bring strokes, all or only ``rows``, within the limits of every change; ``before`` has their old values."""
         state = self.now(is_over=self.is_handed_over or self.stop is not None)
         for change in self.changes.values():
             strokes = change.limit(strokes, before, rows, state)
@@ -156,7 +156,7 @@ class StrokeOptimizer(PaintingModule):
         return {"optimizer": optimizer, "lr_scheduler": scheduler}
 
     def training_step(self, batch: int, batch_idx: int) -> None:
-        """Take a step with the optimiser, learning rate, precision and counters of the Trainer."""
+        """Take a step with the Trainer's optimiser, learning rate schedule, precision and counters."""
         optimizer: Any = self.optimizers()
         schedule: Any = self.lr_schedulers()
         self.take_step(optimizer, self.manual_backward)
@@ -168,9 +168,9 @@ class StrokeOptimizer(PaintingModule):
             self.clip_gradients(optimizer, self.clip.most, self.clip.algorithm)
 
     def take_step(self, optimizer: optim.Optimizer, backward: Callable[[Tensor], None] = Tensor.backward) -> None:
-        """Take one gradient step: sample a view, render, compare, backward, step, clamp, densify.
+        """Take a gradient step: sample a view, render, compare, backpropagate, update, clamp, densify.
 
-        ``optimizer``, from `configure_optimizers`, may evaluate the losses several times, as L-BFGS does. A step that
+        The ``optimizer`` from `configure_optimizers` may evaluate the losses several times, as L-BFGS does. A step that
         makes strokes or a loss non-finite is undone and recorded in `stop` and `trouble`; a step that raises an error
         is also undone.
         """
@@ -215,7 +215,7 @@ class StrokeOptimizer(PaintingModule):
         self.picture.aim(self.picture.target, self.picture.own_background)  # the ground of the displayed picture
 
     def _aim(self, view: View) -> None:
-        """Ask the changes for the target and ground of the step."""
+        """Set the target and ground of a step to those that the changes request."""
         target, ground = self.picture.own_target, self.picture.own_background
         state = self.now(is_whole=view.active is None, is_coarse=view.zoom < 1)
         for change in self.changes.values():
@@ -223,7 +223,7 @@ class StrokeOptimizer(PaintingModule):
         self.picture.aim(target, ground)
 
     def sample(self) -> View:
-        """Choose which strokes the next step moves and what it compares."""
+        """Choose which strokes the next step moves, and which view it compares with the target."""
         zoom = self.zoom_of_step
         return View(Region.whole(self.picture.target), zoom=zoom) if zoom < 1 else self._sample_at_full_size()
 
@@ -231,9 +231,9 @@ class StrokeOptimizer(PaintingModule):
         return self.components.sampler(self.strokes(), self.picture.size, self.schedule.step, self.generator)
 
     def loss(self, view: View, active: Strokes | None = None) -> Tensor:
-        """Paint a view and compare it with the target; return a scalar, differentiable in the view's active strokes.
+        """Paint a view and compare it with the target; return a scalar loss, differentiable in the active strokes.
 
-        The active strokes are rows of the catalogue unless they are given.
+        Unless ``active`` is given, the active strokes are the view's rows of the catalogue.
         """
         loss, terms = self._evaluate(view, active)
         self.terms = {name: term.detach() for name, term in terms.items()}
@@ -251,20 +251,20 @@ class StrokeOptimizer(PaintingModule):
         return weighted_sum(self.components.losses, painting)
 
     def _find_trouble(self, moving: Catalogue, before: Strokes) -> str:
-        """Explain which value became non-finite in a step that moved the strokes ``before``; "" if none did."""
+        """Explain which value became non-finite in a step from the strokes ``before``; return "" if none did."""
         finite = torch.stack([term.isfinite() for term in self.terms.values()]).tolist() if self.terms else []
         broken = next((name for name, fine in zip(self.terms, finite, strict=True) if not fine), None)
         return "" if broken is None and moving.is_finite() else find_non_finite(self, before, broken)
 
     def _densify(self, optimizer: optim.Optimizer, zoom: float) -> None:
-        """Let the density policy add and remove strokes based on the picture of a step."""
+        """Let the density policy add and remove strokes, based on the picture painted by a step."""
         if (update := self.components.density.revise(self._seen(self.latest(zoom), zoom))) is not None:
             self._revise(update.keep, update.new if zoom == 1 else update.new.moved(zoom=1 / zoom), optimizer)
             if update.steps is not None:
                 self.schedule.replan(update.steps)
 
     def _seen(self, image: Tensor, zoom: float = 1.0) -> DensificationState:
-        """Describe the painting at ``zoom`` times its size, with its picture ``image``, for the density policy."""
+        """Return the painting's state at ``zoom`` times its size, with its picture ``image``, for a density policy."""
         picture, schedule = self.picture.at(zoom), self.schedule
         return DensificationState(
             image=image,
@@ -297,9 +297,9 @@ class StrokeOptimizer(PaintingModule):
         self.visits = torch.cat([self.visits[keep], visits])
 
     def prepare(self) -> None:
-        """Evaluate the losses once with gradient, then restore the state, so that compilation is not timed.
+        """Evaluate the losses once, with gradients, and restore the state, so that compilation is not timed.
 
-        Losses whose gradient reaches no stroke are reported, or raise a UserError.
+        Logs losses whose gradient does not reach any stroke, and raises a UserError if this is true of all losses.
         """
         check_strokes(self.strokes())  # a checkpoint may have restored them
         state, losses = deepcopy(self.state()), self.components.losses
@@ -318,7 +318,7 @@ class StrokeOptimizer(PaintingModule):
         self.load_state(state)
 
     def hand_over(self) -> None:
-        """Convert the strokes for the last renderer, and drop surplus strokes."""
+        """Convert the strokes for the last renderer, and remove surplus strokes."""
         self.is_handed_over = True
         self.picture.aim(self.picture.own_target, self.picture.own_background)
         while self.schedule.end_stage():
@@ -332,7 +332,7 @@ class StrokeOptimizer(PaintingModule):
             self.components.density.conclude(self._seen(self.draw_whole()))
 
     def state(self) -> dict[str, Any]:
-        """Return as plain data everything that steps depend on, except strokes and optimiser."""
+        """Return, as plain data, everything on which steps depend, except the strokes and the optimiser."""
         return {
             "stage": self.stage,
             "schedule": self.schedule.state_dict(),
@@ -350,7 +350,7 @@ class StrokeOptimizer(PaintingModule):
         }
 
     def load_state(self, state: dict[str, Any]) -> None:
-        """Load a result of `state`, and resize the catalogue for the strokes that will be loaded next."""
+        """Restore the data returned by `state`, and resize the catalogue for the strokes that will be loaded next."""
         device = self.picture.target.device
         self._use_stage(state["stage"])
         self.catalogue.resize(len(state["visits"]))
@@ -421,7 +421,7 @@ class StrokeOptimizer(PaintingModule):
 
 @contextmanager
 def rollback_on_error(catalogue: Catalogue) -> Iterator[Strokes]:
-    """Yield the strokes of a catalogue, and restore them if the ``with`` block raises an error."""
+    """Yield the strokes of a catalogue, and restore them if an error is raised within the ``with`` block."""
     with torch.no_grad():
         before = catalogue()
     try:

@@ -1,4 +1,4 @@
-"""Film a painting in progress as a short video or GIF."""
+"""Record a painting in progress as a short video or GIF."""
 
 import io
 import math
@@ -27,8 +27,8 @@ HOLD_SECONDS = 1.5  # seconds for which the finished painting is shown
 class Timelapse(L.Callback):
     """Collects compressed frames during the steps, stores them in checkpoints, and makes a film of them.
 
-    About ``n_frames`` frames of at most ``side`` pixels take ``seconds`` in total (None for ``FPS`` frames per second);
-    then the last frame stays for ``HOLD_SECONDS``.
+    About ``n_frames`` frames of at most ``side`` pixels are shown for ``seconds`` in total, or at ``FPS`` frames per
+    second if this is None; then the last frame is held for ``HOLD_SECONDS``.
     """
 
     def __init__(self, n_frames: int, side: int, *, seconds: float | None = None, kind: str = "mp4") -> None:
@@ -55,14 +55,14 @@ class Timelapse(L.Callback):
             self.add(painter.latest(), schedule.step)
 
     def add(self, image: Tensor, step: int) -> None:
-        """Store a picture (3, H, W) in [0, 1]; a second picture of the same step replaces the first."""
+        """Store a picture (3, H, W) in [0, 1] as a frame; a second picture of the same step replaces the first."""
         if self.n_frames:
             encoded = io.BytesIO()
             shrink(image, self.side).save(encoded, format="JPEG", quality=JPEG_QUALITY)
             self.frames[step] = encoded.getvalue()
 
     def write(self, folder: Path) -> Path | None:
-        """Write ``timelapse.mp4`` or ``.gif`` and return its path; None if there are no frames."""
+        """Write ``timelapse.mp4`` or ``timelapse.gif`` and return its path, or None if there are no frames."""
         if not self.frames:
             return None
         *steps, last = sorted(self.frames)
@@ -96,7 +96,7 @@ def moments(n_frames: int, n_steps: int) -> frozenset[int]:
 
 
 def timing(n_frames: int, seconds: float | None) -> tuple[Fraction, int]:
-    """Compute the ticks per second of a film and the duration of each frame in ticks, ``seconds`` in total."""
+    """Compute a film's ticks per second and the duration of each frame in ticks, for ``seconds`` in total."""
     if seconds is None:
         return Fraction(FPS), 1
     ticks = math.ceil(MIN_FPS * seconds / n_frames)

@@ -1,4 +1,4 @@
-"""Choose the size at which strokes are optimised: no larger than their number requires, if the photograph is larger."""
+"""Choose the size at which strokes are optimised: for large photographs, no larger than the stroke count requires."""
 
 import logging
 import math
@@ -27,7 +27,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Sizes:
-    """Height and width, in pixels, of a painting and of the picture on which its strokes are optimised."""
+    """Height and width, in pixels, of a painting and of the working picture on which its strokes are optimised."""
 
     painting: tuple[int, int]
     working: tuple[int, int]
@@ -39,10 +39,10 @@ class Sizes:
 
 
 def sizes_of(cfg: DictConfig) -> Sizes:
-    """Choose both sizes for the settings of a painting; raise a UserError for sizes too small for the strokes.
+    """Choose the sizes of a painting and its working picture; raise a UserError if they are too small for the strokes.
 
-    Both have the ``resolution`` if it is set. Both have the picture's own size if ``working_resolution`` is null or if
-    the painter is not gradient descent, because the brushes of other painters are measured in pixels.
+    The two sizes are equal if ``resolution`` is set and ``working_resolution`` is not, if ``working_resolution`` is
+    null, or if the painter is not gradient descent, because other painters measure their brushes in pixels.
     """
     typed, is_other = cfg.working_resolution, isinstance(keep_built(cfg.painter), Painter)
     if typed not in (None, AUTO) and is_other:
@@ -64,7 +64,7 @@ def sizes_of(cfg: DictConfig) -> Sizes:
 
 
 def log_sizes(cfg: DictConfig) -> None:
-    """Log if strokes are optimised on a smaller picture, or if a painting has fewer pixels than its source picture."""
+    """Log if strokes are optimised on a smaller picture, and if the painting is smaller than its source picture."""
     sizes, own = sizes_of(cfg), size_at(cfg.resolution, *sides_of_picture(cfg.image, "image"))
     (height, width), (rows, columns) = sizes.painting, sizes.working
     if sizes.painting != sizes.working:
@@ -76,14 +76,14 @@ def log_sizes(cfg: DictConfig) -> None:
 
 
 def resolution_of(cfg: DictConfig) -> int | None:
-    """Return the longer side at which the picture of a painting is loaded; None for its full size."""
+    """Return the longer side, in pixels, at which a painting's source picture is loaded; None for its full size."""
     working = sizes_of(cfg).working
     is_whole = working == size_at(cfg.resolution, *sides_of_picture(cfg.image, "image"))
     return cfg.resolution if is_whole else max(working)
 
 
 def working_side_for(strokes: int, painting: tuple[int, int]) -> int:
-    """Compute the longer side of the picture on which strokes are optimised for a ``painting`` of a given size (H, W).
+    """Compute the longer side of the picture on which strokes are optimised, given the size (H, W) of the ``painting``.
 
     >>> working_side_for(8000, (3000, 4000)), working_side_for(40000, (3000, 4000))
     (1024, 2066)

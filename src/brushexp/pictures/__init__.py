@@ -1,1 +1,1 @@
-"""Turn picture files of all formats into tensors: decoding, colour and size. Nothing here depends on strokes."""
+"""Convert picture files of all formats to tensors: decoding, colour and size; nothing here depends on strokes."""

@@ -1,4 +1,4 @@
-"""Simplify the forms of a picture, as a painter does who leaves out detail."""
+"""Simplify the forms in a picture, as a painter who leaves out detail does."""
 
 import torch
 from torch import Tensor
@@ -8,7 +8,7 @@ FLATNESS = 0.2  # weight of total variation at abstraction 1
 
 
 def flattened(picture: Tensor, weight: float) -> Tensor:
-    """Flatten the forms of a picture (3, H, W) but preserve edges, by total variation (Rudin, Osher, Fatemi, 1992)."""
+    """Flatten a picture (3, H, W) but preserve its edges, by total variation denoising (Rudin, Osher, Fatemi, 1992)."""
     from skimage.restoration import denoise_tv_chambolle  # noqa: PLC0415  (slow to import)
 
     if not weight:
@@ -18,7 +18,7 @@ def flattened(picture: Tensor, weight: float) -> Tensor:
 
 
 def simplify(picture: Tensor, abstraction: float, attended: Tensor | None) -> Tensor:
-    """Flatten a picture (3, H, W) by ``abstraction``, 0 to 1, except where ``attended`` (H, W), 0 to 1, is high."""
+    """Flatten a picture (3, H, W) by ``abstraction`` in [0, 1], except where ``attended`` (H, W) in [0, 1] is high."""
     if not abstraction:
         return picture
     flat = flattened(picture, FLATNESS * abstraction)

@@ -1,4 +1,4 @@
-"""Walk the boxes of a file (ISO/IEC 14496-12), and find what they declare about a picture (ISO/IEC 23008-12)."""
+"""Read the boxes in a file (ISO/IEC 14496-12) and the properties they declare for a picture (ISO/IEC 23008-12)."""
 
 import math
 import struct
@@ -19,13 +19,13 @@ Property = tuple[bytes, bytes]  # name and contents of a box
 
 
 def boxes(file: IO[bytes], size: int) -> Iterator[tuple[bytes, int | None]]:
-    """Yield the name and end of each box in a file of ``size`` bytes; the end is None if the box does not state it."""
+    """Yield the name and end of each box in a file of ``size`` bytes; the end is None if the box does not give it."""
     for name, _, end in _places(file, size):
         yield name, end
 
 
 def _places(file: IO[bytes], size: int) -> Iterator[tuple[bytes, int, int | None]]:
-    """Yield the name, start of the contents, and end of each box."""
+    """Yield the name, the start of the contents, and the end of each box in a file."""
     at = 0
     for _ in range(MOST_BOXES):
         if at >= size:
@@ -43,7 +43,7 @@ def _places(file: IO[bytes], size: int) -> Iterator[tuple[bytes, int, int | None
 
 
 def properties_of_picture(file: IO[bytes], size: int) -> list[Property]:
-    """List the properties that a HEIF or AVIF file declares for its visible picture, in the order in which they apply.
+    """List the properties that a HEIF or AVIF file declares for its visible picture, in the order of application.
 
     The picture is the primary item or, in an animated file (brand ``avis``), the picture track.
     """
@@ -58,9 +58,9 @@ def properties_of_film(file: IO[bytes], size: int) -> list[Property]:
 
 
 def clean_aperture_in(properties: list[Property], width: int, height: int) -> Crop | None:
-    """Find the visible rows and columns of a picture of this size from its ``clap`` box (ISO/IEC 14496-12, 12.1.4).
+    """Compute a picture's visible rows and columns from its ``clap`` box (ISO/IEC 14496-12, 12.1.4); None without one.
 
-    A rectangle outside the picture is ignored.
+    A rectangle that extends beyond the ``width`` and ``height`` of the picture is ignored.
     """
     said = next((contents for name, contents in properties if name == b"clap"), b"")
     if len(said) < APERTURE.size:
@@ -75,13 +75,13 @@ def clean_aperture_in(properties: list[Property], width: int, height: int) -> Cr
 
 
 def _span(side: int, length: Fraction, offset: Fraction) -> slice | None:
-    """Find the visible pixels along a side for a clean aperture whose centre is ``offset`` from the picture's."""
+    """Compute the visible pixels along a side, for an aperture whose centre is ``offset`` from the picture's centre."""
     first, count = math.floor((side - length) / 2 + offset), round(length)
     return slice(first, first + count) if count > 0 and 0 <= first <= side - count else None
 
 
 def _read_boxes(file: IO[bytes], size: int, names: tuple[bytes, ...]) -> dict[bytes, bytes]:
-    """Read the contents of the first box of each name."""
+    """Read the contents of the first box with each of the given names."""
     found: dict[bytes, bytes] = {}
     for name, begin, end in _places(file, size):
         if name in names and name not in found:
@@ -91,7 +91,7 @@ def _read_boxes(file: IO[bytes], size: int, names: tuple[bytes, ...]) -> dict[by
 
 
 def _parts(data: bytes) -> Iterator[Property]:
-    """Yield the name and contents of each box in memory."""
+    """Yield the name and contents of each box in a block of memory."""
     at = 0
     for _ in range(MOST_BOXES):
         length = int.from_bytes(data[at : at + 4])
@@ -105,7 +105,7 @@ def _parts(data: bytes) -> Iterator[Property]:
 
 
 def _part(data: bytes, *names: bytes) -> bytes:
-    """Find the contents of a nested box by the names on its path; empty if it does not exist."""
+    """Return the contents of a nested box, given the names on its path; they are empty if it does not exist."""
     for name in names:
         data = next((contents for other, contents in _parts(data) if other == name), b"")
     return data
@@ -122,7 +122,7 @@ def _of_track(movie: bytes, wanted: bytes) -> list[Property]:
 
 
 def _of_primary_item(meta: bytes) -> list[Property]:
-    """Look up the properties associated with the primary item."""
+    """List the properties associated with the primary item."""
     chosen = _part(meta, b"pitm")
     number = int.from_bytes(chosen[FULL_BOX : FULL_BOX + (4 if chosen[:1] > b"\0" else 2)])
     known = [*_parts(_part(meta, b"iprp", b"ipco"))]
@@ -134,7 +134,7 @@ def _of_primary_item(meta: bytes) -> list[Property]:
 
 
 def _associations(links: bytes) -> dict[int, list[int]]:
-    """Read the indices, from 1, of the properties of each item (ISO/IEC 23008-12, 9.3.1)."""
+    """Read the indices, counted from 1, of each item's properties (ISO/IEC 23008-12, 9.3.1)."""
     of_item = 4 if links[:1] > b"\0" else 2  # bytes of an item's number
     wide = links[3:4] != b"" and bool(links[3] & 1)
     found: dict[int, list[int]] = {}
