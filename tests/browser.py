@@ -1,7 +1,7 @@
-"""Headless Chromium for the tests of pages, with the errors and requests of each page.
+"""Headless Chromium for page tests, which records the errors and requests of each page.
 
-The fixtures ``browser`` and ``opened`` are available in every test. Wait for a page with selectors: the content
-security policy of our pages refuses the scripts that ``wait_for_function`` evaluates repeatedly.
+The fixtures ``browser`` and ``opened`` are available in every test. To wait for a page, use selectors: the content
+security policy of our pages blocks the scripts that ``wait_for_function`` evaluates repeatedly.
 """
 
 import shutil
@@ -18,7 +18,7 @@ WIDE, NARROW = (1440, 900), (375, 740)
 
 @dataclass
 class Watched:
-    """A page, the errors in its console, and the addresses that it requested."""
+    """A page, the script errors and console messages it produced, and the addresses it requested."""
 
     page: Any
     errors: list[str] = field(default_factory=list)
@@ -26,7 +26,7 @@ class Watched:
 
     @property
     def foreign(self) -> list[str]:
-        """Return the requested addresses other than files and data in the page itself."""
+        """Return the requested addresses that are neither local files nor data embedded in the page."""
         return [address for address in self.requests if not address.startswith(("file:", "data:", "blob:"))]
 
     def evaluate(self, script: str, argument: object = None) -> Any:
@@ -34,13 +34,13 @@ class Watched:
         return self.page.evaluate(script, argument)
 
     def is_too_wide(self) -> bool:
-        """Check whether the page scrolls sideways."""
+        """Return whether the page scrolls sideways."""
         return self.evaluate("document.documentElement.scrollWidth > document.documentElement.clientWidth")
 
 
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Any]:
-    """Start the machine's Chromium, or else Playwright's own; skip the test if neither exists."""
+    """Start the installed Chromium or else Playwright's own, and skip the test if neither exists."""
     sync_api = pytest.importorskip("playwright.sync_api", reason="pages are tested with playwright")
     with sync_api.sync_playwright() as playwright:
         path = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
@@ -54,7 +54,7 @@ def browser() -> Iterator[Any]:
 
 @pytest.fixture(scope="module")
 def opened(browser: Any) -> Iterator[Callable[..., Watched]]:
-    """Open pages without animations (``prefers-reduced-motion``): ``opened(path, size=WIDE)``."""
+    """Return ``opened(path, size=WIDE)``, which opens a page without animations (``prefers-reduced-motion``)."""
     contexts = []
 
     def open_page(path: Path, size: tuple[int, int] = WIDE, **options: Any) -> Watched:

@@ -1,4 +1,4 @@
-"""Catalogues for tests, and assertions about reading them."""
+"""Helpers that make catalogues, damage them, and check how they are read."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -36,7 +36,7 @@ def job_of(
     strokes: Strokes, size: tuple[int, int], *, depth: torch.Tensor | None = None, renderer: Renderer | None = None,
     blend: Blend | None = None, light: Light = UNLIT, source: str = "a test", **saved: object,
 ) -> ExportJob:  # fmt: skip
-    """Make an export job of strokes, the first at the bottom unless ``depth`` says otherwise."""
+    """Make an export job for strokes; unless ``depth`` is given, the first stroke lies at the bottom."""
     depth = torch.arange(len(strokes)) if depth is None else depth
     saved = {"background": torch.full((3,), 0.5), "renderer": "analytic"} | saved
     record = Saved(strokes, depth.int(), size, **saved)
@@ -44,7 +44,7 @@ def job_of(
 
 
 def changed(job: ExportJob, **fields: object) -> ExportJob:
-    """Copy a job with changed fields of its catalogue."""
+    """Return a copy of a job with some fields of its catalogue replaced."""
     return replace(job, saved=replace(job.saved, **fields))
 
 
@@ -59,7 +59,7 @@ def assert_same(read: Saved, saved: Saved) -> None:
 
 
 def refused(path: Path, read: Callable[[Path], object] = load_catalogue) -> str:
-    """Return the message of a refused file: one line that names the file once, at the beginning."""
+    """Return the message for a file that cannot be read, after checking that it is one line and names the file once."""
     message = refusal(read, path)
     assert str(path) in message
     assert f"{path}: {path}" not in message
@@ -68,7 +68,7 @@ def refused(path: Path, read: Callable[[Path], object] = load_catalogue) -> str:
 
 
 def refused_if_foreign(path: Path, refusal: Callable[[Path], str]) -> str:
-    """Return the message about an HDF5 file with other contents; other kinds of files must be refused as such."""
+    """Check that files that are not HDF5 are refused, and return the message for an HDF5 file with foreign contents."""
     for data in (b"", b"\x89PNG\r\n\x1a\n" + bytes(3000), b"x" * 5000):
         path.write_bytes(data)
         assert "not an HDF5 file" in refusal(path)
@@ -78,7 +78,7 @@ def refused_if_foreign(path: Path, refusal: Callable[[Path], str]) -> str:
 
 
 def give_attribute(path: Path, name: str, value: object) -> None:
-    """Change an attribute of an HDF5 file; None deletes it."""
+    """Set an attribute of an HDF5 file, or delete it if ``value`` is None."""
     with h5py.File(path, "a") as file:
         del file.attrs[name]
         if value is not None:
@@ -86,7 +86,7 @@ def give_attribute(path: Path, name: str, value: object) -> None:
 
 
 def spoil_every(path: Path, step: int, unchanged: Callable[[], None]) -> None:
-    """Change single bytes of a file, ``step`` apart: each change is refused, or the contents are ``unchanged``."""
+    """Damage one byte at a time, every ``step`` bytes; each damaged file is refused or passes ``unchanged``."""
     data = path.read_bytes()
     for position in range(0, len(data), step):
         path.write_bytes(data[:position] + bytes([data[position] ^ 0x55]) + data[position + 1 :])

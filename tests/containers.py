@@ -1,4 +1,4 @@
-"""Helpers that write declarations about pictures into box files (ISO/IEC 14496-12)."""
+"""Helpers that add picture properties, such as crops, to files made of boxes (ISO/IEC 14496-12)."""
 
 import struct
 from collections.abc import Iterable, Sequence
@@ -19,12 +19,12 @@ def packed(name: bytes, contents: bytes) -> bytes:
 
 
 def clap(width: int, height: int, right: int, low: int, parts: int = 2) -> Box:
-    """Make a crop box of a given size whose middle is ``right`` and ``low`` half-pixels from the picture's middle."""
+    """Make a crop box whose centre is ``right / parts`` and ``low / parts`` pixels from the picture's centre."""
     return b"clap", struct.pack(">IIIIiIiI", width, 1, height, 1, right, parts, low, parts)
 
 
 def place_of(data: bytes, path: Iterable[tuple[bytes, int]]) -> list[tuple[int, int]]:
-    """Find positions and lengths of nested boxes."""
+    """Return the position and length of each box on a path of nested boxes."""
     begin, end, places = 0, len(data), []
     for name, before in path:
         at = begin
@@ -38,7 +38,7 @@ def place_of(data: bytes, path: Iterable[tuple[bytes, int]]) -> list[tuple[int, 
 
 
 def inserted(data: bytes, path: Sequence[tuple[bytes, int]], extra: bytes) -> bytes:
-    """Insert bytes at the end of the last box on a path."""
+    """Insert bytes at the end of the last box on a path, and update the lengths of all boxes on the path."""
     places = place_of(data, path)
     whole = bytearray(data)
     end = sum(places[-1])
@@ -49,7 +49,7 @@ def inserted(data: bytes, path: Sequence[tuple[bytes, int]], extra: bytes) -> by
 
 
 def film_with(data: bytes, entry: bytes, properties: Sequence[Box]) -> bytes:
-    """Declare properties of the pictures in a film's first track, in the ``entry`` that describes them."""
+    """Add picture properties to the sample ``entry`` of a film's first track."""
     extra = b"".join(packed(*one) for one in properties)
     is_first = data.index(b"moov") < data.index(b"mdat")
     whole = bytearray(inserted(data, [*TO_ENTRY, (entry, 78)], extra))
@@ -61,7 +61,7 @@ def film_with(data: bytes, entry: bytes, properties: Sequence[Box]) -> bytes:
 
 
 def picture_with(data: bytes, properties: Sequence[Box]) -> bytes:
-    """Declare further properties of the only item of a HEIF or AVIF file."""
+    """Add properties to the only item of a HEIF or AVIF file."""
     meta, iprp = (b"meta", 4), (b"iprp", 0)
     before = place_of(data, [meta])[0][1]
     (at, length) = place_of(data, [meta, iprp, (b"ipco", 0)])[-1]
@@ -82,7 +82,7 @@ def picture_with(data: bytes, properties: Sequence[Box]) -> bytes:
 
 
 def moved(data: bytes, growth: int) -> bytes:
-    """Shift the position of the item's data, stored as four bytes in the table of positions."""
+    """Add ``growth`` to the position of the item's data, which ``iloc`` stores as four bytes."""
     (at, _) = place_of(data, [(b"meta", 4), (b"iloc", 4)])[-1]
     whole = bytearray(data)
     version, sizes = whole[at + 8], whole[at + 12]

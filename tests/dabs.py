@@ -1,4 +1,4 @@
-"""A renderer like a plugin's: soft discs with their own kind of layers and their own kernel."""
+"""An example of a plugin renderer, which draws soft discs with its own layers and its own kernel."""
 
 from dataclasses import dataclass
 
@@ -91,7 +91,7 @@ KERNEL = TileKernel(rows=2, cover=cover, tint=tint, shade=shade, tone=tone, pull
 
 
 class DabRenderer(Renderer):
-    """Renderer of soft discs as wide as the strokes."""
+    """Draws each stroke as a soft disc as wide as the stroke, at least 1 px in diameter."""
 
     def forward(self, strokes: Strokes) -> Dabs:
         return Dabs(strokes.position, half_width_of(strokes).clamp_min(0.5), strokes.color, strokes.opacity)

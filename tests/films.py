@@ -13,13 +13,13 @@ from brushexp.pictures.video import filming
 
 
 def pixels_of(path: Path | io.BytesIO) -> np.ndarray:
-    """Read a picture with Pillow, as integers that can be subtracted."""
+    """Read a picture with Pillow as signed integers, which can be subtracted."""
     with Image.open(path) as image:
         return np.asarray(image).astype(int)
 
 
 def decoded(path: Path) -> tuple[list[np.ndarray], Fraction]:
-    """Read the pictures (H, W, 3) of a video, one per tick, and its ticks per second."""
+    """Read all frames (H, W, 3) of a video and its frame rate."""
     av = pytest.importorskip("av")
     with av.open(str(path)) as container:
         stream = container.streams.video[0]
@@ -27,7 +27,7 @@ def decoded(path: Path) -> tuple[list[np.ndarray], Fraction]:
 
 
 def unrolled(path: Path) -> tuple[list[np.ndarray], list[int]]:
-    """Read the displayed pictures (H, W, 3) of a GIF, and the milliseconds that each stays."""
+    """Read the displayed frames (H, W, 3) of a GIF and their durations in milliseconds."""
     pictures, durations = [], []
     with Image.open(path) as gif:
         for k in range(gif.n_frames):
@@ -38,7 +38,7 @@ def unrolled(path: Path) -> tuple[list[np.ndarray], list[int]]:
 
 
 def scene(n: int, side: int = 64, speed: int = 3) -> list[np.ndarray]:
-    """Make pictures (H, W, 3) of a piece of one photograph moving over another, still one."""
+    """Make ``n`` frames (H, W, 3) in which a piece of one photograph moves across another."""
     from skimage import data, transform  # noqa: PLC0415
 
     def small(picture: np.ndarray, size: int) -> np.ndarray:
@@ -54,7 +54,7 @@ def scene(n: int, side: int = 64, speed: int = 3) -> list[np.ndarray]:
 
 
 def encoded(path: Path, pictures: list[np.ndarray], rate: int = 25) -> Path:
-    """Write pictures as a video, with the noise of a codec."""
+    """Encode pictures as an mp4 video, which adds the noise of the codec."""
     with filming(path.with_suffix(""), "mp4", pictures[0].shape[:2], Fraction(rate)) as film:
         for picture in pictures:
             film.show(picture, 1)

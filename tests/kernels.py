@@ -1,4 +1,4 @@
-"""Comparisons of blends with the dense blend in float64."""
+"""Helpers that compare blends with the dense blend in float64."""
 
 from dataclasses import replace
 
@@ -47,14 +47,14 @@ SCENES = st.fixed_dictionaries(
 
 
 def paint(renderer, blend, strokes, size, *, order=None, target=None) -> Canvas:
-    """Paint strokes in their own dtype."""
+    """Paint strokes, with the background and the target converted to the dtype of the strokes."""
     order = torch.arange(len(strokes)) if order is None else order
     dtype = strokes.position.dtype
     return blend(renderer(strokes), order, size, BACKGROUND.to(dtype), None if target is None else target.to(dtype))
 
 
 def paint_with_gradient(renderer, blend, strokes, size, weight, *, order=None) -> tuple[Tensor, dict[str, Tensor]]:
-    """Return the picture, and the gradient of its weighted sum with respect to each field, in float64."""
+    """Return the picture and the gradient of its weighted sum with respect to each field, both in float64."""
     leaves = strokes.map(lambda value: value.detach().clone().requires_grad_())
     if not strokes.drift.any():
         leaves = replace(leaves, drift=strokes.drift)  # strokes of one colour use separate kernels
@@ -67,7 +67,10 @@ def paint_with_gradient(renderer, blend, strokes, size, weight, *, order=None) -
 def assert_agree(
     renderer, blend, strokes, size, fields=tuple(FIELDS), *, order=None, slack=1e-3, exactness=1e-4, dense=DENSE
 ):
-    """Assert that picture and gradient agree with the float64 reference, within ``exactness`` and ``slack``."""
+    """Assert that a blend agrees with the float64 reference.
+
+    The picture may differ by ``exactness`` (absolute), and each gradient by ``slack`` (relative).
+    """
     weight = torch.randn(3, *size, generator=torch.Generator().manual_seed(0))
     image, gradient = paint_with_gradient(renderer, blend, strokes, size, weight, order=order)
     exact, slope = paint_with_gradient(renderer, dense, strokes.map(lambda v: v.double()), size, weight, order=order)
@@ -107,7 +110,7 @@ def check_accuracy(renderer, blend):
 
 @torch.no_grad()
 def check_importance(renderer, blend):
-    """Check importances, and return the inputs of the blend."""
+    """Check the importances of a random scene against the dense blend, and return the blend's inputs."""
     size, strokes = (20, 29), with_shapes(random_strokes(25, (20, 29), bend=0.05))
     order, target, weight = torch.randperm(25), torch.rand(3, *size), torch.rand(size)
     layers = renderer(strokes)

@@ -1,4 +1,4 @@
-"""Classic networks with random weights and torchvision's structure and names."""
+"""Classic networks with random weights and the structure and names of torchvision."""
 
 from functools import cache
 from itertools import pairwise
@@ -25,7 +25,7 @@ class Fire(nn.Module):
 
 @cache
 def torchvision_features(name: str) -> nn.Sequential:
-    """Build the convolutions of alexnet, squeeze (squeezenet1_1) or vgg16 with activations of stable size."""
+    """Build the convolutions of alexnet, squeeze (squeezenet1_1) or vgg16; their weights keep activations stable."""
     torch.manual_seed(0)
     if name == "alexnet":
         first = [nn.Conv2d(3, 64, 11, 4, 2), nn.ReLU(), nn.MaxPool2d(3, 2)]
@@ -52,12 +52,12 @@ def torchvision_features(name: str) -> nn.Sequential:
 
 
 def state_of(name: str) -> dict[str, Tensor]:
-    """Return the weights of a network under torchvision's names."""
+    """Return a network's weights, named as in torchvision."""
     return {f"features.{key}": value for key, value in torchvision_features(name).state_dict().items()}
 
 
 def saved(folder: Path, state: dict[str, Tensor]) -> Path:
-    """Save tensors to a file."""
+    """Save tensors to ``features.safetensors`` in a folder, and return the path."""
     path = folder / "features.safetensors"
     save_file(state, path)
     return path

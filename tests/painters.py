@@ -1,4 +1,4 @@
-"""Painters for tests, and their steps without a Trainer."""
+"""Helpers that make painters and take their steps, with or without a Trainer."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -29,7 +29,10 @@ QUIET = {
 def painter_of(
     *stages: Stage, n=60, target=None, size=SIZE, strokes=None, steps=1000, renderer=None, options=None, **parts
 ):
-    """Make a painter of ``n`` random strokes in the prior; ``parts`` are components, ``options`` those of `Painter`."""
+    """Make a painter with ``n`` random strokes from the range of the prior.
+
+    ``parts`` are components, and ``options`` are arguments of `StrokeOptimizer`.
+    """
     torch.manual_seed(5)
     stages = list(stages) or [Stage("it", renderer or Analytic(), steps)]
     components = standard_components(**{"stages": stages, "blend": Tiled(opaque=0), **parts})
@@ -40,7 +43,7 @@ def painter_of(
 
 
 def take(painter: StrokeOptimizer, steps: int, loop: Any = None) -> Any:
-    """Take steps in a bare loop; the returned value continues the loop."""
+    """Take steps in a bare loop, without a Trainer; pass the result as ``loop`` to continue."""
     if loop is None:
         loop = painter.configure_optimizers()
         painter.prepare()
@@ -51,7 +54,7 @@ def take(painter: StrokeOptimizer, steps: int, loop: Any = None) -> Any:
 
 
 def fit(painter: StrokeOptimizer, callbacks=(), ckpt_path=None, **options: Any) -> L.Trainer:
-    """Fit as a user of Lightning would."""
+    """Fit a painter with a Trainer, as a user of Lightning would."""
     options = {"enable_checkpointing": any(isinstance(one, Checkpoint) for one in callbacks)} | options
     trainer = L.Trainer(**{**QUIET, **options}, callbacks=list(callbacks))
     trainer.fit(painter, ckpt_path=ckpt_path)
@@ -59,7 +62,7 @@ def fit(painter: StrokeOptimizer, callbacks=(), ckpt_path=None, **options: Any) 
 
 
 def assert_resumes(make: Callable[[], StrokeOptimizer], steps: int, folder: Path) -> None:
-    """Assert that a fit interrupted after ``steps`` steps ends like an uninterrupted fit."""
+    """Assert that a fit that is interrupted after ``steps`` steps and resumed ends like an uninterrupted fit."""
     straight, first, second = (make() for _ in range(3))
     fit(straight)
     fit(first, max_steps=steps).save_checkpoint(folder / "it.ckpt")
@@ -70,12 +73,12 @@ def assert_resumes(make: Callable[[], StrokeOptimizer], steps: int, folder: Path
 
 
 def error_of(painter: StrokeOptimizer) -> float:
-    """Return the mean squared error of the current picture."""
+    """Return the mean squared error of the current painting."""
     return float((painter.draw_whole() - painter.picture.target).square().mean())
 
 
 def gradient_of(painter: StrokeOptimizer, view: View, part: Catalogue | None = None) -> dict[str, torch.Tensor]:
-    """Return the gradient of the loss of a view in the strokes of ``part`` (all for None)."""
+    """Return the gradient of a view's loss with respect to the strokes of ``part``, or to all strokes if it is None."""
     moving = painter.catalogue if part is None else part
     moving.zero_grad()
     painter.loss(view, moving()).backward()

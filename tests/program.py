@@ -1,7 +1,7 @@
-"""The program in separate processes, without the seconds that its imports take.
+"""Runs of the program in separate processes that do not spend seconds on imports.
 
-Every process is forked from one that has done nothing but import everything, with Numba's tables filled. A fork behaves
-like ``brushexp``: it has its own environment, folder, output, signals and exit code.
+Every process is forked from a server that has only imported all modules and filled Numba's tables. A fork behaves like
+``brushexp``: it has its own environment, working folder, output, signals and exit code.
 """
 
 import http.client
@@ -44,10 +44,10 @@ Kill = tuple[str, int, bool]
 
 
 class Program:
-    """A process of ``brushexp`` with overrides in the folder ``cwd``; it is used as a `subprocess.Popen` is.
+    """A process that runs ``brushexp`` with overrides in the folder ``cwd``, with methods of `subprocess.Popen`.
 
-    ``kill`` is the end of a path, a count and a flag: the program gets the signal ``sent`` when it moves that many such
-    files into place, before or after the move.
+    ``kill`` is a tuple of a path's ending, a count n and a flag: the program receives the signal ``sent`` just before
+    the n-th move of a file with that ending into its place, or just after the move if the flag is true.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class Program:
             os.kill(self._process.pid, number)
 
     def communicate(self, timeout: float = 280) -> tuple[str, str]:
-        """Wait for the end, and return what was written to stdout and stderr."""
+        """Wait for the process to end, and return its stdout and stderr."""
         self._process.join(timeout)
         if self.poll() is None:
             self._process.kill()
@@ -86,14 +86,14 @@ class Program:
 
 @cache
 def start_server() -> None:
-    """Start the process to fork, which also finds the modules of the tests."""
+    """Start the server from which processes are forked, with the tests' folder on its module search path."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setenv("PYTHONPATH", str(Path(__file__).parent), prepend=os.pathsep)
         forkserver.ensure_running()
 
 
 def in_plain(words: Sequence[str]) -> list[str]:
-    """Add ``look=plain`` to words that paint without naming a look, since few tests are about looks."""
+    """Add ``look=plain`` to a painting command that names no look, because few tests are about looks."""
     if any(word.startswith(("task=", "look=", "experiment=", "resume=", "--")) for word in words):
         return [*words]
     flags = next((k for k, word in enumerate(words) if not word.startswith("-")), len(words))
@@ -101,21 +101,21 @@ def in_plain(words: Sequence[str]) -> list[str]:
 
 
 def run(*overrides: str, cwd: Path, **environment: str) -> CompletedProcess:
-    """Run the program to its end."""
+    """Run the program in a separate process and wait for it to finish."""
     program = Program(*overrides, cwd=cwd, **environment)
     out, err = program.communicate()
     return CompletedProcess(program.args, program.returncode, out, err)
 
 
 def ended(cwd: Path, *words: str, kill: Kill | None = None, sent: int = signal.SIGKILL) -> tuple[int, str]:
-    """Return the exit code (negative: the signal that ended it) and the output of the program; see `Program`."""
+    """Run a `Program`, and return its exit code (negative if a signal ended it) and its output."""
     program = Program(*words, cwd=cwd, kill=kill, sent=sent)
     output = "".join(program.communicate())
     return program.returncode, output
 
 
 def disturb_move(name: str, number: int, after: bool, disturb: Callable[[], object]) -> None:
-    """Call ``disturb`` when this process moves a file into place; see `Program`."""
+    """Call ``disturb`` before or after this process moves a certain file into place; see `Program`."""
     real, moved = os.replace, 0
 
     def replace(source: Path, target: Path) -> None:
@@ -131,7 +131,7 @@ def disturb_move(name: str, number: int, after: bool, disturb: Callable[[], obje
 
 
 def publish(folder: Path, name: str, version: str, points: dict[str, str]) -> None:
-    """Write a package with entry points for plugins to a folder, as pip would install it."""
+    """Write the metadata of a package with plugin entry points to a folder, as pip would."""
     info = folder / f"{name.replace('-', '_')}-{version}.dist-info"
     info.mkdir()
     (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n")
@@ -142,7 +142,7 @@ def publish(folder: Path, name: str, version: str, points: dict[str, str]) -> No
 def ask(
     address: str, path: str, method: str = "GET", body: bytes | None = None, **headers: str
 ) -> tuple[int, bytes, dict[str, str]]:
-    """Send a request, and return status, content and headers of the answer."""
+    """Send an HTTP request, and return the status, body and headers of the response."""
     connection = http.client.HTTPConnection(urlsplit(address).netloc, timeout=30)
     connection.request(method, path, body, {name.replace("_", "-"): value for name, value in headers.items()})
     answer = connection.getresponse()
@@ -155,7 +155,7 @@ def _main(
     words: list[str], folder: str, environment: dict[str, str], outputs: Path,
     disturbed: tuple[str, int, bool, int] | None,
 ) -> None:  # fmt: skip
-    """Run ``python -W ignore::FutureWarning`` with these words in a fork."""
+    """Run the command ``words`` in a fork, as under ``python -W ignore::FutureWarning``."""
     for number, name in ((1, "out"), (2, "err")):
         os.dup2(os.open(outputs / name, os.O_CREAT | os.O_WRONLY | os.O_APPEND), number)
     os.environ.clear()

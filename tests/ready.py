@@ -1,6 +1,6 @@
-"""Shared setup of the processes in `program`, imported before they are forked.
+"""Setup shared by the processes in `program`, imported before they are forked.
 
-Modules are never garbage, so garbage collection is off; Numba fills its tables.
+Garbage collection is off because modules are never garbage, and a first compilation makes Numba fill its tables.
 """
 
 import gc

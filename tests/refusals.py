@@ -1,4 +1,4 @@
-"""Assertions that calls are refused with a line that says how to fix them."""
+"""Assertions that a call raises a UserError whose message is one line."""
 
 import re
 from collections.abc import Callable
@@ -9,7 +9,7 @@ from brushexp.errors import UserError
 
 
 def refusal(function: Callable[..., object], *arguments: object, **options: object) -> str:
-    """Return the line with which a call is refused."""
+    """Assert that a call raises a UserError with a one-line message, and return the message."""
     with pytest.raises(UserError) as caught:
         function(*arguments, **options)
     assert "\n" not in str(caught.value)
@@ -17,6 +17,6 @@ def refusal(function: Callable[..., object], *arguments: object, **options: obje
 
 
 def refuses(match: str, function: Callable[..., object], *arguments: object, **options: object) -> None:
-    """Assert that a call is refused with a line that matches."""
+    """Assert that a call raises a UserError with a one-line message that matches a pattern."""
     line = refusal(function, *arguments, **options)
     assert re.search(match, line), line

@@ -1,4 +1,4 @@
-"""Random strokes for tests."""
+"""Strokes for tests, and a patch renderer that draws them without a network."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ from brushexp.strokes.catalogue import Strokes
 
 
 class Windowed(PatchRenderer):
-    """A patch renderer without a network, which draws analytic strokes in their windows."""
+    """A patch renderer that draws analytic strokes in windows instead of calling a network."""
 
     window = 16
 
@@ -27,7 +27,7 @@ class Windowed(PatchRenderer):
 
 
 def straight(start, end, *, width=4.0, color=(1.0, 0.0, 0.0), opacity=1.0) -> Strokes:
-    """Make one straight stroke given in pixels."""
+    """Make one straight stroke, with its ends and width in pixels."""
     points = torch.tensor([start, end], dtype=torch.float32)
     centre = points.mean(0)
     scale = max(float((points - centre).abs().max()) * 2, 8.0)
@@ -38,6 +38,6 @@ def straight(start, end, *, width=4.0, color=(1.0, 0.0, 0.0), opacity=1.0) -> St
 
 
 def with_shapes(strokes: Strokes, seed: int = 0) -> Strokes:
-    """Give strokes random edges, growths and changes of colour."""
+    """Give strokes random softness, widening and colour drift."""
     draws = torch.rand(5, len(strokes), generator=torch.Generator().manual_seed(seed)).to(strokes.position)
     return replace(strokes, softness=0.5 * draws[0], widening=2 * draws[1] - 1, drift=draws[2:].T - 0.5)

@@ -1,4 +1,4 @@
-"""Fixtures for all tests, and settings during tests."""
+"""Fixtures and settings shared by all tests."""
 
 import gc
 import os
@@ -34,10 +34,10 @@ torch.set_num_threads(1)  # for tiny tensors, threads cost more than they save, 
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Run long tests first, so that no worker runs one alone at the end.
+    """Order the tests so that no worker is left with a long test at the end.
 
-    The second of two workers begins in the middle, with long tests that need no kernels, while the first compiles and
-    stores the kernels for both.
+    Long tests that need kernels come first, so the first of two workers compiles and stores the kernels for both. The
+    second worker starts in the middle, with the long tests that need no kernels.
     """
     first, second, others = [], [], []
     for item in sorted(items, key=lambda item: item.path):
@@ -59,7 +59,7 @@ def _seeded() -> None:
 
 @pytest.fixture
 def config() -> Callable[..., DictConfig]:
-    """Compose a config with overrides, as the command line would."""
+    """Return a function that composes a config from overrides, as the command line would."""
 
     def compose_with(*overrides: str) -> DictConfig:
         return configured(expand_arguments(in_plain(overrides)))
@@ -69,7 +69,7 @@ def config() -> Callable[..., DictConfig]:
 
 @pytest.fixture
 def run_task(config, tmp_path, monkeypatch) -> Callable[..., dict[str, object]]:
-    """Run a task's module in this process, in ``tmp_path``, with few strokes to measure speed."""
+    """Return a function that runs a task's module in this process and ``tmp_path``; benchmarks use few strokes."""
 
     def run(module: ModuleType, *overrides: str) -> dict[str, object]:
         monkeypatch.setattr("brushexp_training.evaluation.benchmark.ACROSS", 2)

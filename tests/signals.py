@@ -1,4 +1,4 @@
-"""Conversions of light to the signals of other standards, by their formulas."""
+"""Reference formulas that encode linear light as the signals of several standards."""
 
 import numpy as np
 
@@ -9,18 +9,18 @@ TO_BT2020 = [[0.62740, 0.32928, 0.04331], [0.06910, 0.91954, 0.01136], [0.01639,
 
 
 def srgb(light: np.ndarray) -> np.ndarray:
-    """Encode light by IEC 61966-2-1."""
+    """Encode linear light as in sRGB (IEC 61966-2-1)."""
     return np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.clip(light, 0, 1) ** (1 / 2.4) - 0.055)
 
 
 def pq(light: np.ndarray) -> np.ndarray:
-    """Encode light, in units of 203 nits, by the PQ of ITU-R BT.2100."""
+    """Encode light, in units of 203 nits, with the PQ curve of ITU-R BT.2100."""
     y = (203 * light / 10_000) ** 0.1593017578125
     return ((0.8359375 + 18.8515625 * y) / (1 + 18.6875 * y)) ** 78.84375
 
 
 def hlg(light: np.ndarray) -> np.ndarray:
-    """Encode light, in units of 203 nits, by the HLG of ITU-R BT.2100 for a screen of 1000 nits: system gamma 1.2."""
+    """Encode light, in units of 203 nits, with the HLG curve of ITU-R BT.2100 for a 1000-nit display (gamma 1.2)."""
     shown = 0.203 * light
     luminance = (shown @ [0.2627, 0.6780, 0.0593])[..., None]
     scene = shown * luminance ** ((1 - 1.2) / 1.2)

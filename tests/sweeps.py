@@ -1,4 +1,4 @@
-"""Made-up runs on disk, like those of sweeps."""
+"""Helpers that write made-up runs to disk, as sweeps do."""
 
 import csv
 import json
@@ -16,7 +16,7 @@ def make_run(
     folder: Path, chosen: dict[str, str], *, name: str = "", target: int | None = None, color: int | None = None,
     size: tuple[int, int] = (20, 30), **noted: object,
 ) -> Path:  # fmt: skip
-    """Make a run with metrics, and with a target and a painting of one grey each."""
+    """Write a run with overrides and metrics, and optionally a uniform grey target and painting."""
     run = folder / (name or str(len([path for path in folder.iterdir() if path.is_dir()])))
     run.mkdir(parents=True)
     write_words(run, *(f"{key}={value}" for key, value in chosen.items()))
@@ -28,26 +28,26 @@ def make_run(
 
 
 def make_grid(folder: Path, axes: dict[str, list[str]], **noted: object) -> None:
-    """Make runs whose number k has a PSNR of 20 + k dB, reached in 2 + k seconds."""
+    """Write one run for each combination of values; run k reaches a PSNR of 20 + k dB in 2 + k seconds."""
     for k, values in enumerate(product(*axes.values())):
         numbers = {"psnr": 20.0 + k, "perceptual": 1 / (k + 2), "seconds": 2.0 + k}
         make_run(folder, dict(zip(axes, values, strict=True)), **(numbers | noted))
 
 
 def write_words(run: Path, *words: str) -> None:
-    """Write a run's overrides as Hydra does."""
+    """Write a run's overrides in the way that Hydra does."""
     (run / ".hydra").mkdir(parents=True, exist_ok=True)
     write_json(run / ".hydra" / "overrides.yaml", words)  # JSON is a subset of YAML
 
 
 def note(folder: Path, number: object, **noted: object) -> None:
-    """Change the metrics of a run."""
+    """Update the metrics of a run."""
     path = folder / str(number) / "metrics.json"
     write_json(path, json.loads(path.read_text()) | noted)
 
 
 def collect(folder: Path) -> DataFrame:
-    """Collect the runs of a sweep as its report does."""
+    """Collect the runs of a sweep in the way that its report does."""
     return gather([folder], folder)
 
 

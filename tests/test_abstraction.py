@@ -1,4 +1,4 @@
-"""Tests of abstraction: fewer strokes and flatter forms, while faces remain faces."""
+"""Tests of the abstraction option, which uses fewer strokes and flattens forms but keeps faces recognisable."""
 
 import pytest
 import torch

@@ -1,4 +1,4 @@
-"""Tests of ``import brushexp``: tasks as functions, with the messages of the command line, writing no files unasked."""
+"""Tests of the Python API: its functions match the command line's tasks and messages, and write no files unasked."""
 
 import io
 import json
@@ -210,7 +210,7 @@ def test_a_painting_is_saved_beside_what_is_the_users_in_place_of_another_and_en
 
 @pytest.fixture
 def quickly_measured(monkeypatch):
-    """Measure trained renderers on few strokes."""
+    """Make the evaluation of trained renderers fast by using few strokes."""
     monkeypatch.setattr("brushexp_training.evaluation.benchmark.ACROSS", 2)
     monkeypatch.setattr("brushexp_training.evaluation.benchmark.REPETITIONS", 1)
     monkeypatch.setattr("brushexp_training.stroke_sets.stroke_data.HELD_OUT", 128)

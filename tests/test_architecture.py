@@ -1,4 +1,4 @@
-"""Tests of the architecture: imports go one way, the map names real modules, and plugins use only contracts."""
+"""Tests of the architecture: imports go one way, the map is complete, and plugins use only contracts and libraries."""
 
 import ast
 import inspect
@@ -24,7 +24,10 @@ TOOLS = {"registry", "errors", "bounds"}
 
 
 def imports(path: Path) -> set[str]:
-    """List the modules of brushexp that a file imports, without ``brushexp.``; for packages, the imported names."""
+    """Return the brushexp modules that a file imports, without the prefix ``brushexp.``.
+
+    For an import from a package, each imported name is appended to the package's name.
+    """
     nodes = (node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.ImportFrom))
     found = set()
     for node in nodes:
@@ -40,7 +43,7 @@ def modules() -> dict[str, Path]:
 
 
 def imports_by(room) -> dict[str, set[str]]:
-    """List the rooms that the modules of each room import, including imports in functions and for types."""
+    """Group modules with ``room``, and return which groups each group imports, in functions and for types as well."""
     names, found = modules(), {}
     for name, path in names.items():
         inner = {module for module in imports(path) if module in names or f"{module}.__init__" in names}

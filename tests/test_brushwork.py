@@ -1,4 +1,4 @@
-"""Tests of brushwork: its measures, distances between brushworks, and strokes sampled from one."""
+"""Tests of the brushwork of a painting: its measures, its distance to other brushwork, and its transfer to strokes."""
 
 import math
 from dataclasses import replace
@@ -43,7 +43,7 @@ def visible(n: int, seed: int = 0, size: tuple[int, int] = SIZE, dtype: torch.dt
 
 
 def combed(n: int, angle: float = 0.3, dtype: torch.dtype = torch.float64) -> Strokes:
-    """Make straight parallel strokes of one size."""
+    """Make straight, parallel strokes that all have the same size."""
     made = visible(n, dtype=dtype)
     end = made.position.new_tensor([math.cos(angle), math.sin(angle)]).expand(n, 2)
     same = {"scale": torch.full_like(made.scale, 12), "width": torch.full_like(made.width, 0.2)}

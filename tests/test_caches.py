@@ -1,4 +1,4 @@
-"""Tests of places for caches: no home, a read-only home, a read-only installation."""
+"""Tests of where caches are stored if there is no home folder, or if the home or the installation is read-only."""
 
 import errno
 import logging
@@ -24,7 +24,7 @@ VARIABLES = ("HOME", KERNELS, CACHES, *caches.LIBRARY_CACHES, *caches.TEMPORARY_
 
 @pytest.fixture
 def surroundings(tmp_path, monkeypatch):
-    """Set the environment, with temporary folders in ``tmp_path``, and the folder of the code."""
+    """Return a function that sets the environment and the code's folder; temporary files go to ``tmp_path``."""
 
     def surround(code: str | Path = UNWRITABLE, **environment: str) -> None:
         for name in VARIABLES:
@@ -44,7 +44,7 @@ def surroundings(tmp_path, monkeypatch):
 
 
 def nobody(monkeypatch) -> None:
-    """Remove the user from the list of users."""
+    """Make the user's entry missing from the password database."""
     monkeypatch.setattr("pwd.getpwuid", lambda number: {}[number])
 
 
@@ -140,7 +140,7 @@ def double(values):  # pragma: no cover
 
 
 def doubled() -> float:
-    """Compile the function again, and call it."""
+    """Compile ``double`` again, and return the result of calling it with 1."""
     values = np.ones(2)
     compiled.Compiled(double.function, {})(values)
     return values[0]
@@ -148,7 +148,7 @@ def doubled() -> float:
 
 @pytest.fixture
 def kernels(tmp_path, monkeypatch):
-    """Store machine code in a folder of the test."""
+    """Store compiled code in the test's own folder, and return that folder."""
     monkeypatch.setattr(kept_kernels, "_unkept", set())
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
     monkeypatch.setattr("numba.core.config.reload_config", lambda: None)  # it would read the environment again

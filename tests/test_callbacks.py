@@ -1,4 +1,4 @@
-"""Tests of callbacks, trackers and options of fits: progress, checkpoints, Ctrl-C."""
+"""Tests of callbacks, trackers and Trainer options during a fit, including progress, checkpoints and Ctrl-C."""
 
 import logging
 import math
@@ -39,7 +39,7 @@ from brushexp.system.status import Status
 
 
 class Line(L.LightningModule):
-    """A module with one weight that is fitted to 1; each step also calls ``beside``."""
+    """A module that fits its only weight to 1 and calls ``beside`` in each step."""
 
     def __init__(self, steps=8, beside=lambda step: None):
         super().__init__()
@@ -110,7 +110,7 @@ def test_ctrl_c_ends_cleanly_and_the_fit_continues_exactly(tmp_path):
 
 
 class Noting(Logger):
-    """A logger that records its calls, and fails where requested."""
+    """A logger that records its calls and raises an error in the call named ``fails``."""
 
     def __init__(self, fails: str = "") -> None:
         self.fails, self.calls = fails, []
@@ -219,7 +219,7 @@ def test_what_ends_a_fit_before_its_plan_is_told(end, tmp_path, monkeypatch):
 
 
 class Watch(L.Callback):
-    """A callback that keeps the metrics of each step, and copies of their values at that time."""
+    """A callback that keeps the PSNR tensor of each step, and the PSNR and loss as numbers at that time."""
 
     def __init__(self):
         self.kept, self.then = [], []

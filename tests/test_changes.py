@@ -1,4 +1,4 @@
-"""Tests of changes to a painting: their words, the order of their calls, and their state in resumed runs."""
+"""Tests of changes to a painting: their command-line words, call order, and state in resumed runs."""
 
 from dataclasses import replace
 
@@ -104,7 +104,7 @@ def test_python_takes_the_same_words():
 
 
 class Log(Change):
-    """A change that records its calls with the step."""
+    """A change that records each call with the number of its step."""
 
     def __init__(self, notes):
         self.notes = notes
@@ -139,7 +139,7 @@ def test_a_painter_asks_at_the_beginning_around_each_step_and_at_the_end():
 
 
 class Aims(Change):
-    """A change that asks for black on white from the second step on."""
+    """A change that sets the target to black and the background to white from the second step on."""
 
     def aim(self, target, ground, state):
         return (torch.zeros_like(target), torch.ones_like(ground)) if state.step else (target, ground)
@@ -158,7 +158,7 @@ def test_a_step_aims_at_what_changes_say_and_the_painting_keeps_its_target_and_g
 
 
 class Drifts(Change):
-    """A change that moves all strokes to the right, by a distance that grows with every step."""
+    """A change that shifts all strokes in every step by a distance that grows from step to step."""
 
     def __init__(self):
         self.steps = 0
@@ -184,7 +184,7 @@ def test_what_a_change_remembers_is_in_the_checkpoint(tmp_path):
 
 
 class Red(Change):
-    """A change that keeps only the red of colours."""
+    """A change that keeps only the red channel of colours."""
 
     rank = 5
 
@@ -193,14 +193,14 @@ class Red(Change):
 
 
 class Green(Change):
-    """A change that makes all strokes green at the end."""
+    """A change that colours all strokes green at the end."""
 
     def end(self, strokes, front_to_back, state):
         return replace(strokes, color=torch.tensor([0.0, 1.0, 0.0]).expand_as(strokes.color)), front_to_back
 
 
 class One(Change):
-    """A change that adds one stroke on top."""
+    """A change that adds a copy of the first stroke on top at the end."""
 
     rank = 10
 

@@ -1,4 +1,4 @@
-"""Tests that citation, program and package agree on the version, which is defined once."""
+"""Tests of the citation files, and of the version, which is defined in one place."""
 
 import re
 import tomllib

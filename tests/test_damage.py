@@ -1,4 +1,4 @@
-"""Tests of damaged pictures: detected if a checksum or decoder can, and unreadable files named by their format."""
+"""Tests of damaged pictures, which must be detected where possible, and of messages that name unreadable formats."""
 
 import io
 import logging

@@ -1,4 +1,4 @@
-"""Tests that declared shapes of pictures are respected: crop, rotation, mirroring and pixel shape."""
+"""Tests that the crop, rotation, mirroring and pixel shape declared in a picture file are respected."""
 
 import io
 import struct
@@ -85,7 +85,7 @@ def test_pixels_that_are_not_square_are_turned_with_the_picture(tmp_path, kind, 
 
 
 def tga(across: int, down: int) -> bytes:
-    """Write a TGA with the width and height of its pixels in an extension area, and a footer that points to it."""
+    """Return a TGA file whose extension area declares the width and height of its pixels."""
     file = io.BytesIO()
     Image.fromarray(PICTURE).save(file, "TGA")
     picture = file.getvalue()

@@ -1,4 +1,4 @@
-"""Tests that a painting does not import torch's compiler, and that optimizers take the same steps without it."""
+"""Tests that painting does not import torch's compiler, and that optimizers take the same steps without it."""
 
 import subprocess
 import sys

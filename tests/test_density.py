@@ -30,7 +30,7 @@ SIZE = (40, 56)
 
 
 def picture(size=SIZE):
-    """Make a picture that is flat on the left and detailed on the right."""
+    """Make a picture with a flat left half and a striped right half."""
     y, x = torch.meshgrid(torch.arange(size[0]) + 0.5, torch.arange(size[1]) + 0.5, indexing="ij")
     stripes = 0.5 + 0.4 * torch.sin(1.3 * x + 0.9 * y)
     right = x > size[1] / 2
@@ -38,7 +38,7 @@ def picture(size=SIZE):
 
 
 def painter_of(density, *, n=60, steps=60, target=None, sampler=None, **options):
-    """Make a painter of ``n`` strokes on the picture above."""
+    """Make a painter with a budget of ``n`` strokes, whose target is `picture` unless another is given."""
     target = picture() if target is None else target
     strokes = Slic()(target, density.first(n, steps), torch.Generator().manual_seed(0))
     optimizer = TorchOptim(options={"betas": [0.9, 0.99]})
@@ -47,14 +47,14 @@ def painter_of(density, *, n=60, steps=60, target=None, sampler=None, **options)
 
 
 def painted(density, **options):
-    """Make a painter, and take all of its steps."""
+    """Make a painter that has taken all of its steps."""
     painter = painter_of(density, **options)
     take(painter, painter.schedule.steps)
     return painter
 
 
 def state_of(n=40, *, error=0.5, target=None, strokes=None, scores=None, focus=None, budget=100, step=30, steps=60):
-    """Make the state of a picture with an error of ``error`` everywhere."""
+    """Make a densification state in which the painting differs from the target by ``error``."""
     target = torch.rand(3, *SIZE) if target is None else target
     strokes = random_strokes(n, target.shape[1:]) if strokes is None else strokes
     scores = torch.ones(len(strokes)) if scores is None else scores
@@ -62,7 +62,7 @@ def state_of(n=40, *, error=0.5, target=None, strokes=None, scores=None, focus=N
 
 
 def importance_of(strokes, order, target, *, renderer=None, blend=None, focus=None, seed=0):
-    """Compute by how much the squared error would grow without each of the strokes."""
+    """Compute how much the squared error would grow if each stroke were removed."""
     picture = Picture(target, focus, torch.tensor([0.2, 0.5, 0.9]), blend or Tiled())
     picture.renderer = renderer or Analytic()
     return importance(strokes, order, picture, torch.Generator().manual_seed(seed))
@@ -153,7 +153,7 @@ PARTS = {"sampler": Patches(n_active=20, n_ring=10, patch=32)}
 
 @pytest.mark.parametrize(("steps", "options"), [(0, {}), (10, {}), (11, {}), (200, {"coarse": 0.9}), (120, PARTS)])
 def test_all_strokes_that_were_asked_for_are_there_in_the_end(steps, options):
-    """Also covers runs too short for rounds, which start with all strokes, and rounds skipped by coarse steps."""
+    """All requested strokes are there at the end, even if the run is too short for rounds or coarse steps skip some."""
     painter = painted(Adaptive(), n=60, steps=steps, **options)
     assert len(painter.catalogue) == len(painter.visits) == 60
     check_strokes(painter.strokes())

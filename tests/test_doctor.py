@@ -1,4 +1,4 @@
-"""Tests of ``brushexp doctor``: fifteen lines about any installation, even one where nearly everything is broken."""
+"""Tests of ``brushexp doctor``, which prints fifteen lines about any installation, however broken it is."""
 
 import os
 import subprocess
@@ -33,7 +33,7 @@ main()
 
 
 def typed(*words: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess:
-    """Run the command in a separate process."""
+    """Run ``brushexp`` with the given words in a separate process."""
     command = [sys.executable, "-m", "brushexp", *words]
     return subprocess.run(
         command, cwd=cwd, env=os.environ | environment, capture_output=True, text=True, check=False, timeout=200
@@ -41,7 +41,7 @@ def typed(*words: str, cwd: Path, **environment: str) -> subprocess.CompletedPro
 
 
 def lines_of(text: str) -> dict[str, str]:
-    """Return the contents of each line by its name, preceded by its mark."""
+    """Map the name of each line to its mark and contents, after checking that there are fifteen lines."""
     lines = text.splitlines()
     assert len(lines) == 15
     return {line[2:14].strip(): line[0] + line[14:] for line in lines}
@@ -92,7 +92,7 @@ def test_without_any_library_it_still_says_what_it_can(tmp_path):
 
 @pytest.fixture
 def installed(monkeypatch):
-    """Fake an installation with given requirements and versions."""
+    """Return a function that fakes an installation with given requirements and installed versions."""
 
     def install(requirements: list[str], versions: dict[str, str]) -> None:
         extras = SimpleNamespace(get_all=lambda name: ["film", "cluster", "elsewhere", "dev"])

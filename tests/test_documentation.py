@@ -1,4 +1,4 @@
-"""Tests of the documentation: commands compose, files exist, and examples and notebook run."""
+"""Tests of the documentation: commands compose, files exist, and the examples and the notebook run."""
 
 import doctest
 import os
@@ -55,7 +55,7 @@ IN_A_LINE = re.compile(r"`brushexp\s([^`]+)`")  # may continue on the next line
 
 
 def commands_of(pages, *patterns):
-    """List the arguments of every command in the pages, each with a name that gives its place."""
+    """Map the arguments of every command in the pages to a test name that includes the page."""
     return {
         " ".join(command.split()): f"{page.name}: {command}"
         for page in pages
@@ -70,12 +70,12 @@ SHOWN = {command: name for command, name in commands_of(PAGES, STROKES_PER_BLOCK
 
 
 def first_of(override):
-    """Return the first value of a sweep, or the lower end of an interval."""
+    """Return the first value of a swept override, or the lower end of an interval."""
     return override.value().start if override.is_interval_sweep() else next(override.sweep_string_iterator())
 
 
 def config_of(command, folder):
-    """Compose the config of a command typed in a folder with two photographs; for a sweep, that of its first job."""
+    """Compose the config of a command (for a sweep, of its first job) in a folder with two photographs."""
     for photo in ("a.jpg", "1887/b.jpg"):
         (folder / "photos" / photo).parent.mkdir(parents=True, exist_ok=True)
         (folder / "photos" / photo).touch()
@@ -99,7 +99,7 @@ def test_a_command_that_another_page_shows_composes(command, tmp_path, monkeypat
 
 
 def check_bounds(bounds, name, value):
-    """Check a value against bounds; rules may read files, which do not exist here, and are skipped."""
+    """Check a value against its bounds; skip rules, because they may read files that do not exist here."""
     if isinstance(bounds, Bounds):
         bounds.check(name, OmegaConf.to_object(value) if OmegaConf.is_config(value) else value)
 
@@ -249,7 +249,7 @@ PRESETS = {
 
 @pytest.fixture
 def presets(tmp_path, hydra_restore_singletons):
-    """Make a folder of configs with presets for families that allow several choices."""
+    """Write presets for the families that allow several choices, and return their config folders."""
     for name, text in PRESETS.items():
         path = tmp_path / "conf" / f"{name}.yaml"
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Tests of how runs end and continue: signals, nonfinite steps, changed files and foreign folders."""
+"""Tests of how runs end and resume: signals, non-finite steps, changed files and foreign folders."""
 
 import errno
 import json
@@ -54,7 +54,7 @@ from brushexp.tasks import paint
 
 @pytest.fixture
 def resumed(config, tmp_path, monkeypatch):
-    """Resume a run in this process from a checkpoint, which was begun with some words."""
+    """Return a function that resumes a run from a checkpoint, after writing one for a run ``begun`` with some words."""
     hydra = OmegaConf.create({"overrides": {"task": []}, "runtime": {"output_dir": str(tmp_path)}})
     monkeypatch.setattr(resume, "HydraConfig", SimpleNamespace(get=lambda: hydra))
 
@@ -161,7 +161,7 @@ def test_a_checkpoint_of_a_later_program_is_refused_and_one_from_before_versions
 
 
 class Breaking(Loss):
-    """The mean squared error, which fails at its third step."""
+    """A mean squared error whose value or gradient is not finite from the third step on."""
 
     def __init__(self, how: str) -> None:
         super().__init__()
@@ -193,7 +193,7 @@ def test_strokes_stay_as_they_were_before_a_step_that_gives_no_numbers(how, samp
 
 
 class Spoilt(Renderer):
-    """Analytic strokes whose colours are nan from number 2 on."""
+    """A renderer of analytic strokes, which gives stroke 2 and all later strokes nan as their colour."""
 
     def forward(self, strokes):
         layers = Analytic()(strokes)
@@ -201,7 +201,7 @@ class Spoilt(Renderer):
 
 
 class Spilling(Blend):
-    """A blend whose picture or gradient is not finite."""
+    """A blend that returns a picture with non-finite values or a non-finite gradient."""
 
     def __init__(self, how: str) -> None:
         self.how = how
@@ -330,7 +330,7 @@ def test_what_has_no_room_is_refused_before_any_job_starts(words, message, confi
 
 
 def leave(folder, *names):
-    """Create files like a run."""
+    """Create files in a folder and record them in its manifest, as a run does."""
     (folder / ".hydra").mkdir(exist_ok=True, parents=True)
     with recorded(folder):
         for name in names:

@@ -1,4 +1,4 @@
-"""Tests of exports: every exporter keeps its contract, and its files show the painting."""
+"""Tests of exporters: they all keep their contract, and their files show the painting."""
 
 import csv
 import io
@@ -61,7 +61,7 @@ resvg = pytest.importorskip("resvg_py", reason="pip install resvg-py: it draws o
 
 
 def job_of(strokes: Strokes, size: tuple[int, int] = SIZE, *, soft: float = 2.0, taper: float = 0.0) -> ExportJob:
-    """Make an export job of strokes in a random order on a coloured canvas."""
+    """Make an export job for strokes in random order on a coloured canvas."""
     depth = torch.randperm(len(strokes), generator=torch.Generator().manual_seed(0))
     canvas = {"background": torch.tensor([0.9, 0.85, 0.7]), "seed": 7, "config": CONFIG}
     renderer, source = Analytic(soft=soft, taper=taper), "run <1> & more.h5"
@@ -83,7 +83,7 @@ def exporter(name: str) -> Exporter:
 
 
 def written(name: str, what: ExportJob, folder: Path) -> dict[str, bytes]:
-    """Return names and contents of an exporter's files (for a video, its pictures), after checks of its contract."""
+    """Export a job, check the exporter's contract, and return each file's bytes (for a video, its frames)."""
     folder.mkdir(parents=True)
     paths = exporter(name).write(what, folder)
     assert paths, "the files are told"
@@ -94,7 +94,7 @@ def written(name: str, what: ExportJob, folder: Path) -> dict[str, bytes]:
 
 
 def drawn(svg: bytes) -> np.ndarray:
-    """Draw our SVG with an independent renderer, (H, W, 3)."""
+    """Draw our SVG with an independent renderer as a picture (H, W, 3)."""
     data = bytes(resvg.svg_to_bytes(svg_string=svg.decode(), skip_system_fonts=True))
     return np.asarray(Image.open(io.BytesIO(data)).convert("RGB"))
 
@@ -105,7 +105,7 @@ def psnr(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def degenerate() -> Strokes:
-    """Make strokes without length, width or opacity, and off the canvas."""
+    """Make four degenerate strokes: one without length, one without width, one transparent, one off the canvas."""
     strokes = some(4)
     strokes.start[0] = strokes.control[0] = strokes.end[0] = 0.0
     strokes.width[1], strokes.opacity[2] = 0.0, 0.0
@@ -526,7 +526,7 @@ def test_every_number_comes_back_to_the_last_bit(numbers):
 
 
 def edited(folder: Path) -> tuple[Path, dict[str, Any]]:
-    """Export a catalogue, and return its path and contents."""
+    """Export a catalogue as JSON, and return the file's path and its parsed contents."""
     path = exported(catalogue(), folder)
     return path, json.loads(path.read_text(encoding="utf-8"))
 
@@ -669,7 +669,7 @@ def test_the_program_writes_all_of_them_at_once(tmp_path):
 
 
 def a_run(folder: Path) -> Path:
-    """Make the folder of a run with painting.png, and a note that its owner added."""
+    """Make the folder of a finished run, with a note that its owner added."""
     folder.mkdir()
     save_catalogue(folder / "catalogue.h5", job_of(some()).saved)
     for name in ("painting.png", "notes.txt"):

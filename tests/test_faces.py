@@ -1,4 +1,4 @@
-"""Tests of faces: the network, the search at any tilt and size, and the small strokes of eyes and mouths."""
+"""Tests of faces: the network, detection at any tilt and size, and the small strokes of eyes and mouths."""
 
 import math
 from dataclasses import replace
@@ -205,7 +205,7 @@ def portrait() -> torch.Tensor:
 
 
 def small_strokes(feature: Feature, strokes: Strokes) -> int:
-    """Count visible strokes within a feature that are narrow enough to draw it."""
+    """Count the visible strokes within a feature that are narrow enough to draw it."""
     narrow = 2 * half_width_of(strokes) < 1.5 * max(feature.radius / feature.fineness, THINNEST_STROKE)
     return int((narrow & feature.holds(strokes.position) & (strokes.opacity > 0)).sum())
 
@@ -295,7 +295,7 @@ def test_ink_draws_features_in_ink_alone(config, portrait):
 
 
 def disc(size: tuple[int, int], x: float, y: float, radius: float) -> torch.Tensor:
-    """Draw a mask (H, W) with one bright disc."""
+    """Draw one disc of ones in a mask (H, W) of zeros."""
     down, across = torch.meshgrid(torch.arange(size[0]), torch.arange(size[1]), indexing="ij")
     return ((across + 0.5 - x).square() + (down + 0.5 - y).square() < radius**2).float()
 
@@ -449,7 +449,7 @@ def test_eyes_are_sought_in_the_part_of_a_head_that_the_picture_shows(place):
 
 
 def eye_on_skin(size: tuple[int, int] = (120, 160)) -> torch.Tensor:
-    """Draw a dark eye with a light, faintly green glint on skin (3, H, W); its middle is (80, 60)."""
+    """Draw a dark eye with a light, faintly green glint on skin (3, H, W), centred at (x, y) = (80, 60)."""
     picture = torch.tensor([0.85, 0.65, 0.55])[:, None, None].repeat(1, *size)
     eye, glint = disc(size, 80, 60, 7), disc(size, 80, 60, 2)
     picture = torch.lerp(picture, torch.tensor([0.2, 0.1, 0.1])[:, None, None], eye)

@@ -1,4 +1,4 @@
-"""Tests of losses on parts of a canvas, whose gradients equal those of the whole, and of feature networks."""
+"""Tests of feature networks, and of losses on parts of a canvas, whose gradients must match those of the whole."""
 
 from collections.abc import Iterable, Iterator
 from functools import cache
@@ -47,7 +47,7 @@ def part_of(image: Tensor, target: Tensor, region: Region, focus: Tensor | None 
 def slopes_of(
     loss: Loss, regions: Iterable[Region], size=SIZE, focus: Tensor | None = None
 ) -> Iterator[tuple[Tensor, Tensor]]:
-    """Yield gradients of the weighted loss in regions: of each part alone, and of the whole picture."""
+    """Yield, for each region, the gradient of the weighted loss on that part alone and on the whole picture."""
     noise, target = torch.rand(2, 3, *size, generator=torch.Generator().manual_seed(7), dtype=torch.float64)
     image = (0.7 * target + 0.3 * noise).requires_grad_()
 
@@ -153,7 +153,7 @@ def published() -> dict[str, Tensor]:
 
 
 def step(x: Tensor, convolution: str, norm: str, stride: int = 1) -> Tensor:
-    """Apply a convolution, TensorFlow's padding and batch norm like the published network."""
+    """Apply TensorFlow's padding, a convolution and batch norm with the published network's weights."""
     state = {
         name: value.to(x) for name, value in published().items() if name.startswith((f"{convolution}.", f"{norm}."))
     }
@@ -171,7 +171,7 @@ def step(x: Tensor, convolution: str, norm: str, stride: int = 1) -> Tensor:
 
 
 def unfolded(pictures: Tensor) -> dict[str, Tensor]:
-    """Compute all taps of EfficientNet-Lite0 with separate batch norms, in the precision of the pictures."""
+    """Compute all taps of EfficientNet-Lite0 with unfolded batch norms, in the precision of the input pictures."""
     x = functional.relu6(step((pictures * 255 - 127) / 128, "_conv_stem", "_bn0", 2))
     taps = {"stem": x}
     strided = {1, 3, 5, 11}

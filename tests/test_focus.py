@@ -1,4 +1,4 @@
-"""Tests of focus: the map, and its use by losses and strokes."""
+"""Tests of focus: its map, and how losses and strokes use it."""
 
 import math
 from pathlib import Path
@@ -44,7 +44,7 @@ def mask_file(path: Path, pixels: np.ndarray) -> str:
 
 
 def scene(size: tuple[int, int] = SIZE, strength: float = 8) -> tuple[Tensor, Tensor, Tensor]:
-    """Make a picture and its target, both in double precision, and weights."""
+    """Return a picture and its target, both in double precision, and focus weights."""
     generator = torch.Generator().manual_seed(7)
     image, target = torch.rand(2, 3, *size, generator=generator, dtype=torch.float64)
     return 0.7 * target + 0.3 * image, target, focus_weights(torch.rand(size, generator=generator) ** 3, strength)
@@ -58,7 +58,7 @@ def slope_of(loss: Loss, image: Tensor, target: Tensor, focus: Tensor | None) ->
 
 
 def inside_of(attended: Tensor, top: float, bottom: float, left: float, right: float) -> float:
-    """Return the mean in a box, given in sides of the picture, over the mean elsewhere."""
+    """Return the ratio of the means inside and outside a box, whose edges are fractions of the picture's sides."""
     height, width = attended.shape
     box = torch.zeros(height, width, dtype=torch.bool)
     box[round(top * height) : round(bottom * height), round(left * width) : round(right * width)] = True

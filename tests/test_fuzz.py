@@ -1,4 +1,4 @@
-"""Fuzz tests of damaged or malicious files: read to finite content or refused in one line, and never executed."""
+"""Fuzz tests of damaged or malicious files: each yields finite content or a one-line refusal; no code in it runs."""
 
 import copy
 import json
@@ -152,7 +152,7 @@ def read_checkpoint(path: Path) -> None:
 
 
 def part(name: str) -> Callable[[Path], Path]:
-    """Make a file in a run's folder."""
+    """Return a function that writes a run and returns the path of one of its files."""
 
     def write_run(folder: Path) -> Path:
         metrics = {"psnr": 20.0, "ssim": 0.5, "l1": 0.1, "seconds": 1.0, "n_strokes": 3, "steps": 9, "device": "cpu"}
@@ -187,7 +187,7 @@ def text(name: str, content: str) -> Callable[[Path], Path]:
 
 
 def read_look(path: Path) -> None:
-    """Read the user's own preset; the program is theirs, so it may have anchors, even nested ones."""
+    """Read a user's own look, but skip looks with YAML anchors, which users may nest in their own files."""
     if path.is_file() and "&" in path.read_text(errors="replace"):
         return
     folders, words = folders_of(path.parents[2]), ["look=own"]
@@ -264,7 +264,7 @@ KINDS: dict[str, tuple[Callable[[Path], Path], Callable[[Path], None]]] = {
 
 
 def edited(path: Path, chance: random.Random) -> None:
-    """Duplicate, delete or replace a piece of the file, or flip single bits, or truncate it."""
+    """Duplicate, delete or replace a piece of the file, flip one bit, or truncate it."""
     data = path.read_bytes()
     first, last, place = sorted(chance.randrange(len(data)) for _ in range(3))
     bit = bytes([data[first] ^ 1 << chance.randrange(8)])
@@ -279,7 +279,7 @@ def worded(path: Path, chance: random.Random) -> None:
 
 
 def rewritten(path: Path, chance: random.Random) -> None:
-    """Write a valid file of its kind with one part replaced."""
+    """Replace one part of the file, but keep its format valid."""
     if path.suffix in (".json", ".yaml"):
         path.write_text(json.dumps(changed(OmegaConf.to_container(OmegaConf.load(path)), chance)))
     elif path.suffix in (".pth", ".ckpt"):
@@ -296,7 +296,7 @@ def rewritten(path: Path, chance: random.Random) -> None:
 
 
 def changed(tree: Any, chance: random.Random) -> Any:
-    """Replace or delete one place in nested data."""
+    """Return nested data with one value replaced or deleted."""
     if isinstance(tree, dict | list) and tree and chance.random() < 0.85:
         tree = copy.copy(tree)
         key = chance.choice(list(tree) if isinstance(tree, dict) else range(len(tree)))
@@ -357,7 +357,7 @@ WAYS = (edited, worded, rewritten)
 
 @pytest.fixture(scope="module")
 def good(tmp_path_factory) -> Callable[[str], Path]:
-    """Return a readable file of a kind; each is made once."""
+    """Return a function that restores a valid file of a kind; each kind is written only once."""
 
     @cache
     def written(kind: str) -> tuple[Path, bytes]:
@@ -389,7 +389,7 @@ def _composed(config, monkeypatch, tmp_path):
 
 
 def attempt(kind: str, path: Path) -> str:
-    """Read a file to its end or to a refusal of one line, and return the refusal."""
+    """Read a file, and return the one-line refusal, or an empty string if the file is readable."""
     happened.clear()
     message, start = "", time.process_time()
     try:

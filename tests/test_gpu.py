@@ -1,4 +1,4 @@
-"""Tests on a GPU: nothing remains on the processor, and the painting is the same."""
+"""Tests on a GPU: paintings match those of the CPU, and a renderer trains."""
 
 import pytest
 import torch

@@ -1,4 +1,4 @@
-"""Tests that losses whose gradient reaches no stroke, and metrics that are nan, are named."""
+"""Tests that messages name each loss whose gradient reaches no stroke and each metric that is NaN."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Tests of progress: the display never pauses on a terminal, and a pipe gets a line every ten seconds."""
+"""Tests of the heartbeat: a terminal is never silent for long, and a pipe gets a line every ten seconds."""
 
 import io
 import os

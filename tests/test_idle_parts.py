@@ -1,4 +1,4 @@
-"""Tests that parts without effect on a painting are reported in a line, and no others."""
+"""Tests that each part without effect on a painting, and no other part, is reported in one line."""
 
 import pytest
 import torch

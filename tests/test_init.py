@@ -1,4 +1,4 @@
-"""Tests of valid strokes, strokes as plain numbers, and initialisers: counts, colours, directions and randomness."""
+"""Tests of valid strokes, stroke parameters and initialisers: counts, colours, directions and randomness."""
 
 import math
 from dataclasses import replace
@@ -37,7 +37,7 @@ N = 10_000
 
 
 def naive_sample(n: int) -> np.ndarray:
-    """Sample the distribution as the thesis describes it, one stroke at a time: (n, 10), points in half-windows."""
+    """Draw samples (n, 10) as the thesis describes them, one stroke at a time, with points in half-windows."""
     random = np.random.default_rng(1)
     rows = []
     for _ in range(n):
@@ -202,7 +202,7 @@ def noise(height: int, width: int, seed: int = 0) -> Tensor:
 
 
 def stripes(height: int, width: int, degrees: float) -> Tensor:
-    """Make bands along a direction (clockwise from x to the right, as y points down), with a period of 12 pixels."""
+    """Return stripes with a period of 12 pixels along a direction (clockwise from the x axis, as y points down)."""
     y, x = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
     across = y * math.cos(math.radians(degrees)) - x * math.sin(math.radians(degrees))
     return (0.5 + 0.4 * torch.sin(2 * math.pi * across / 12)).expand(3, height, width).contiguous()

@@ -1,4 +1,4 @@
-"""Tests of ``brushexp.iterate``: states in order, an end whenever the caller wants, and no thread left behind."""
+"""Tests that ``brushexp.iterate`` yields states in order, stops when the caller does, and leaves no thread behind."""
 
 import gc
 import math

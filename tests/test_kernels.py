@@ -1,4 +1,4 @@
-"""Tests that blends and compiled kernels agree with the dense blend in value, gradient and importance."""
+"""Tests that blends and compiled kernels match the dense blend in value, gradient and importance."""
 
 from copy import deepcopy
 from dataclasses import replace
@@ -55,7 +55,7 @@ TILED = BLENDS["tiled"]
 
 
 class Noise(Renderer):
-    """A renderer of windows of noise like those of a network, chosen by a stroke's brush."""
+    """A renderer that draws noise windows in a network's format; each stroke's brush selects its window."""
 
     def __init__(self, side: int = 16) -> None:
         super().__init__()
@@ -383,7 +383,7 @@ def test_a_tone_of_its_own_makes_bristles_and_furrows_as_much_fainter_and_change
 
 
 def line(length, width, number=0, zoom=1.0):
-    """Make a horizontal stroke (1,) in pixels, from x = 20 on, in the middle of 40 rows."""
+    """Return the layers (1,) of a horizontal stroke that starts at x = 20 pixels, in the middle of 40 rows."""
     stroke = straight((20 * zoom, 20 * zoom), ((20 + length) * zoom, 20 * zoom), width=width * zoom)
     return PAINTER(replace(stroke, brush=torch.tensor([number])))
 
@@ -407,7 +407,7 @@ def test_a_longer_stroke_has_more_of_the_pattern_and_its_ends_stay():
 
 @pytest.mark.parametrize("length", [3, 20, 47, 90, 400])
 def test_a_texture_goes_through_beginning_loop_and_end_without_a_seam(length):
-    """The columns of the texture appear in the order of the loop, and smooth repeated columns stay smooth."""
+    """Opacity changes smoothly along the stroke and peaks once per repeat of the loop."""
     wave = torch.sin(2 * torch.pi * torch.arange(96.0) / 96)
     columns = torch.cat([0.3 + 0.3 * torch.arange(96.0) / 96, 0.6 + 0.3 * wave, 0.6 - 0.3 * torch.arange(64.0) / 64])
     textures = torch.stack([columns, 0 * columns, columns])[None, :, None].expand(1, 3, 96, 256)
@@ -451,7 +451,7 @@ def test_a_texture_in_twice_its_size_is_the_same_with_finer_detail_where_it_has_
 
 @pytest.mark.parametrize("offset", [-1.3, -0.3, -0.1, 0.07, 1.2])
 def test_pixels_that_see_only_the_end_of_a_short_thick_stroke_give_it_the_exact_gradient(offset):
-    """Beyond the end, inside the bend, the distance has no minimum: Newton's step must not divide by its curvature."""
+    """Beyond the end, inside the bend, the distance has no minimum, so the Newton step must not divide by its curvature."""
     curve = torch.tensor([[[3.5, 4.0], [4.5, 4.0], [7.5, 4.0]]]) + offset
     strokes = strokes_along(curve, torch.tensor([24.0]), torch.tensor([[0.2, 0.5, 0.8]]), 0.9)
     strokes = replace(strokes, widening=torch.tensor([0.3]), drift=torch.tensor([[0.1, 0.05, -0.1]]))

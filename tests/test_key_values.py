@@ -1,4 +1,4 @@
-"""Tests that every key of a task and option of a plugin accepts valid values, and refuses others in one line."""
+"""Tests that every task key and plugin option accepts valid values and refuses others in one line."""
 
 import os
 import re
@@ -57,7 +57,7 @@ NUMBERS = (int, float, int | None, float | None)
 
 
 def refusal(cfg, task, words):
-    """Return the message about these words, or "" if they are valid."""
+    """Return the error message for these words, or "" if they are valid."""
     try:
         with typed_into(cfg, expand_arguments(words)):
             check(cfg, words)
@@ -71,7 +71,7 @@ def refusal(cfg, task, words):
 
 @cache
 def config_of(task, family="", name=""):
-    """Compose a config of the task with only the named plugin of its family."""
+    """Compose a task's config in which a family contains only the named plugin."""
     cfg = configured(expand_arguments([f"task={task}", *NEEDED.get(task, "").split()]))
     if family:
         node = nodes()[family, name].copy()
@@ -82,7 +82,7 @@ def config_of(task, family="", name=""):
 
 
 def declared():
-    """List config, name and type of every key and option, each once."""
+    """List the config, name and type of every key and option, without duplicates."""
     options = {}
     for task, schema in TASKS.items():
         for name, key in keys_of(schema).items():
@@ -97,7 +97,7 @@ def declared():
 
 @pytest.mark.slow(kernels=False)
 def test_every_value_fits_or_is_refused_in_one_line_that_names_the_key():
-    """A twelfth of the values of each key, rotating from key to key; all of them with ``BRUSHEXP_VALUES=all``."""
+    """Each key is tested with a twelfth of the values, in rotation, or with all if ``BRUSHEXP_VALUES=all``."""
     without, wrong = {}, []
     apart = 1 if os.environ.get("BRUSHEXP_VALUES") == "all" else 12
     for k, (which, name, kind) in enumerate(declared()):

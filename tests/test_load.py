@@ -1,4 +1,4 @@
-"""Tests that paintings are loaded from their folders, and strokes drawn in batches, or refused in one line."""
+"""Tests that paintings load from folders, strokes are drawn in batches, and bad input is refused in one line."""
 
 import json
 import shutil
@@ -19,7 +19,7 @@ SIZE = (24, 32)
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Paint a run under a lamp, with all files."""
+    """Paint a run that is lit by a lamp, and return its folder with all output files."""
     place = tmp_path_factory.mktemp("runs") / "x"
     brushexp.paint("chelsea", look="impasto", **SMALL, output=place, threads=1)
     return place

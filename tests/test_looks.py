@@ -1,4 +1,4 @@
-"""Tests of looks: typed words override them with any plugin they choose, and quality scales their effort."""
+"""Tests of looks: typed words override their settings, with any plugin, and quality scales their effort."""
 
 import re
 import shutil
@@ -49,7 +49,7 @@ def composed(words: str = ""):
 
 @pytest.fixture
 def mine(tmp_path):
-    """Make a folder of configs with a look of the user's."""
+    """Return a function that composes configs with a user's own look."""
     (tmp_path / "look").mkdir()
     (tmp_path / "look" / "mine.yaml").write_text(MINE)
     offer([*conf_folders(), tmp_path])

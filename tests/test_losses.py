@@ -1,4 +1,4 @@
-"""Tests of every registered loss: its value and slope, also for nearly empty inputs, in every precision.
+"""Tests of every registered loss: its value and gradient in every precision, including for nearly empty inputs.
 
 Losses on parts of a canvas are tested in test_features.
 """
@@ -48,7 +48,7 @@ KINDS = {name: (name, {}) for name in OF_PICTURES} | {f"style {k}": ("style", {"
 
 
 def built(name: str, **options: object) -> Loss:
-    """Build a loss by its name; brushwork compares with a painting of sixty strokes."""
+    """Build a loss by name; the brushwork loss gets a reference painting of sixty strokes."""
     loss: Loss = build_named("loss", name, options)
     if name == "brushwork":
         loss.reference = brushwork_of(seen(random_strokes(60, (40, 50), seed=1)), (40, 50))
@@ -64,13 +64,13 @@ def visible(n: int) -> Strokes:
 
 
 def collinear(n: int, t: float) -> Strokes:
-    """Put control points on the line through both ends: between them for t in (0, 1), beyond them otherwise."""
+    """Make strokes whose control point lies on the line through both ends: between them for t in (0, 1), else beyond."""
     made = visible(n)
     return replace(made, control=made.start + t * (made.end - made.start))
 
 
 def of(rows: list[list[float]]) -> Strokes:
-    """Make strokes from rows of start, control, end."""
+    """Make strokes from rows of start, control and end points."""
     start, control, end = torch.tensor(rows, dtype=torch.float64).split(2, dim=1)
     return replace(visible(len(rows)), start=start, control=control, end=end)
 
@@ -100,7 +100,7 @@ STEEP = {  # where single precision need not agree with double precision
 
 
 def judged_strokes(loss: Loss, strokes: Strokes, dtype: torch.dtype) -> tuple[Tensor, list[Tensor]]:
-    """Return value and gradients of a loss of strokes in a dtype."""
+    """Return the value and gradients of a loss on strokes of the given dtype."""
     made = strokes.map(lambda value: value.to(dtype).clone().requires_grad_())
     picture = torch.zeros(3, *CANVAS, dtype=dtype)
     value = loss(PaintedView(picture, picture, made))
@@ -126,7 +126,7 @@ def test_few_strokes_have_a_value_and_a_gradient_in_every_precision(name, kind):
 
 @pytest.mark.parametrize("name", OF_STROKES)
 def test_half_precision_costs_what_its_rounded_strokes_cost_and_the_slope_is_that_of_the_value(name):
-    """Only the strokes are rounded, not the results of computing with them."""
+    """Only the strokes are rounded to half precision; the loss computes in single precision."""
     for dtype in (torch.bfloat16, torch.float16):
         rounded = visible(12).map(lambda value, to=dtype: value.to(to))
         value, _ = judged_strokes(built(name), rounded, dtype)
@@ -149,7 +149,7 @@ SIZES = [(1, 1), (3, 5), (10, 10)]
 
 
 def pairs(height: int, width: int) -> dict[str, tuple[Tensor, Tensor]]:
-    """Make pictures and targets in float64."""
+    """Make named pairs of a picture and its target, in float64."""
     image, target = torch.rand(2, 3, height, width, dtype=torch.float64)
     bright = torch.zeros_like(target)
     bright[:, height // 2, width // 2] = 1
@@ -165,7 +165,7 @@ def pairs(height: int, width: int) -> dict[str, tuple[Tensor, Tensor]]:
 
 
 def judged_pictures(loss: Loss, image: Tensor, target: Tensor, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
-    """Return value and gradient of a loss, in double precision for double pictures, otherwise in single precision."""
+    """Return a loss's value and gradient; the loss computes in double precision for float64, otherwise in single."""
     loss = loss.double() if dtype is torch.float64 else loss.float()
     if hasattr(loss, "calls"):
         loss.calls.zero_()  # so that the shift is the same
@@ -176,7 +176,7 @@ def judged_pictures(loss: Loss, image: Tensor, target: Tensor, dtype: torch.dtyp
 
 @pytest.mark.parametrize("name", KINDS)
 def test_tiny_pictures_have_a_value_and_a_gradient_in_every_precision(name):
-    """Covers pictures smaller than the windows of ssim (11 pixels) and the receptive fields of networks (up to 200)."""
+    """The pictures are smaller than SSIM's window (11 pixels) and the networks' receptive fields (up to 200 pixels)."""
     loss = built(KINDS[name][0], **KINDS[name][1])
     for size in SIZES:
         for kind, (image, target) in pairs(*size).items():
@@ -196,7 +196,7 @@ def test_tiny_pictures_have_a_value_and_a_gradient_in_every_precision(name):
 
 
 def test_ssim_in_half_precision_is_that_of_the_rounded_pictures():
-    """In bfloat16 the variance of a bright even picture has no correct digit; sums overflow in float16."""
+    """A naive SSIM fails here: bright flat pictures lose their variance in bfloat16, and sums overflow in float16."""
     for image, target in pairs(90, 70).values():
         for dtype in (torch.bfloat16, torch.float16):
             rounded = [picture.to(dtype).double() for picture in (image, target)]
@@ -384,7 +384,7 @@ def scene(n: int, seed: int = 0, dtype: torch.dtype = torch.float64, bend: float
 
 
 def shaped(points: list[list[float]], width: list[float]) -> Strokes:
-    """Make strokes from start, control, end (N rows of 6, half-windows) and width."""
+    """Make strokes from their widths and N rows of start, control and end points (6 numbers, in half-windows)."""
     table = torch.tensor(points, dtype=torch.float64)
     shape = dict(zip(POINTS, table.split(2, dim=1), strict=True))
     return replace(scene(len(width)), **shape, width=torch.tensor(width, dtype=torch.float64))
@@ -427,7 +427,7 @@ def test_valid_strokes_cost_hardly_anything_and_curvature_agrees_with_the_loop()
 
 
 def textbook_divergence(made: Strokes) -> float:
-    """Compute the KL by projecting the control points one by one, with torch's formula for two normal distributions."""
+    """Compute the KL divergence by projecting each control point and applying torch's formula for two normals."""
     rows = []
     for start, control, end in zip(made.start.numpy(), made.control.numpy(), made.end.numpy(), strict=True):
         length = np.hypot(*(start - end))
@@ -452,7 +452,7 @@ def test_kl_agrees_with_the_textbook_and_depends_on_neither_size_nor_place(n, be
 
 
 def textbook_direction(strokes: Strokes, k: int) -> float:
-    """Compute 4 sin^2 of the angle between the principal axes of each stroke and its nearest ones, pair by pair."""
+    """Compute the mean of 4 sin^2 of the angles between each stroke's principal axis and those of its k neighbours."""
     t = torch.linspace(0, 1, 2001, dtype=torch.float64)[:, None]
     angle = []
     for start, control, end in curve_of(strokes):

@@ -1,4 +1,4 @@
-"""Tests of the ruler, curves and metrics against slow, obvious references, with slopes and degenerate strokes."""
+"""Tests of stroke measures, curves and metrics against slow references, with gradients and degenerate strokes."""
 
 import math
 from dataclasses import replace
@@ -29,7 +29,7 @@ SIZE = (60, 90)
 
 
 def measure(strokes: Strokes) -> dict[str, Tensor]:
-    """Return every measure of the ruler."""
+    """Return every stroke measure by name."""
     shape, width = shape_of(strokes), 2 * half_width_of(strokes)
     length, direction, near = length_of(shape), ruler.direction_of(shape), ruler.neighbours_of(strokes, shape)
     return {
@@ -46,7 +46,7 @@ def measure(strokes: Strokes) -> dict[str, Tensor]:
 
 
 def polylines(strokes: Strokes, pieces: int = 4000) -> Tensor:
-    """Sample curves as (N, pieces + 1, 2) points in pixels."""
+    """Sample each stroke's curve at evenly spaced t: points (N, pieces + 1, 2) in pixels."""
     t = torch.linspace(0, 1, pieces + 1, dtype=torch.float64)
     return point_at(curve_of(strokes)[:, None], t.expand(len(strokes), -1))
 
@@ -213,7 +213,7 @@ def search(begin, end, p, reach, corners, found, recalled):
 
 
 def random_tiles(n):
-    """Make curves (n, 3, 2), some straight or hairpins, with their reach (n,), and tiles (n, 2) near them."""
+    """Make random curves (n, 3, 2), from straight ones to hairpins, their reach (n,), and nearby tiles (n, 2)."""
     generator = np.random.default_rng(0)
     length, reach = np.exp(generator.uniform(np.log([4, 1]), np.log([200, 40]), (n, 2))).T
     bend = length * np.exp(generator.uniform(np.log(0.05), np.log(6), n))

@@ -1,4 +1,4 @@
-"""Tests that every mistake ends in one line with what is wrong and what to type, and that other output is plain."""
+"""Tests that each mistake gets one line saying what is wrong and what to type, and that other output is plain."""
 
 import logging
 import re
@@ -358,7 +358,7 @@ def test_the_terminal_gets_plain_words_and_leaves_figures_to_the_log(capsys, cap
 
 
 class Screen(StringIO):
-    """A stream that claims to be a terminal, or not."""
+    """A stream that claims to be a terminal or not, as its creator chooses."""
 
     def __init__(self, is_terminal):
         super().__init__()

@@ -1,4 +1,4 @@
-"""Tests that corrected p-values reject exactly what the stepwise procedure rejects."""
+"""Tests that Holm-corrected p-values reject exactly the hypotheses that the stepwise procedure rejects."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Tests that NOTICE gives the origin of everything in the package that is not source code."""
+"""Tests that NOTICE states the origin of every packaged file that is not source code."""
 
 import re
 import tomllib
@@ -13,7 +13,7 @@ HATCH = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["b
 
 
 def shipped() -> Iterator[tuple[str, Path]]:
-    """List the files of the wheel with their paths in it."""
+    """Yield the files in the wheel, each as its path in the wheel and its path on disk."""
     for package in map(Path, HATCH["packages"]):
         for path in (ROOT / package).rglob("*"):
             if path.is_file() and "__pycache__" not in path.parts:
@@ -21,7 +21,7 @@ def shipped() -> Iterator[tuple[str, Path]]:
 
 
 def is_of_another_kind(path: Path) -> bool:
-    """Check whether a file is not text written here: binary, minified, or a table of measurements."""
+    """Return whether a file is not hand-written text: binary, minified, or a table of measurements."""
     return b"\0" in path.read_bytes() or ".min." in path.name or path.suffix == ".csv"
 
 

@@ -1,7 +1,7 @@
-"""Tests that files written by version 0.1 still open: catalogues, a renderer's recipe, an interrupted run.
+"""Tests that files of version 0.1 still open: catalogues, a renderer's recipe and an interrupted run.
 
-The files are in old_files/ with the results of that version. The run was stopped after 5 of its 12 steps; oil.png is
-the unlit painting of the same run without interruption:
+The files are in old_files/, along with that version's results. The run was stopped after 5 of its 12 steps. The same
+run without interruption gave oil.png, the unlit painting:
 
     brushexp coffee resolution=24 strokes=9 steps=12 frames=0 report=false look=oil
 """

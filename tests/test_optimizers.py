@@ -1,4 +1,4 @@
-"""Tests that every optimiser paints, resumes exactly, and copes with added and removed strokes."""
+"""Tests that every optimiser paints, resumes exactly, and handles added and removed strokes."""
 
 import sys
 
@@ -29,7 +29,7 @@ def soap(**options) -> TorchOptim:
 
 
 def scene(optimizer: Optimizer, n: int = 20, **parts) -> StrokeOptimizer:
-    """Make a painter of 20 steps with a target of blocks."""
+    """Return a painter with 20 steps and a target of coloured blocks."""
     target = torch.rand(3, 4, 6, generator=torch.Generator().manual_seed(1))
     target = target.repeat_interleave(6, 1).repeat_interleave(6, 2)[:, : SIZE[0], : SIZE[1]]
     weight = SIZE[0] * SIZE[1] / 256**2  # gives sgd the gradients that it has at 256 px
@@ -116,7 +116,7 @@ def test_the_rate_rises_holds_and_falls(schedule, end):
 @pytest.mark.parametrize("missing", [False, True])
 @every_preset
 def test_steps_without_a_slope_move_nothing(name, missing):
-    """AdamW's decay moves strokes without a slope, by no more per step than its preset says."""
+    """AdamW is the exception: its weight decay shrinks parameters by the preset's rate per step when gradients are 0."""
     chosen, steps = preset(name), 200
     catalogue = Catalogue(random_strokes(9, SIZE), chosen.units)
     optimizer = chosen.over(catalogue.parameters())

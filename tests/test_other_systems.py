@@ -1,4 +1,4 @@
-"""Tests that the program starts without modules and functions that only Unix has."""
+"""Tests that the program starts without the modules and functions that only Unix provides."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""Tests that the core runs alone, and that packages are complete and use only the public interface."""
+"""Tests that the core runs alone, and that packages are complete and use only the core's public interface."""
 
 import ast
 import json
@@ -58,7 +58,7 @@ SMALL = ["resolution=32", "steps=2", "frames=0", "report=false"]
 
 
 def imports_in(folder: Path) -> Iterator[tuple[Path, str]]:
-    """List the files of a folder, with each imported name and its module."""
+    """Yield every import in a folder's Python files, as the file and the full name of the import."""
     for path in folder.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.ImportFrom):
@@ -97,7 +97,7 @@ def test_without_any_package_the_core_paints_its_looks_and_qualities_sweeps_and_
 
 
 def textbook_losses() -> list[str]:
-    """List the losses of the core that need no other painting."""
+    """List the core losses that need no style picture and no other painting."""
     return sorted(plugin.name for plugin in plugins("loss") if is_core(plugin) and plugin.name not in STYLES)
 
 
@@ -109,7 +109,7 @@ def is_core(plugin: Plugin) -> bool:
 
 
 def settings_of_packages() -> set[str]:
-    """List settings that only packages provide, such as ``loss=sinkhorn``, and the names of their modules."""
+    """Return the settings that only packages provide, such as ``loss=sinkhorn``, and the packages' module names."""
     shipped, *others = conf_folders()
     names = {f"{plugin.family}={plugin.name}" for plugin in plugins() if not is_core(plugin)}
     names |= {f"{path.parent.name}={path.stem}" for folder in others for path in folder.glob("*/*.yaml")}
@@ -180,7 +180,7 @@ LOOK = "# @package _global_\n# a look of one's own\nsteps: 4\nresolution: 40\nfr
 
 @pytest.fixture(scope="module")
 def command(tmp_path_factory) -> Path:
-    """Install a wheel of this checkout, and return its command ``brushexp``; its libraries are those of the tests."""
+    """Install a wheel of this checkout beside the tests' libraries, and return the path of its ``brushexp`` command."""
     folder = tmp_path_factory.mktemp("package")
     left_out = shutil.ignore_patterns(".*", "build", "outputs", "data", "__pycache__", "*.egg-info", "docs", "tests")
     shutil.copytree(ROOT, folder / "source", ignore=left_out)

@@ -1,4 +1,4 @@
-"""Tests that painters go through their stages until the goal, and that partial updates agree with the whole."""
+"""Tests that painters run their stages until a goal ends them, and that partial updates match whole ones."""
 
 import itertools
 from copy import deepcopy
@@ -142,7 +142,7 @@ def test_a_line_search_may_look_anywhere():
 
 
 class Work:
-    """A painting without a picture, whose steps take ``cost(step)`` seconds."""
+    """A stand-in for a painter: it has a schedule but no picture, and each step takes ``cost(step)`` seconds."""
 
     def __init__(self, *steps: int, cost=lambda step: 0.1, error: float = 0.1) -> None:
         self.schedule = Schedule(steps)
@@ -152,7 +152,7 @@ class Work:
         self.rates: list[float] = []
 
     def run(self, *goals: L.Callback, most: int = 10**5) -> "Work":
-        """Take steps like a painter."""
+        """Take steps as a painter does, until the schedule, a goal or ``most`` ends them."""
         schedule = self.schedule
         schedule.start()
         for goal in goals:

@@ -1,4 +1,4 @@
-"""Tests that pictures of every kind become a tensor, or a line that says what is wrong."""
+"""Tests that every kind of picture loads as a tensor or is refused in one line that says what is wrong."""
 
 import io
 import logging
@@ -42,13 +42,13 @@ ORIENTED: dict[int, Callable[[np.ndarray], np.ndarray]] = {
 
 
 def expect(path: Path, rgb: np.ndarray, atol: float = 1e-6) -> None:
-    """Assert that ``path`` has these (H, W, 3 or 1) values in [0, 1]."""
+    """Assert that the picture at ``path`` loads as these values (H, W, 3 or 1) in [0, 1]."""
     expected = torch.from_numpy(np.broadcast_to(rgb, (*rgb.shape[:2], 3)).copy()).permute(2, 0, 1).float()
     torch.testing.assert_close(load_picture(str(path), None), expected, atol=atol, rtol=0)
 
 
 def refusal(path: Path | str) -> str:
-    """Return the message that refuses ``path``: one line that names the file and ends with a remedy."""
+    """Return the one-line refusal of ``path``, which must name the file and end with a remedy."""
     message = refused(load_picture, str(path), None)
     assert "; " in message
     assert on_a_line(str(path)) in message
@@ -56,7 +56,7 @@ def refusal(path: Path | str) -> str:
 
 
 def png(header: tuple[int, int, int, int], rows: bytes, extra: bytes = b"") -> bytes:
-    """Make a PNG from width, height, bit depth, colour type and scan lines; ``extra`` are chunks before these lines."""
+    """Make a PNG from a header (width, height, bit depth, colour type), extra chunks, and scan lines."""
     first = chunk(b"IHDR", struct.pack(">IIBBBBB", *header, 0, 0, 0))
     return b"\x89PNG\r\n\x1a\n" + first + extra + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
 
@@ -66,7 +66,7 @@ def chunk(name: bytes, data: bytes) -> bytes:
 
 
 def deep_png(samples: np.ndarray, extra: bytes = b"") -> bytes:
-    """Make a 16-bit PNG of (H, W, 1 to 4) samples."""
+    """Make a 16-bit PNG from samples (H, W, 1 to 4)."""
     height, width, n = samples.shape
     rows = b"".join(b"\0" + row.astype(">u2").tobytes() for row in samples)
     return png((width, height, 16, {1: 0, 2: 4, 3: 2, 4: 6}[n]), rows, extra)
@@ -79,7 +79,7 @@ def encoded(picture: Image.Image, kind: str, **options: object) -> bytes:
 
 
 def profile_of(swap: bool) -> bytes:
-    """Make an sRGB profile; with ``swap`` its red and green primaries are exchanged."""
+    """Make an sRGB profile; ``swap`` exchanges its red and green primaries."""
     profile = bytearray(ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes())
     if swap:
         profile = bytearray(profile.replace(b"rXYZ", b"____", 1).replace(b"gXYZ", b"rXYZ", 1).replace(b"____", b"gXYZ"))

@@ -1,4 +1,4 @@
-"""Tests of files from cameras, phones, scanners and browsers: colours, pixel shapes, sizes, truncation, authors."""
+"""Tests of files from cameras, phones, scanners and browsers: colours, pixel shapes, sizes, truncation and credits."""
 
 import io
 import logging
@@ -38,7 +38,7 @@ def levels(values: np.ndarray) -> np.ndarray:
 
 
 def expect(path: Path, light: np.ndarray = LINEAR, worst: float = 3.5) -> None:
-    """Assert that a file shows this light, up to the rounding of its 8 bits, which is larger for dark colours."""
+    """Assert that a file decodes to this linear light, up to 8-bit rounding, which is coarser for dark colours."""
     found = read_picture(path)
     found = found if found.dtype == np.uint8 else 255 * found
     assert np.abs(found - 255 * srgb(light)).mean() < 1.5
@@ -153,7 +153,7 @@ FULL = np.random.default_rng(1).integers(0, 256, (48, 64, 3), np.uint8)
 
 
 def raw(path: Path, sensor: str | None, sub: bool = True, version: bool = False) -> Path:
-    """Make a TIFF whose first page is a thumbnail, as in raw photographs."""
+    """Write a TIFF whose first page is a thumbnail, as in raw photographs."""
     tags = [(50706, "B", 4, bytes([1, 4, 0, 0]), True)] if version else []
     with tifffile.TiffWriter(path) as tiff:
         thumbnail = np.ascontiguousarray(FULL[::8, ::8])
@@ -381,14 +381,14 @@ def gif(byte: int) -> bytes:
 
 
 def with_pasp(wide: int, high: int) -> bytes:
-    """Declare the shape of pixels in an AVIF, in place of the bits per channel, which take equally many bytes."""
+    """Make an AVIF whose box for bits per channel is replaced by a pixel aspect ratio box of the same length."""
     whole = file_of(SMOOTH, "AVIF", quality=95, subsampling="4:4:4")
     at = whole.index(b"\0\0\0\x10pixi") + 4
     return whole[:at] + b"pasp" + struct.pack(">II", wide, high) + whole[at + 12 :]
 
 
 def with_resc(across: int, down: int) -> bytes:
-    """Declare the pixels per metre of a JPEG 2000 in the last box of its header."""
+    """Make a JPEG 2000 whose last header box states its resolution in pixels per metre."""
     whole = file_of(SMOOTH, "JPEG2000")
     at = whole.index(b"jp2h") - 4
     (length,) = struct.unpack_from(">I", whole, at)
@@ -397,7 +397,7 @@ def with_resc(across: int, down: int) -> bytes:
 
 
 def psd(aspect: float) -> bytes:
-    """Make a Photoshop file: header, no palette, a resource with the pixel aspect ratio, no layers, planes."""
+    """Make a Photoshop file that has a pixel aspect ratio, colour planes, no palette and no layers."""
     head = struct.pack(">4sH6xHIIHH", b"8BPS", 1, 3, TALL, BROAD, 8, 3)
     resource = struct.pack(">4sHHIId", b"8BIM", 1064, 0, 12, 1, aspect)
     planes = SMOOTH.transpose(2, 0, 1).tobytes()

@@ -1,4 +1,4 @@
-"""Tests of the contract of each family, for every registered plugin and preset, including yours."""
+"""Tests that every registered plugin and preset, including yours, keeps the contract of its family."""
 
 import pytest
 from brushexp_testing import contract

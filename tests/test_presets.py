@@ -1,4 +1,4 @@
-"""Tests that presets of quality and studies compose, and that words override studies, and studies presets."""
+"""Tests that quality presets and studies compose, and that words override studies, which override presets."""
 
 import re
 import shlex
@@ -24,7 +24,7 @@ def composed(*words: str, own=()):
 
 
 def listed(study: str) -> list[str]:
-    """List the settings of a study, one for each job."""
+    """Return the list of a study's settings, one for each job."""
     return yaml_of(read_text(STUDIES[study], "")).get("hydra", {}).get("sweeper", {}).get("settings", [])
 
 

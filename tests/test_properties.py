@@ -1,7 +1,7 @@
-"""Tests of properties of any scene, with random and degenerate strokes.
+"""Tests of properties that hold for every scene, including those with degenerate strokes.
 
-If strokes and canvases have dyadic coordinates (multiples of 1/64 pixel), kernels get the same numbers after a shift by
-whole tiles, so the picture is the same to the bit.
+Stroke coordinates are dyadic (multiples of 1/64 pixel). A shift by whole tiles then gives kernels exactly the same
+numbers, so the pictures match bit for bit.
 """
 
 import os
@@ -46,7 +46,7 @@ KINDS = ("plain", "opaque", "transparent", "no width", "a point", "folded", "hug
 
 @dataclass(frozen=True)
 class Scene:
-    """Strokes, front to back, on a canvas of ``size`` (H, W)."""
+    """Strokes in front-to-back order on a canvas of ``size`` (H, W)."""
 
     strokes: Strokes
     size: tuple[int, int]
@@ -58,7 +58,7 @@ class Scene:
 
 
 def degenerate(strokes: Strokes, i: int, kind: str) -> Strokes:
-    """Turn stroke ``i`` into one of ``KINDS``."""
+    """Return the strokes with stroke ``i`` changed to one of ``KINDS``."""
     fields: dict[str, dict[str, object]] = {
         "plain": {},
         "opaque": {"opacity": 1.0, "width": 0.5},
@@ -79,7 +79,7 @@ def degenerate(strokes: Strokes, i: int, kind: str) -> Strokes:
 
 @st.composite
 def scenes(draw: st.DrawFn, most: int = 10, bend: float = 0.15) -> Scene:
-    """Draw dyadic random scenes, with bends too small for two points of a stroke to be equally near to a pixel."""
+    """Draw random dyadic scenes; with the default bend, no pixel is equally near to two points of the same stroke."""
     size = (draw(st.integers(1, 26)), draw(st.integers(1, 26)))
     kinds = draw(st.lists(st.sampled_from(KINDS), max_size=most))
     strokes = random_strokes(len(kinds), size, seed=draw(st.integers(0, 10_000)), bend=bend, width=(0.02, 0.4))
@@ -97,12 +97,12 @@ def assert_same(image: Tensor, expected: Tensor, exactly: bool, atol: float) -> 
 
 
 def slack(blend: str) -> float:
-    """Return the tolerance for a picture whose tiles begin elsewhere."""
+    """Return the tolerance for comparing pictures whose tiles start at different pixels."""
     return MOVED + 2 * getattr(BLENDS[blend], "opaque", 0.0)
 
 
 def inserted(strokes: Strokes, place: int, other: Strokes) -> Strokes:
-    """Insert ``other`` into strokes at a place in their order."""
+    """Insert the strokes ``other`` before the stroke at index ``place``."""
     return Strokes.join(strokes[:place], other, strokes[place:])
 
 
@@ -113,7 +113,7 @@ over_renderers = pytest.mark.parametrize("renderer", RENDERERS)
 
 
 def over_all(**strategies):
-    """Test random examples with every blend and every renderer."""
+    """Run a test on random examples, for every blend and every renderer."""
     return lambda test: over_renderers(over_blends(PROFILE(given(**strategies)(test))))
 
 
@@ -157,7 +157,7 @@ def test_strokes_that_do_not_meet_may_come_in_any_order(blend, renderer, seed, r
 
 @over_all(scene=scenes(), right=st.integers(0, 40), down=st.integers(0, 40), tiles=st.booleans())
 def test_a_shift_by_whole_pixels_shifts_the_picture(blend, renderer, scene, right, down, tiles):
-    """Exact for multiples of eight pixels in compiled kernels; otherwise within 1e-4."""
+    """Compiled kernels are exact for shifts by multiples of eight pixels; otherwise ``slack`` is the tolerance."""
     right, down = (8 * (right // 8), 8 * (down // 8)) if tiles else (right, down)
     expected = scene.paint(blend, renderer)
     wide = replace(scene, size=(scene.size[0] + down, scene.size[1] + right))
@@ -223,7 +223,7 @@ def test_bands_of_a_picture_are_the_picture(blend, renderer, scene, rows, tiles)
 @PROFILE
 @given(scene=scenes(), zoom=st.sampled_from([3, 5]))
 def test_a_larger_picture_shows_the_same_at_the_centres_of_the_old_pixels(blend, taper, scene, zoom):
-    """The centre of pixel i in the small picture is that of pixel zoom * i + zoom // 2 in the large one."""
+    """Pixel i in the small picture has the same centre as pixel zoom * i + zoom // 2 in the large one."""
     order, size = torch.arange(len(scene.strokes)), tuple(zoom * side for side in scene.size)
     expected = BLENDS[blend](Analytic(soft=1.5, taper=taper)(scene.strokes), order, scene.size, BACKGROUND).image
     layers = Analytic(soft=1.5 * zoom, taper=taper)(scene.strokes.moved(zoom=zoom))

@@ -1,4 +1,4 @@
-"""Tests that every run records its versions, and tables name the differences between runs."""
+"""Tests that every run records its versions, and that tables report how the versions differ between runs."""
 
 import hashlib
 import json
@@ -37,7 +37,7 @@ def git(folder: Path, *words: str) -> str:
 
 @pytest.fixture
 def project(tmp_path, monkeypatch) -> Path:
-    """Make a repository with one commit of a loss, a helper and an order."""
+    """Make a git repository whose one commit holds a loss, its helper module and an order."""
     for name in ("GIT_DIR", "GIT_WORK_TREE", "GIT_INDEX_FILE"):  # of a hook that runs the tests
         monkeypatch.delenv(name, raising=False)
     folder = tmp_path / "a project"

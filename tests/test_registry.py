@@ -1,4 +1,4 @@
-"""Tests that registered classes become typed choices of Hydra, and plugins are found in three kinds of places."""
+"""Tests that registered classes become typed Hydra choices, and that plugins load from three kinds of places."""
 
 import logging
 import os
@@ -46,7 +46,7 @@ class Upside(Order):
 
 @pytest.fixture
 def clean(hydra_restore_singletons):
-    """Remove the plugins registered by a test."""
+    """Remove the plugins that a test registers, once it ends."""
     before = set(plugin._members)
     yield
     for key in set(plugin._members) - before:
@@ -200,7 +200,7 @@ def broken_loss(name):
 
 @pytest.fixture
 def loaded(tmp_path, monkeypatch, clean):
-    """Write plugins to files and load them, until the end of the test."""
+    """Return a function that writes a plugin file and loads it; the plugin is removed after the test."""
     monkeypatch.setenv("BRUSHEXP_PLUGINS", str(tmp_path))
 
     def load(text, name):
@@ -378,7 +378,7 @@ PAINT = ("image=chelsea", "resolution=24", "strokes=9", "steps=1", "frames=0", "
 
 @pytest.fixture
 def unfinished(tmp_path):
-    """Make a folder with an unfinished plugin and an unfinished config."""
+    """Make a folder that holds an unfinished plugin and an unfinished config."""
     for name, text in (("plugins/zz.py", "def broken(:\n"), ("conf/look/half.yaml", "a: [\n")):
         (tmp_path / name).parent.mkdir(parents=True)
         (tmp_path / name).write_text(text)

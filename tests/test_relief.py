@@ -1,4 +1,4 @@
-"""Tests of paintings as relief: heights of the paint, and light on them."""
+"""Tests of relief: the heights of the paint, and how a lamp lights them."""
 
 import math
 from dataclasses import replace
@@ -35,7 +35,7 @@ def painted(strokes, size, *, renderer=RENDERERS["plain"], depth=None):
 
 
 def thick(n, size, **options):
-    """Make random strokes wide enough for visible bristles."""
+    """Make random strokes that are wide enough for visible bristles."""
     strokes = random_strokes(n, size, width=(0.2, 0.5), **options)
     return replace(strokes, opacity=0.3 + 0.7 * strokes.opacity)
 
@@ -134,7 +134,7 @@ def hills(height, width, *, roughness=1.0):
 
 
 def lit_grey(value, height, azimuth, elevation, gloss=0.0):
-    """Shade a grey canvas with these heights under a light, (H, W)."""
+    """Shade a grey canvas with the given heights (H, W) under a light."""
     color = np.full((3, *height.shape), value, np.float32)
     return shade_picture(color, normals_of(height), Light(azimuth, elevation, gloss=gloss))[0]
 

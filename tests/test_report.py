@@ -1,4 +1,4 @@
-"""Tests of a sweep's report: results, tables, sheet, and its page in a real browser, whatever the runs did."""
+"""Tests of a sweep's report, whatever its runs did: results, tables, contact sheet and page in a real browser."""
 
 import json
 import logging
@@ -42,7 +42,7 @@ def fail(folder: Path, number: int, error: str = ERROR) -> None:
 
 
 def painted(folder: Path, axes: dict[str, list[str]]) -> None:
-    """Make a sweep whose run number k is a picture of grey 20 + k, with a target of grey 200."""
+    """Make a sweep in which run k has a painting of grey level 20 + k and a target of grey level 200."""
     make_grid(folder, axes)
     for run in folder.iterdir():
         write_picture(run / "target.png", np.full((24, 32, 3), 200, np.uint8))
@@ -59,7 +59,7 @@ def sheet(folder: Path) -> Path | None:
 
 
 def greys(path: Path) -> list[list[int]]:
-    """List the grey levels of the pictures on a sheet, row by row."""
+    """Return the grey levels of the pictures on a contact sheet, row by row."""
     rows: list[list[int]] = []
     for line in pixels_of(path)[..., 0]:
         starts = np.flatnonzero(np.diff(line, prepend=-1))
@@ -178,7 +178,7 @@ def test_every_target_stands_where_its_runs_are(tmp_path):
 
 
 def test_a_sheet_of_looks_has_a_row_for_each_picture_as_high_as_it_needs(tmp_path):
-    """Also covers more pictures than looks, and looks with losses of their own."""
+    """The sweep has more pictures than looks, and each look has its own loss."""
     painted(tmp_path, {"look": ["oil", "ink"], "image": ["/d/a.png", "/d/b.png", "/d/c.png"]})
     for number in range(6):
         note(tmp_path, number, loss="mse" if number < 3 else "mse+width")
@@ -227,7 +227,7 @@ def test_large_sheets_stay_within_bounds(count, long):
 
 
 def end_job(folder: Path, number: int, outcome: object, mode: str = "MULTIRUN") -> None:
-    """Call what Hydra calls at the end of a job, with a dict of numbers or an exception; the report is due."""
+    """Call the hook that Hydra calls after a job, with metrics or an exception as its outcome, when a report is due."""
     sweep_report._next_report = 0.0
     config = OmegaConf.create({"hydra": {"runtime": {"output_dir": str(folder / str(number))}, "mode": RunMode[mode]}})
     status = JobStatus.FAILED if isinstance(outcome, Exception) else JobStatus.COMPLETED
@@ -307,7 +307,7 @@ SETTINGS = [  # steps, loss, seconds, PSNR, SSIM
 
 
 def make_sweep(folder: Path) -> Path:
-    """Make six finished runs, one of them with a page of its own, and a failed run."""
+    """Make a sweep of one failed run and six finished runs, one of which has its own page."""
     folder.mkdir()
     for k, (steps, loss, seconds, psnr, ssim) in enumerate(SETTINGS):
         numbers = {"seconds": seconds, "psnr": psnr, "ssim": ssim, "n_strokes": 24, "loss": loss}
@@ -329,7 +329,7 @@ def page_of(folder: Path) -> Path:
 
 
 def order(page) -> list[str]:
-    """List the names of the visible runs, from top to bottom."""
+    """Return the names of the visible runs, from top to bottom."""
     return page.evaluate("[...document.querySelectorAll('#table tr:not([hidden]) .name')].map(e => e.dataset.sort)")
 
 

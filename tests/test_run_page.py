@@ -1,4 +1,4 @@
-"""Tests of a run's page: its contents, and its behaviour in a real browser."""
+"""Tests of a run's page: what it contains, and how it behaves in a real browser."""
 
 import base64
 import io
@@ -67,12 +67,12 @@ def page_of(saved: Saved, metrics: dict | None = None, command: str | None = Non
 
 
 def page_from(folder: Path) -> Path:
-    """Write the page of a run from its folder."""
+    """Write a run's page from the files in its folder, and return its path."""
     return write_run_page(folder, read_painting(folder, export_job(load_catalogue(folder / "catalogue.h5"))))
 
 
 def run_in(folder: Path, *, image: str = "astronaut", overrides: tuple[str, ...] = ("steps=30",)) -> Path:
-    """Write the files of a run without painting."""
+    """Write the files of a run into a folder without painting, and return the folder."""
     saved = saved_with(COUNT)
     saved = replace(saved, config=saved.config.replace("astronaut", json.dumps(image)))
     painting = export_job(saved).picture()
@@ -116,7 +116,7 @@ def run(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def visited(run, opened):
-    """Open the page of the run after scrolling through all of it."""
+    """Open the run's page, scroll to its lamp and its replay, and wait until both are ready."""
     watched = opened(run / "report.html")
     see(watched, "#light")
     watched.page.wait_for_selector("#light-stage[data-ready]")
@@ -130,13 +130,13 @@ def see(watched, selector: str) -> None:
 
 
 def idle(watched, count: int | None = None) -> None:
-    """Wait until all strokes, or ``count`` of them, are painted."""
+    """Wait until the replay has finished painting, and shows ``count`` strokes if that is given."""
     state = "" if count is None else f"[data-shown='{count}']"
     watched.page.wait_for_selector(f"#replay-stage[data-live=yes][data-busy=false]{state}")
 
 
 def slide(watched, selector: str, value: float) -> None:
-    """Move a slider like a pointer."""
+    """Move a slider as a pointer would."""
     move = """([selector, value]) => {
       const input = document.querySelector(selector);
       input.value = value;
@@ -156,12 +156,12 @@ def decoded(uri: str) -> np.ndarray:
 
 
 def pixels_in(watched, selector: str = ".replay-paint") -> np.ndarray:
-    """Return the pixels of a canvas."""
+    """Return the pixels of a canvas element."""
     return decoded(watched.evaluate("selector => document.querySelector(selector).toDataURL()", selector))
 
 
 def point(watched, selector: str, x: float, y: float) -> None:
-    """Point at a place in a picture, given in shares of its width and height."""
+    """Move the pointer to a position in a picture, given as fractions of its width and height."""
     box = watched.page.locator(selector).bounding_box()
     watched.page.mouse.move(box["x"] + x * box["width"], box["y"] + y * box["height"])
 
@@ -462,7 +462,7 @@ def test_a_visitor_replays_strokes_back_and_forth_and_leaves_layers_out(visited)
 
 
 def oracle(saved: Saved, points: np.ndarray) -> list[int | None]:
-    """Find the top stroke at each point; None where rounding may decide."""
+    """Return the top stroke at each point, or None where rounding could decide."""
     curve, half = curve_of(saved.strokes), half_width_of(saved.strokes)
     place = torch.as_tensor(points, dtype=torch.float32)[None].expand(len(half), -1, -1)
     t = closest_parameter(curve[:, None], place)

@@ -1,8 +1,8 @@
-"""Tests that runs started, killed, interrupted, resumed and moved in any order lose nothing and report the truth.
+"""Tests that runs lose nothing and report the truth when started, killed, interrupted, resumed and moved in any order.
 
-``BRUSHEXP_STATES=30 pytest tests/test_run_states.py`` tries 30 histories of each kind of run; the default is three, the
-first of them empty. All completed runs of a kind have the same bits. A sweep is killed at every seventh of its files,
-or at each with ``BRUSHEXP_KILLS=all``.
+``BRUSHEXP_STATES=30 pytest tests/test_run_states.py`` tries 30 histories of each kind of run. The default is three, and
+the first one is empty. All completed runs of a kind match bit for bit. A sweep is killed at every seventh kill point,
+just before or after it writes a file, or at each one with ``BRUSHEXP_KILLS=all``.
 """
 
 import json
@@ -65,7 +65,7 @@ NAMES = ["a", "b"]
 
 
 class Runs(RuleBasedStateMachine):
-    """Two folders with runs, a picture, and notes of the user's own, along with the expected state."""
+    """Two run folders, a picture and the user's own notes, along with the state that they should have."""
 
     whole: ClassVar = {}  # kind and target -> the bits of every complete run, killed or not
     begun: ClassVar[list[str]] = []  # words of the runs in all histories
@@ -93,7 +93,7 @@ class Runs(RuleBasedStateMachine):
         shutil.rmtree(self.place, ignore_errors=True)
 
     def step_of(self, name):
-        """Return the step from which the checkpoint of a folder continues; None without a checkpoint."""
+        """Return the step at which a folder's checkpoint would resume, or None without a checkpoint."""
         path = self.place / name / "checkpoint.ckpt"
         if not path.exists():
             return None
@@ -158,7 +158,7 @@ class Runs(RuleBasedStateMachine):
 
     @rule()
     def move(self):
-        """Rename the folders."""
+        """Swap the names of the two run folders."""
         for old, new in (("a", "c"), ("b", "a"), ("c", "b")):
             if (self.place / old).exists():
                 (self.place / old).rename(self.place / new)
@@ -171,7 +171,7 @@ class Runs(RuleBasedStateMachine):
             self.notes.add(name)
 
     def check_end(self, name, code, output, kill):
-        """Assert that a run that could start has ended correctly."""
+        """Assert that a run that was allowed to start has ended correctly."""
         folder = self.place / name
         assert "Traceback" not in output, output
         if kill is not None and code == -signal.SIGKILL:
@@ -222,7 +222,7 @@ def files_of(folder: Path) -> dict[str, bytes]:
 
 @pytest.fixture(scope="module")
 def strokes(tmp_path_factory) -> Path:
-    """Simulate a set of strokes for training."""
+    """Simulate a training set of strokes, and return its folder."""
     folder = tmp_path_factory.mktemp("set").resolve()
     code, output = ended(folder, "task=simulate", "engine=disc", "engine.window=64", "threads=1", "n=160", "output=set")
     assert code == 0, output
@@ -246,7 +246,7 @@ MOVED = [(f"{job}/{name}", 1, after) for job in (0, 1) for name in OF_PAINTINGS[
 
 
 def kills_of_a_sweep():
-    """List the kills to try, each with a signal and the resulting exit code, including the first and the last."""
+    """List the kills to try, including the first and the last, each with its signal and the expected exit code."""
     kills = MOVED if os.environ.get("BRUSHEXP_KILLS") == "all" else [*MOVED[:-1:7], MOVED[-1]]
     signals = ((signal.SIGTERM, 128 + signal.SIGTERM), (signal.SIGKILL, -signal.SIGKILL))
     return [(kill, *signals[number % 2]) for number, kill in enumerate(kills)]

@@ -1,4 +1,4 @@
-"""Tests that libraries and jobs do not change each other's settings, and that files are written completely or not."""
+"""Tests that threads, forks and jobs do not disturb each other, and that files are written whole or not at all."""
 
 import importlib
 import json
@@ -150,7 +150,7 @@ def write_old(path: Path) -> Path:
 
 @pytest.fixture
 def full_disk():
-    """Limit the files of this process to 10 kB."""
+    """Limit each file that this process writes to 10 kB, to imitate a full disk."""
     resource = pytest.importorskip("resource")  # not on Windows
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, before[1]))

@@ -1,4 +1,4 @@
-"""Tests of sweeps over a list of settings: each is a separate job, and all are checked before the first starts."""
+"""Tests of sweeps over a list of settings: each setting is a job, and all jobs are checked before the first starts."""
 
 from itertools import product
 from types import SimpleNamespace
@@ -24,7 +24,7 @@ FOUND = search_path(conf_folders())  # lets Hydra find the configs of packages
 
 
 def jobs(settings, arguments=(), pictures=()):
-    """Return the overrides of every job, after checking them."""
+    """Combine settings, arguments and pictures into jobs, check the jobs, and return their overrides."""
     with initialize_config_dir(version_base="1.3", config_dir=str(SHIPPED)):
         loader = GlobalHydra.instance().config_loader()
         kind = Plugins.instance().class_name_to_class["hydra_plugins.brushexp_settings.SettingsSweeper"]

@@ -1,4 +1,4 @@
-"""Tests that a catalogue keeps its strokes in range, is read back unchanged, and is refused in words if damaged."""
+"""Tests that a catalogue keeps strokes in range, reads back unchanged, and is refused with a reason if damaged."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""Tests of the style loss against independent formulations, on parts of the canvas, and in paintings."""
+"""Tests of the style loss: against independent formulations, on parts of the canvas, and in paintings."""
 
 from pathlib import Path
 
@@ -30,14 +30,14 @@ def pictures(height: int = 40, width: int = 52, dtype: torch.dtype = torch.float
 
 
 def saved(tmp_path: Path, picture: Tensor, name: str = "style.png") -> str:
-    """Save a picture (3, H, W) with 8-bit colours to a file."""
+    """Save a picture (3, H, W) with 8-bit colours, and return its path."""
     pixels = (picture * 255).round().to(torch.uint8).permute(1, 2, 0).numpy()
     Image.fromarray(pixels).save(tmp_path / name)
     return str(tmp_path / name)
 
 
 def value_by_numpy(kernel: str, ours: np.ndarray, style: np.ndarray) -> float:
-    """Compute the loss of one tap from features (C, P) with einsum."""
+    """Compute one tap's loss with einsum, from features (C, P) of the picture and the style."""
     if kernel == "poly":
         a, b = (np.einsum("ip,jp->ij", f, f) / f.shape[1] for f in (ours, style))
         return float(((a - b) ** 2).sum() / np.einsum("ip,ip,jp,jp->", style, style, style, style) * style.shape[1])
@@ -86,7 +86,7 @@ def test_the_style_picture_itself_costs_nothing(kernel, tmp_path):
     ("kernel", "size"), [("poly", (96, 123)), ("linear", (101, 90)), ("gaussian", (83, 80)), ("meanstd", (77, 98))]
 )
 def test_a_part_counts_as_in_the_whole(kernel, size, monkeypatch):
-    """Up to the network's view beyond the context, for several parts in turn on a changing canvas."""
+    """Several parts of a changing canvas agree with the whole, except for what the network sees beyond their context."""
     monkeypatch.setattr("brushexp.features.base.TILE_PIXELS", 64)
     image, target = pictures(*size)
     loss, whole = Style(kernel=kernel), Style(kernel=kernel)
@@ -152,7 +152,7 @@ def moments(picture: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def test_recolouring_takes_over_mean_and_covariance_also_of_the_target_if_asked(tmp_path):
-    """Uses muted colours, which are never clipped."""
+    """The colours are muted, so that none is clipped."""
     mix = torch.tensor([[0.1, 0.02, 0.0], [0.0, 0.05, 0.03], [0.02, 0.0, 0.08]])
     picture = 0.4 + 0.2 * (torch.rand(3, 40, 60) - 0.5)
     like = 0.5 + torch.einsum("ij,jhw->ihw", mix, torch.rand(3, 30, 20) - 0.5)

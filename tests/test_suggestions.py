@@ -1,4 +1,4 @@
-"""Tests of the line ``next:`` after a painting: its proposals, and that they do not spoil the painting."""
+"""Tests of the ``next:`` line after a painting: it suits the typed command and never changes the number of strokes."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Tests that Python's functions return the same results under any global settings of PyTorch."""
+"""Tests that brushexp's Python functions return the same results under any global settings of PyTorch."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""Tests of the program as started by users, with one picture or a folder: its files, resuming and refusals."""
+"""Tests of the program as users start it, with one picture or a folder: output files, resuming and refusals."""
 
 import json
 import math
@@ -46,7 +46,7 @@ SMALL = ["look=plain", "image=chelsea", "resolution=48", "steps=30", "threads=1"
 
 
 def typed(*overrides: str, cwd: Path, code: int = 0, **environment: str) -> subprocess.CompletedProcess:
-    """Start the program like a user, including its imports; the other tests fork it."""
+    """Start the program in a new process, as a user does; the other tests fork a process that has imported it."""
     command = [sys.executable, "-W", "ignore::FutureWarning", "-m", "brushexp", *overrides]
     env = {**os.environ, "BRUSHEXP_PLUGINS": str(ROOT / "plugins"), **environment}
     done = subprocess.run(command, check=False, env=env, capture_output=True, text=True, cwd=cwd, timeout=280)
@@ -111,7 +111,7 @@ def test_a_saved_catalogue_renders_to_the_painting_larger_too_and_painting_goes_
 
 @pytest.fixture(scope="module")
 def windowed(tmp_path_factory) -> dict[str, str]:
-    """Return an environment in which renderer=windowed, a patch renderer, can be chosen."""
+    """Return environment variables that make renderer=windowed, a patch renderer, available."""
     folder = tmp_path_factory.mktemp("plugins")
     code = ["from scenes import Windowed", "from brushexp.registry import register"]
     code += ['register("renderer", "windowed")(Windowed)']
@@ -179,7 +179,7 @@ def test_a_run_builds_a_plugin_once_and_a_sweep_once_more_for_its_check(tmp_path
 
 
 def test_a_sweep_on_several_cores_ends_in_one_table_and_one_sheet(tmp_path):
-    """With workers that are not forks; sweeps with forks are tested below."""
+    """The workers here are not forks; later tests cover sweeps with forks."""
     pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
     (tmp_path / "plugins").mkdir()
     (tmp_path / "plugins" / "shy.py").write_text(SHY)
@@ -244,7 +244,7 @@ QUICK = ("look=plain", "steps=2", "frames=0", "report=false", "logger=[]")
 
 
 def photos(folder: Path) -> Path:
-    """Make a folder of three pictures, one of them invalid, and a file of another kind."""
+    """Make a folder of three pictures, one of which is invalid, and a text file."""
     folder.mkdir()
     for k, name in enumerate(("a b,c.png", "second.jpg")):
         Image.new("RGB", (24 + k, 16), (90 * k, 40, 200)).save(folder / name)
@@ -254,7 +254,7 @@ def photos(folder: Path) -> Path:
 
 
 def test_all_pictures_are_painted_and_the_same_command_goes_on(tmp_path):
-    """First one by one, then in two processes."""
+    """The first command paints one picture at a time; the second resumes in two processes."""
     name = "my \\${photos}"
     photos(tmp_path / name)
     code, output = ended(tmp_path, f"image={name}", "jobs=1", *QUICK)
@@ -310,7 +310,7 @@ DEAF = """try:
 
 @pytest.fixture
 def own_init(tmp_path):
-    """Write a plugin, init=own, that runs some code before it places strokes."""
+    """Return a function that writes a plugin, init=own, which runs the given code before it places strokes."""
     (tmp_path / "plugins").mkdir()
     return lambda code: (tmp_path / "plugins" / "own.py").write_text(PLUGIN.format(code))
 

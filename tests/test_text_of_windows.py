@@ -1,4 +1,4 @@
-"""Tests that text from any system is read: with a byte order mark, in UTF-16, and with other line ends."""
+"""Tests that text files from any system are read: with a byte order mark, in UTF-16, or with other line endings."""
 
 import codecs
 from pathlib import Path

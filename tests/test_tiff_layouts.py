@@ -1,4 +1,4 @@
-"""Tests that TIFF files of any layout are read as libtiff reads them, or refused with what they would need."""
+"""Tests that TIFF files of every layout are read as libtiff reads them, or refused with the decoder they need."""
 
 import itertools
 import logging
@@ -42,13 +42,13 @@ LEVEL = 1 / 255
 
 
 def color_map(bits: int, top: int) -> np.ndarray:
-    """Make colours (3, N) up to ``top`` for all numbers of ``bits`` bits."""
+    """Make a colour map (3, 2**bits) with values up to 255, or up to 65535 if ``top`` exceeds 255."""
     ramp = np.linspace(0, 255, 2**bits).astype(int)
     return np.stack([ramp, ramp[::-1], ramp * 7 % 256]) * (257 if top > 255 else 1)
 
 
 def picture_of(samples: np.ndarray, layout: Layout) -> np.ndarray:
-    """Convert samples to colours (H, W, 3) in [0, 1]."""
+    """Convert samples (H, W, C) to colours (H, W, 3) in [0, 1]."""
     if layout.photometric == PALETTE:
         numbers = np.array(next(values for tag, _, values in layout.tags if tag == 320)).reshape(3, -1)
         levels = numbers if numbers.max() < 256 else numbers >> 8
@@ -232,7 +232,7 @@ def test_packings_are_read_where_imagecodecs_is_installed(tmp_path, options, nee
 
 
 def retagged(tag: int, value: int) -> bytes:
-    """Make a TIFF of floats in three channels with a changed tag."""
+    """Make a three-channel TIFF of floats, with one tag set to another value."""
     layout = Layout(32, tags=((339, SHORT, [3] * 3),))
     floats = (ramps(3, 16) / 65535).astype(np.float32).view(np.uint32).astype(np.int64)
     data = bytearray(tiff(floats, layout))

@@ -1,4 +1,4 @@
-"""Tests that an accented name means the same file, with separate accents (NFD) or without (NFC)."""
+"""Tests that an accented name finds the same file whether its accents are separate (NFD) or composed (NFC)."""
 
 import os
 import shutil
@@ -29,7 +29,7 @@ PIXELS = np.zeros((12, 16, 3), np.uint8)
 
 @pytest.fixture(params=SPELLINGS, ids=["there decomposed", "there composed"])
 def names(request, tmp_path, monkeypatch):
-    """Return a name in the spelling that is typed, and in the spelling on disk."""
+    """Return a name as it is typed and as it is spelled on disk."""
     monkeypatch.chdir(tmp_path)
     return request.param
 

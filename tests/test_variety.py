@@ -1,4 +1,4 @@
-"""Tests of variety: finished strokes turn warmer or cooler by light and chance, and change in nothing else."""
+"""Tests of variety: finished strokes turn warmer or cooler with their lightness and by chance; only colours change."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ from brushexp.strokes.storage import load_catalogue
 
 
 def broken(strokes, target, amount=0.5, seed=0, focus=None):
-    """Return the colours of strokes after variety."""
+    """Return the strokes' colours after variety, and check that nothing else has changed."""
     painter = painter_of(target=target, options={"focus": focus})
     state = replace(painter.now(), generator=torch.Generator().manual_seed(seed))
     order = torch.arange(len(strokes))

@@ -1,4 +1,4 @@
-"""Tests that films have the requested length and size, show their pictures, and survive a checkpoint."""
+"""Tests that films have the requested length and size, show their pictures, and survive checkpointing."""
 
 import sys
 import weakref
@@ -17,7 +17,7 @@ from brushexp.pictures.video import GIF_SIDE, GIF_TOLERANCE, LARGEST_SIDE, MOST_
 
 
 def smooth(seed: int, height: int = 40, width: int = 60) -> np.ndarray:
-    """Make a picture of large soft patches."""
+    """Make a picture of large, soft-edged patches."""
     few = np.random.default_rng(seed).integers(0, 256, (3, 4, 3), np.uint8)
     return np.asarray(Image.fromarray(few).resize((width, height), Image.Resampling.BICUBIC))
 

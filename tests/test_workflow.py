@@ -1,4 +1,4 @@
-"""Tests that the commands, files and versions in the forge's workflow exist."""
+"""Tests that the CI workflow's commands, files and versions exist, and that issue templates are short."""
 
 import re
 import shlex

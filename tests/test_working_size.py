@@ -1,4 +1,4 @@
-"""Tests that strokes are optimised at the size that their number needs, and painted at that of the photograph."""
+"""Tests that strokes are optimised at a size that suits their number and painted at the photograph's size."""
 
 import numpy as np
 import pytest

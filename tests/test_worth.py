@@ -1,4 +1,4 @@
-"""Tests of density=worth: strokes stay only while they are worth their bits."""
+"""Tests of density=worth: strokes stay only while their gain exceeds the price of their bits."""
 
 import math
 from dataclasses import replace
@@ -29,7 +29,7 @@ MILLION = 1e6
 
 
 def emblem(size=SIZE):
-    """Make a disc and a bar on a plain ground."""
+    """Make a picture of a disc and a bar on a plain background."""
     y, x = torch.meshgrid(torch.arange(size[0]) + 0.5, torch.arange(size[1]) + 0.5, indexing="ij")
     picture = torch.full((3, *size), 0.9)
     picture[:, (x - size[1] / 3).square() + (y - size[0] / 2).square() < (size[0] / 4) ** 2] = 0.2
@@ -60,7 +60,7 @@ def state_of(image, target, *, strokes=None, **options):
 
 
 def growth_without(painter, number):
-    """Compute by how much the squared error grows if the picture is composited without a stroke."""
+    """Compute how much the squared error grows when the picture is composited without one stroke."""
     strokes, order, picture = painter.strokes(), painter.front_to_back, painter.picture
     rest = torch.arange(len(strokes)) != number
     ranks = order[order != number]

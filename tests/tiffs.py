@@ -1,4 +1,4 @@
-"""TIFF files of any layout, assembled by hand like those of scanners, microscopes and old programs."""
+"""TIFF files of any layout, assembled byte by byte to resemble those of scanners, microscopes and old programs."""
 
 import struct
 import zlib
@@ -17,7 +17,7 @@ Tag = tuple[int, int, Sequence[int]]  # number, type and values
 
 @dataclass(frozen=True)
 class Layout:
-    """Layout of a picture's samples in a file."""
+    """The layout of a picture's samples in a TIFF file."""
 
     bits: int = 8
     photometric: int = RGB
@@ -39,7 +39,7 @@ class Layout:
 
 
 def ramps(channels: int, bits: int) -> np.ndarray:
-    """Make smooth whole numbers (H, W, C) of ``bits`` bits."""
+    """Make smooth gradients (H, W, C) of ``bits``-bit integers."""
     y, x = np.mgrid[0:HEIGHT, 0:WIDTH]
     x, y = x / (WIDTH - 1), y / (HEIGHT - 1)
     shares = [x, y, (x + y) / 2, 1 - x / 2]
@@ -47,7 +47,7 @@ def ramps(channels: int, bits: int) -> np.ndarray:
 
 
 def tiff(samples: np.ndarray, layout: Layout) -> bytes:
-    """Encode samples (H, W, C) as a TIFF of one page."""
+    """Encode samples (H, W, C) as a one-page TIFF."""
     pieces = [_packed(piece, layout) for piece in _pieces(samples, layout)]
     return _file(_tags(samples.shape, pieces, layout), pieces, layout)
 
@@ -127,7 +127,7 @@ def _file(tags: Sequence[Tag], pieces: Sequence[bytes], layout: Layout) -> bytes
 
 
 def chain(pages: int, back_to: int | None) -> bytes:
-    """Make a TIFF of grey pages of 16 x 16 pixels; the last page links back to one of them, or to none."""
+    """Make a TIFF of 16 x 16 grey pages whose last page links back to page ``back_to``, or to no page."""
     tags = [(256, 16), (257, 16), (258, 8), (259, 1), (262, 1), (273, 0), (278, 16), (279, 256)]
     length = 2 + 12 * len(tags) + 4
     data = 8 + pages * length

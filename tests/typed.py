@@ -1,4 +1,4 @@
-"""Configs like those of the command line, with the slow part of composing cached."""
+"""Configs as composed from the command line, with the slow part of composing cached."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -22,7 +22,7 @@ _composed = cache(lambda *words: composed(words))
 
 
 def configured(words: Sequence[str]) -> DictConfig:
-    """Compose the config of words; configs with the same choices are composed once, and values set in a copy."""
+    """Compose the config for words: compose each set of choices once, then set the other values in a copy."""
     names = {word: word.partition("=")[0].lstrip("+~") for word in words}
     choices = [word for word in words if names[word] in CHOSEN_GROUPS or "/" in names[word]]
     try:
@@ -41,7 +41,7 @@ _set = ConfigLoaderImpl._apply_overrides_to_config
 
 @contextmanager
 def typed_into(cfg: DictConfig, words: Sequence[str]) -> Iterator[DictConfig]:
-    """Set words of the command line in a config like Hydra, and restore its values afterwards."""
+    """Apply command-line words to a config as Hydra does, and restore its values afterwards."""
     overrides = PARSER.parse_overrides(list(words))
     names = [override.key_or_group for override in overrides]
     before = {
@@ -57,14 +57,14 @@ def typed_into(cfg: DictConfig, words: Sequence[str]) -> Iterator[DictConfig]:
 
 
 def members(family: str) -> list[str]:
-    """List plugins and presets of a family."""
+    """Return the sorted names of a family's plugins and presets."""
     presets = [path.stem for folder in conf_folders() for path in (folder / family).glob("*.yaml")]
     return sorted([plugin.name for plugin in plugins(family)] + presets)
 
 
 @cache
 def nodes() -> dict[tuple[str, str], DictConfig]:
-    """List the options of each choice, from configs with one choice per family, or all where several are allowed."""
+    """Return each choice's options, from configs with one choice per family, or all where several are allowed."""
     found = {}
     for task in ("paint", *TASK_OF.values()):
         families = [one for one in FAMILIES if TASK_OF.get(one, "paint") == task]

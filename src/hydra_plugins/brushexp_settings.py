@@ -1,6 +1,6 @@
-"""Hydra sweeper: run all combinations of values or settings after checking every job.
+"""A Hydra sweeper that checks every job and then runs all combinations of values or settings.
 
-Every program that uses Hydra imports this file, so a sweep imports its other modules only when it begins.
+Every program that uses Hydra imports this file, so it imports other modules only when a sweep starts.
 """
 
 import shlex
@@ -22,10 +22,10 @@ from omegaconf import DictConfig, OmegaConf
 
 @dataclass
 class SettingsSweeperConf:
-    """Options of ``hydra/sweeper=basic`` (`offer_sweepers`): Hydra's two options and those of `SettingsSweeper`.
+    """Options of ``hydra/sweeper=basic`` (see `offer_sweepers`): Hydra's two options and those of `SettingsSweeper`.
 
-    ``pictures`` holds the values of ``pictures=``. A ``lenient`` sweep runs even if some jobs are invalid, and may
-    grow.
+    ``pictures`` holds the values of ``pictures=``. A ``lenient`` sweep runs even if some jobs are invalid, and new
+    jobs may be added when it is resumed.
     """
 
     _target_: str = "hydra_plugins.brushexp_settings.SettingsSweeper"
@@ -39,11 +39,11 @@ class SettingsSweeperConf:
 
 
 class SettingsSweeper(Sweeper):
-    """Run one job for every picture and setting, times all combinations of other swept values.
+    """Runs every combination of picture, setting and other swept values as one job.
 
-    ``settings`` are overrides such as ``"density=adaptive steps=200"``, or ``""``. They override the command line,
-    which overrides ``params``; an ``image=`` on the command line overrides ``pictures``. If a picture has one job, its
-    subfolder has the picture's name.
+    Each of the ``settings`` is a string of overrides such as ``"density=adaptive steps=200"``, or ``""``. Settings take
+    precedence over the command line, which takes precedence over ``params``; ``image=`` on the command line replaces
+    ``pictures``. If there is one job per picture, each job's subfolder is named after its picture.
     """
 
     config: DictConfig
@@ -99,7 +99,7 @@ class SettingsSweeper(Sweeper):
 
 
 def combinations_of(overrides: Sequence[Override]) -> list[list[str]]:
-    """Return all combinations of the values of overrides; if a key is repeated, the last value counts."""
+    """Return all combinations of the overrides' values; if a key is repeated, its last override counts."""
     from brushexp.errors import UserError  # noqa: PLC0415
 
     choices: dict[str, list[str]] = {}
@@ -116,7 +116,7 @@ def combinations_of(overrides: Sequence[Override]) -> list[list[str]]:
 
 
 class RegistryFirst(SearchPathPlugin):
-    """Make Hydra search registered configs before files, so that presets of losses can be registered by name."""
+    """Makes Hydra search registered configs before files, so that loss presets can be registered by name."""
 
     def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
         search_path.prepend("schema", "structured://")

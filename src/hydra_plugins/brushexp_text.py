@@ -1,6 +1,6 @@
-"""Read Hydra configs in the text encodings of all systems: with a byte order mark, or in UTF-16.
+"""A Hydra config source that also reads files with a byte order mark or in UTF-16.
 
-Every program that uses Hydra imports this file, so other modules are imported only when a config is read.
+Every program that uses Hydra imports this file, so it imports other modules only when a config is read.
 """
 
 from io import StringIO
@@ -12,7 +12,7 @@ from omegaconf import OmegaConf
 
 
 class TextConfigSource(file_config_source.FileConfigSource):
-    """Reads configs from a folder, ``text:///home/me/conf``; tested with Hydra 1.3.8 and 1.4.0rc3."""
+    """Reads configs from a folder such as ``text:///home/me/conf``; tested with Hydra 1.3.8 and 1.4.0rc3."""
 
     @staticmethod
     def scheme() -> str:

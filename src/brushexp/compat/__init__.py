@@ -1,1 +1,1 @@
-"""Use private parts of other libraries; each module states the versions with which it was tested."""
+"""Code that relies on private parts of other libraries; most modules state the tested versions."""

@@ -1,15 +1,15 @@
-"""Compile functions with Numba on their first call, so that importing Numba (about a second) delays nothing else.
+"""Compile functions with Numba on their first call, so that only programs that need Numba spend a second importing it.
 
-A compiled function may have **parts**: functions that it calls by name and that can be replaced (`Compiled.having`), so
-that one loop serves many formulas. Numba types a part once for all functions that use it. Machine code is stored under
-a name derived from the code of the function and of everything it calls, so a change in any file triggers recompilation.
-An `IntEnum` may name the columns of an array; its members are compiled as integers.
+A compiled function can have **parts**: functions that it calls by name and that `Compiled.having` can replace, so one
+loop can serve many formulas. Numba infers the types of each part once for all of its callers. Machine code is stored
+under a hash of the function and everything it calls, so changing any of that code triggers recompilation. An `IntEnum`
+can name the columns of an array; its members are compiled as integers.
 
-Compiled code uses one thread and releases the GIL: a loop over independent iterations takes the first index and the end
-index as arguments, and `system.runtime.share` distributes the loop over threads. Numba's own parallel loops take three
-times as long to compile, since Numba optimises them twice, and their threads do not survive a fork.
+Compiled code runs on one thread and releases the GIL. A loop over independent iterations takes its start and end
+indices as arguments, and `system.runtime.share` distributes it over threads. Numba's own parallel loops take three
+times as long to compile because Numba optimises them twice, and their threads do not survive a fork.
 
-An array that a function writes must not overlap its other arrays, because the compiler relies on this.
+The compiler assumes that an array written by a function does not overlap the function's other arrays.
 """
 
 from collections import namedtuple
@@ -26,7 +26,7 @@ from brushexp.compat.kept_kernels import keep_compiled
 
 
 def first_of(values: Any, n: int) -> tuple[Any, ...]:
-    """Return the first ``n`` numbers of an array, where ``n`` is a constant, as a tuple, which is kept in registers."""
+    """Return the first ``n`` numbers of an array as a tuple, which stays in registers; ``n`` must be a constant."""
     return tuple(values[:n])
 
 
@@ -36,9 +36,10 @@ _inlined: dict[str, Any] = {}  # Numba's versions of functions marked by `inline
 
 
 class Compiled:
-    """A Python function that is compiled on its first call, for the types of its arguments.
+    """A Python function that is compiled for its argument types when it is first called.
 
-    It may call functions marked by `inline` and other compiled functions; ``parts`` replace called functions by name.
+    The function can call other compiled functions and functions marked with `inline`. ``parts`` maps the names of
+    called functions to replacements.
     """
 
     def __init__(self, function: FunctionType, parts: Mapping[str, Any]) -> None:
@@ -49,7 +50,7 @@ class Compiled:
         return self.dispatcher(*args)
 
     def having(self, **parts: Any) -> "Compiled":
-        """Return a copy of the function with the given parts replaced."""
+        """Return a copy of the function that calls ``parts`` in place of the functions with the same names."""
         return Compiled(self.function, {**self.parts, **parts})
 
     @cached_property
@@ -63,7 +64,7 @@ class Compiled:
         return compiled
 
     def _linked(self, function: FunctionType) -> tuple[FunctionType, str]:
-        """Return a copy of a function that calls Numba's versions of its callees, and a digest of all code involved."""
+        """Return a copy of a function that calls Numba versions of its callees, with a digest of all the code used."""
         import numba  # noqa: PLC0415
 
         scope, code, callees = dict(function.__globals__), function.__code__, []
@@ -100,7 +101,7 @@ def _numbers_of(columns: type[IntEnum]) -> tuple[int, ...]:
 
 @cache
 def _compiler() -> Any:
-    """Return a Numba compiler that assumes that a function's arrays do not overlap (tested with Numba 0.68)."""
+    """Return a Numba compiler that assumes a function's arrays do not overlap; tested with Numba 0.68."""
     from numba.core.compiler import Compiler  # noqa: PLC0415
 
     class Apart(Compiler):
@@ -113,7 +114,7 @@ def _compiler() -> Any:
 
 @cache
 def _first_of() -> Any:
-    """Implement `first_of` for Numba, whose own `to_fixed_tuple` copies number by number through memory."""
+    """Return Numba's implementation of `first_of`; Numba's own `to_fixed_tuple` copies each number through memory."""
     import operator  # noqa: PLC0415
 
     from numba import types  # noqa: PLC0415
@@ -135,7 +136,7 @@ def _first_of() -> Any:
 
 
 def _names(code: CodeType) -> Iterator[str]:
-    """Yield the names of globals and attributes used in a function and in its nested functions."""
+    """Yield the names of the globals and attributes used in a function and its nested functions."""
     yield from code.co_names
     for constant in code.co_consts:
         if isinstance(constant, CodeType):
@@ -143,17 +144,17 @@ def _names(code: CodeType) -> Iterator[str]:
 
 
 def _parts(code: CodeType) -> tuple[Any, ...]:
-    """List a code object's components without memory addresses of nested code, so that they agree between processes."""
+    """List a code object's components without memory addresses, so that the list is the same in every process."""
     constants = [str(_parts(one)) if isinstance(one, CodeType) else repr(one) for one in code.co_consts]
     return code.co_code, code.co_names, code.co_varnames, constants
 
 
 def inline(function: Any) -> Any:
-    """Mark a function for inlining into the compiled functions that call it."""
+    """Mark a function to be inlined into the compiled functions that call it."""
     function.is_inline = True
     return function
 
 
 def function(function: Any) -> Compiled:
-    """Wrap a function so that it is compiled on its first call; usable as a decorator."""
+    """Decorate a function so that it is compiled on its first call."""
     return Compiled(function, {})

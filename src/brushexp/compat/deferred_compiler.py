@@ -1,7 +1,7 @@
-"""Import Lightning and use torch's optimizers without importing torch's compiler, whose import takes long.
+"""Use Lightning and torch's optimizers without importing torch's compiler, which is slow to import.
 
-Strokes and renderers are not compiled by torch. Lightning needs the compiler's module only to recognise compiled
-modules, and torch wraps its optimizers' methods in functions that import the compiler. `torch.compile` still loads the
+brushexp does not compile strokes or renderers with torch. Lightning imports the compiler only to recognise compiled
+modules, and torch wraps the methods of its optimizers in functions that import it. `torch.compile` still loads the
 compiler as usual.
 """
 
@@ -22,7 +22,7 @@ METHODS = "add_param_group", "zero_grad", "state_dict", "load_state_dict"  # of 
 
 
 class _IsCompiled(type):
-    """Metaclass that makes `isinstance` check against the compiler's `OptimizedModule`, once the compiler is loaded."""
+    """A metaclass that makes `isinstance` check for the compiler's `OptimizedModule` once the compiler is loaded."""
 
     def __instancecheck__(cls, instance: object) -> bool:
         compiler = sys.modules.get(COMPILER)
@@ -30,17 +30,17 @@ class _IsCompiled(type):
 
 
 class OptimizedModule(metaclass=_IsCompiled):
-    """Stand-in for the class of compiled modules, for use in `isinstance`."""
+    """A stand-in for the class of compiled modules, used only in `isinstance` checks."""
 
 
 class _StandIn(ModuleType):
-    """Stand-in for the compiler's module; access to any attribute that it lacks loads the compiler."""
+    """A stand-in for the compiler's module that loads the compiler when any other attribute is read."""
 
     OptimizedModule = OptimizedModule
 
     @staticmethod
     def disable(function: Callable[..., Any], recursive: bool = True, **_: object) -> Callable[..., Any]:
-        """Prevent the compilation of a function, by means of the compiler's `disable` once the compiler is loaded."""
+        """Exempt a function from compilation by calling the compiler's own `disable` once the compiler is loaded."""
 
         @functools.wraps(function)
         def call(*arguments: Any, **options: Any) -> Any:
@@ -60,7 +60,7 @@ class _StandIn(ModuleType):
 
 @contextmanager
 def defer_compiler() -> Iterator[None]:
-    """Within the ``with`` block, give imported modules a stand-in for the compiler, so that they do not load it."""
+    """Replace the compiler with a stand-in during the ``with`` block, so that imports do not load the compiler."""
     if COMPILER in sys.modules:
         yield
         return
@@ -73,6 +73,6 @@ def defer_compiler() -> Iterator[None]:
 
 
 def without_compiler(kind: type[optim.Optimizer]) -> type[optim.Optimizer]:
-    """Derive from a torch optimizer a class whose methods do not load the compiler."""
+    """Return a subclass of a torch optimizer whose methods do not load the compiler."""
     methods = {name: inspect.unwrap(getattr(kind, name)) for name in METHODS}
     return type(kind.__name__, (kind,), {**methods, "step": torch.no_grad()(inspect.unwrap(kind.step))})

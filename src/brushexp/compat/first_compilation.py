@@ -1,4 +1,4 @@
-"""Log once that Numba is compiling, which delays the first run on a machine; later runs load the stored code."""
+"""Log a message when Numba compiles, which delays the first run on a machine; later runs load the stored code."""
 
 import logging
 from functools import cache
@@ -11,7 +11,7 @@ log = logging.getLogger(__name__)
 
 @cache
 def log_compilation() -> None:
-    """Log a message when the first compilation in this process starts; loading stored code does not log one."""
+    """Log a message when this process first compiles a function; loading stored code logs nothing."""
     from numba.core import event  # noqa: PLC0415  (a second)
 
     class Teller(event.Listener):

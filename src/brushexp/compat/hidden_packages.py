@@ -1,4 +1,4 @@
-"""Hide Lightning 2.6 warnings on which users cannot act, and packages that would be imported needlessly."""
+"""Hide Lightning 2.6 warnings that users cannot act on, and packages that Lightning would import needlessly."""
 
 import sys
 from collections.abc import Iterator
@@ -13,10 +13,10 @@ REMARKS = ".*LeafSpec|.*in eval mode at the start of training"
 
 @contextmanager
 def hide_packages(*packages: str) -> Iterator[None]:
-    """Make packages that are not yet loaded appear uninstalled to lightning_utilities.
+    """Make packages that are not loaded yet look uninstalled to lightning_utilities.
 
-    If SciPy and matplotlib are installed, torchmetrics, and therefore Lightning, imports SciPy's signal processing and
-    matplotlib, which takes two fifths of Lightning's import time. Explicit imports still work.
+    Lightning imports torchmetrics, which imports matplotlib and SciPy's signal processing if they are installed. These
+    imports take two fifths of Lightning's import time. Explicit imports still work.
     """
     from lightning_utilities.core import imports  # noqa: PLC0415  (only runs need it)
 

@@ -1,4 +1,4 @@
-"""Use private parts of Hydra for the command line and the Python API; tested with Hydra 1.3.8 and 1.4.0rc3."""
+"""Private parts of Hydra used by the command line and the Python API; tested with Hydra 1.3.8 and 1.4.0rc3."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _lock = Lock()  # Hydra's state is global to the process
 
 
 def parse_arguments(words: Sequence[str]) -> tuple[Namespace, list[str]]:
-    """Parse a command line as Hydra does; return its flags and overrides, and the arguments after unknown flags.
+    """Parse a command line as Hydra does, into flags and overrides, and the arguments that Hydra does not recognise.
 
     Raises a UserError that explains a wrong flag, such as ``-help`` or ``-o x``.
     """
@@ -38,10 +38,10 @@ def parse_arguments(words: Sequence[str]) -> tuple[Namespace, list[str]]:
 
 
 class NodeWhenRead(ConfigNode):
-    """A config group member that builds its config when Hydra reads it.
+    """A member of a config group that does not build its config until Hydra reads it.
 
-    Copying the store does not build any configs. Pickling builds them all, because a sweep's worker process composes
-    its config before it loads plugins.
+    Copying the store builds no configs. Pickling the store builds all of them, because a sweep's worker process
+    composes its config before it loads plugins.
     """
 
     def __init__(
@@ -89,13 +89,13 @@ def store_when_read(
     provider: str,
     package: str | None = "_global_",
 ) -> None:
-    """Add a member to a group such as ``look_options/init``; ``make`` builds its config when Hydra reads it."""
+    """Add a member to a config group such as ``look_options/init``; Hydra calls ``make`` when it reads the config."""
     file = f"{name}.yaml"
     _group(group)[file] = NodeWhenRead(file, make, group, package, provider)
 
 
 def move_choice(group: str, name: str, to: str, by: str) -> bool:
-    """Move a member to another group and clear its package; return False if it is missing or its provider is ``by``."""
+    """Move a member to group ``to`` and clear its package; return False if it is missing or its provider is ``by``."""
     choices, file = _group(group), f"{name}.yaml"
     if file not in choices or choices[file].provider == by:
         return False
@@ -105,12 +105,12 @@ def move_choice(group: str, name: str, to: str, by: str) -> bool:
 
 
 def remove_choice(group: str, name: str) -> None:
-    """Remove a member from a group if it exists."""
+    """Remove a member from a config group if it exists."""
     _group(group).pop(f"{name}.yaml", None)
 
 
 def _group(path: str) -> dict[str, Any]:
-    """Return a group's members in Hydra's config store."""
+    """Return the members of a group in Hydra's config store, creating the group if necessary."""
     choices: dict[str, Any] = ConfigStore.instance().repo
     for part in path.split("/"):
         choices = choices.setdefault(part, {})
@@ -119,7 +119,7 @@ def _group(path: str) -> dict[str, Any]:
 
 @contextmanager
 def skip_sweep_check(words: Sequence[str]) -> Iterator[None]:
-    """Skip the extra composition by which Hydra checks whether a config requests a sweep, unless it may be a study."""
+    """Skip Hydra's extra composition that detects a sweep, unless ``words`` name an experiment or a Hydra setting."""
     if any(word.startswith(("experiment=", "+experiment=", "hydra.mode=", "hydra/")) for word in words):
         yield
         return
@@ -129,7 +129,7 @@ def skip_sweep_check(words: Sequence[str]) -> Iterator[None]:
 
 @contextmanager
 def isolated_hydra() -> Iterator[None]:
-    """Use fresh Hydra state within the ``with`` block, and restore the host program's Hydra state afterwards."""
+    """Run the ``with`` block with fresh Hydra state, then restore the host program's Hydra state."""
     singletons: dict[Any, Any] = Singleton._instances
     kinds = (GlobalHydra, VersionBase)
     with _lock, shared_store():
@@ -144,9 +144,9 @@ def isolated_hydra() -> Iterator[None]:
 
 @contextmanager
 def shared_store() -> Iterator[None]:
-    """Share one config store among all compositions within the ``with`` block.
+    """Share one config store between all compositions in the ``with`` block.
 
-    Compositions never change the store, and copying it would take a third of a composition's time.
+    Composing a config never changes the store, and copying the store would take a third of the time.
     """
     is_first = "__deepcopy__" not in vars(ConfigStore)
     ConfigStore.__deepcopy__ = _itself  # type: ignore[attr-defined]

@@ -1,4 +1,4 @@
-"""Store Numba's compiled code, tolerating a missing folder, a full disk and damaged files (tested with Numba 0.68)."""
+"""Store Numba's machine code; tolerate a missing folder, a full disk and damaged files (tested with Numba 0.68)."""
 
 import logging
 from contextlib import suppress
@@ -12,7 +12,7 @@ _unkept: set[str] = set()  # functions that could not be stored
 
 
 def keep_compiled(function: Any) -> None:
-    """Make a function compiled with `numba.njit` load and store its machine code if a cache folder is available."""
+    """Let a function compiled with `numba.njit` load and store its machine code, if there is a cache folder."""
     try:
         function._cache = _forgiving_cache()(function.py_func)
     except RuntimeError:  # Numba has found no folder
@@ -20,12 +20,12 @@ def keep_compiled(function: Any) -> None:
 
 
 def is_kept() -> bool:
-    """Return whether all functions compiled so far can be stored."""
+    """Return whether every function compiled so far could be stored."""
     return not _unkept
 
 
 def _log_unstored(name: str) -> None:
-    """Record that a function cannot be stored, and log a warning for the first such function."""
+    """Record that a function could not be stored, and warn about the first such function."""
     if not _unkept:
         log.warning(
             "compiled code cannot be stored, so every run compiles again; "
@@ -36,7 +36,7 @@ def _log_unstored(name: str) -> None:
 
 @cache
 def _forgiving_cache() -> Any:
-    """Return a Numba cache class that recompiles code it cannot load and ignores failed writes."""
+    """Return a Numba cache class that recompiles code it cannot load and tolerates failed writes."""
     from numba.core.caching import FunctionCache  # noqa: PLC0415  (a second)
 
     class ForgivingCache(FunctionCache):

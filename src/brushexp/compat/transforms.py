@@ -1,9 +1,9 @@
-"""Detect torch.func transforms (vmap, grad), for which PyTorch has no public function; tested with PyTorch 2.13."""
+"""Detect torch.func transforms (vmap, grad) with a private PyTorch function; tested with PyTorch 2.13."""
 
 import torch
 
 
 def inside_transform() -> bool:
-    """Return whether the code is running under ``torch.func.vmap``, ``grad`` or another transform."""
+    """Return whether the caller runs inside ``torch.func.vmap``, ``grad`` or another transform."""
     active = getattr(torch._C, "_are_functorch_transforms_active", None)
     return active is not None and bool(active())

@@ -1,1 +1,1 @@
-"""HTML pages for runs and sweeps, each a single self-contained file that does not load anything from a network."""
+"""HTML pages for runs and sweeps. Each page is one self-contained file that loads nothing from the network."""

@@ -1,6 +1,6 @@
-"""Compute the figures on a run's page as plain data: charts for ``run_charts.js``, colours, errors and heights.
+"""Compute the figures on a run's page as plain data: charts for ``run_charts.js``, swatches, error maps and heights.
 
-A chart has a ``kind``, a ``title``, a ``summary`` for readers without scripts, and data that depend on its kind.
+Each chart has a ``kind``, a ``title``, a ``summary`` for browsers without scripts, and the data for that kind.
 """
 
 from collections.abc import Sequence
@@ -34,7 +34,10 @@ MAP_SIDE = 512  # pixels on the longer side of the height map
 def line_chart(
     title: str, x: Sequence[float] | np.ndarray, y: Sequence[float] | np.ndarray, x_label: str, unit: str = ""
 ) -> dict | None:
-    """Return a chart of a curve over increasing ``x``, or None if it has fewer than two finite points."""
+    """Return a chart of ``y`` over increasing ``x``.
+
+    Returns None if there are fewer than two finite points, if ``x`` is constant or if the lengths differ.
+    """
     if len(x) != len(y):  # users may have edited the table
         return None
     points = np.array([x, y], float)
@@ -55,7 +58,7 @@ def line_chart(
 
 
 def histogram_chart(title: str, values: np.ndarray, x_label: str) -> dict | None:
-    """Return a histogram of nonnegative stroke ``values`` (N,), with their median, or None if there are none."""
+    """Return a histogram of nonnegative stroke ``values`` (N,) and their median, or None if no value is finite."""
     values = values[np.isfinite(values)]
     if not len(values):
         return None
@@ -70,9 +73,9 @@ def histogram_chart(title: str, values: np.ndarray, x_label: str) -> dict | None
 
 
 def rose_chart(title: str, angles: np.ndarray, lengths: np.ndarray) -> dict | None:
-    """Return a chart of the strokes' share of length by direction, or None if no stroke has a direction.
+    """Return a chart of the share of stroke length in each direction, or None if no stroke has a direction.
 
-    ``angles`` (N,) are in radians, and NaN for strokes without a direction; ``lengths`` are (N,).
+    ``angles`` (N,) are in radians and NaN for strokes without a direction; ``lengths`` has shape (N,).
     """
     directed = np.isfinite(angles) & (lengths > 0)
     if not directed.any():
@@ -93,7 +96,7 @@ def _rounded(values: np.ndarray) -> list[float]:
 
 
 def swatches_of(colors: np.ndarray, weights: np.ndarray) -> list[dict[str, Any]]:
-    """Cluster sRGB colours (N, 3) in CIELAB; return at most ``SWATCHES`` colours with their shares, darkest first."""
+    """Cluster weighted sRGB colours (N, 3) in CIELAB into at most ``SWATCHES`` colours with shares, darkest first."""
     colors, weights = colors[weights > 0], weights[weights > 0]
     if not len(weights):
         return []
@@ -107,11 +110,11 @@ def swatches_of(colors: np.ndarray, weights: np.ndarray) -> list[dict[str, Any]]
 
 
 def error_map(painting: np.ndarray, target: np.ndarray) -> dict[str, Any]:
-    """Map the absolute difference between two pictures (H, W, 3) uint8, averaged over channels, in levels of 255.
+    """Map the absolute difference between two pictures (H, W, 3) uint8, averaged over channels, from 0 to 255 levels.
 
-    ``pixels`` (H, W, 3) uint8 is the map in the colours of ``scale``, which ends at ``top`` levels; ``above`` is the
-    fraction of pixels beyond that level; ``below`` pairs fractions of the pixels, in words, with the level that they do
-    not exceed.
+    ``pixels`` (H, W, 3) uint8 shows the map in the colours of ``scale``, which ends at ``top`` levels. ``above`` is the
+    fraction of pixels above ``top``, and ``mean`` is the mean difference in levels. ``below`` pairs fractions of the
+    pixels, in words, with the level that these pixels do not exceed.
     """
     difference = np.abs(painting.astype(np.int16) - target).sum(2)  # thirds of a level, 0 to 765
     shares = (0.5, 0.9, 0.99, 1.0, SHARE_ON_SCALE)
@@ -131,10 +134,10 @@ def error_map(painting: np.ndarray, target: np.ndarray) -> dict[str, Any]:
 
 
 def height_map(job: ExportJob) -> dict[str, Any]:
-    """Encode heights for ``light.js``: ``top`` * (256 red + green) / 65535, in pixels of the map.
+    """Encode the heights of the paint as a picture for ``light.js``.
 
-    ``light`` is the painting's lamp, or a lamp that shows relief if the painting has none; ``drawn_as`` names the
-    renderer that replaces a slow renderer.
+    A height is ``top`` * (256 red + green) / 65535, in pixels of the map. ``light`` is the painting's light, with depth
+    1 if the painting is unlit. ``drawn_as`` names the fast renderer that replaces a slow renderer, or is None.
     """
     drawn_as = job.renderer.warm_up
     renderer = job.renderer if drawn_as is None else build_named("renderer", drawn_as, {})

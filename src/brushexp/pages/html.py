@@ -1,4 +1,4 @@
-"""Render templates to self-contained pages with a content security policy that forbids all other sources."""
+"""Render templates as self-contained pages whose content security policy forbids all outside sources."""
 
 import base64
 import hashlib
@@ -19,11 +19,11 @@ TEMPLATES = Path(__file__).parent / "templates"
 
 
 def page(template: str, folder: Path = TEMPLATES, **context: Any) -> str:
-    """Render a template to a complete page, deterministically; templates in other folders may use those in this one.
+    """Render a template in ``folder`` as a complete page; the result is deterministic.
 
-    Values are escaped, and a missing name is an error. ``{{ assets["page.css"] }}`` inserts a file from either folder
-    into the page. The policy allows only these files and embedded pictures, and does not allow ``style`` or ``onclick``
-    attributes.
+    Templates in other folders can also use those in ``TEMPLATES``. Values are escaped, and a missing name is an error.
+    ``{{ assets["page.css"] }}`` inserts a file from either folder. The content security policy allows only these files
+    and embedded pictures; it forbids ``style`` and ``onclick`` attributes.
     """
     return _environment(folder).get_template(template).render(**context)
 
@@ -47,14 +47,14 @@ def _environment(folder: Path) -> Environment:
 
 
 def readable_number(value: object, digits: int = 0) -> str:
-    """Format a number for readers, as in 12,345.6; infinity becomes its symbol, and None and NaN become a dash."""
+    """Format a number as in 12,345.6; infinity becomes its symbol, and anything that is not a number becomes a dash."""
     if not isinstance(value, int | float) or math.isnan(value):
         return "–"
     return f"{value:,.{digits}f}" if math.isfinite(value) else "∞" if value > 0 else "−∞"
 
 
 def encode(picture: Image.Image, largest: int, **options: Any) -> bytes:
-    """Encode a picture with Pillow, shrunk in place to at most ``largest`` pixels on its longer side."""
+    """Encode a picture with Pillow, after shrinking it in place to at most ``largest`` pixels on its longer side."""
     picture.thumbnail((largest, largest), Image.Resampling.LANCZOS, reducing_gap=3.0)
     file = io.BytesIO()
     picture.save(file, **options)
@@ -62,7 +62,7 @@ def encode(picture: Image.Image, largest: int, **options: Any) -> bytes:
 
 
 def embed(picture: Image.Image, largest: int, **options: Any) -> dict[str, Any]:
-    """Encode a picture for templates as ``source``, ``width`` and ``height``, as PNG or with Pillow's ``options``."""
+    """Return a picture's ``source``, ``width`` and ``height`` for templates, as PNG unless ``options`` are given."""
     options = options or PNG
     letters = base64.b64encode(encode(picture, largest, **options)).decode()
     source = f"data:image/{options['format'].lower()};base64,{letters}"

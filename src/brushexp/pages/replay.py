@@ -1,4 +1,4 @@
-"""Pack strokes into a few bytes each, so that the canvas on a page can redraw them."""
+"""Pack each stroke into a few bytes, so that a canvas on a page can redraw it."""
 
 import base64
 from collections.abc import Mapping
@@ -25,9 +25,10 @@ Columns = Mapping[str, tuple[np.ndarray, float, float]]  # (N, ...) values and t
 
 
 def replay_of(job: ExportJob, measures: StrokeTable) -> dict[str, Any] | None:
-    """Pack strokes (`pack_strokes`) with measures and textures; return None for more than ``MAX_STROKES`` strokes.
+    """Pack strokes with their measures and textures; return None if there are more than ``MAX_STROKES`` strokes.
 
-    ``direction`` is -1 for strokes without a direction; ``layer`` is the tercile into which the stroke's area falls.
+    The result is that of `pack_strokes`, with ``texture`` from `pack_textures`. ``direction`` is -1 for strokes without
+    a direction; ``layer`` is the tercile (0 to 2) of the stroke's area.
     """
     if len(job.strokes) > MAX_STROKES:
         return None
@@ -46,15 +47,15 @@ def replay_of(job: ExportJob, measures: StrokeTable) -> dict[str, Any] | None:
 
 
 def pack_strokes(job: ExportJob, about: Columns | None = None, looks: np.ndarray | None = None) -> dict[str, Any]:
-    """Pack a painting, without its textures, for ``strokes.js``; ``about`` adds columns of stroke data.
+    """Pack a painting without its textures for ``strokes.js``; ``about`` adds columns of stroke data.
 
-    ``data`` contains consecutive little-endian arrays over the strokes, bottom to top, in base64: the stroke's index in
-    the catalogue (uint32), then each of ``columns`` (name, values per stroke, lowest and highest value) as fractions of
-    its range (uint16). ``points`` are the control points, and ``half`` is half the width. Strokes drawn as a `Profile`
-    also have ``softness`` in pixels, ``widening`` and ``drift``, each omitted if it is 0 for all strokes. Textured
-    strokes have the half width (``thick``) and opacity (``strength``) with which they are rendered and, in
-    ``texture_of``, the texture, the repeats of its loop, and whether it is flipped. Textures are numbered by their
-    position in the sorted ``looks``; None stands for all textures.
+    ``data`` is base64 of little-endian arrays, one after another, each with the strokes from bottom to top. The first
+    array holds each stroke's index in the catalogue (uint32). Each later array holds one of ``columns`` (name, values
+    per stroke, lowest and highest value) as fractions of its range (uint16). ``points`` are the control points, and
+    ``half`` is half the width. Strokes drawn as a `Profile` also have ``softness`` in pixels, ``widening`` and
+    ``drift``; a column that is 0 for all strokes is omitted. Textured strokes have ``thick`` and ``strength``, the half
+    width and opacity at which they are rendered, and ``texture_of``: the texture, the repeats of its loop, and whether
+    it is flipped. A texture's number is its position in the sorted ``looks``, or in all textures if that is None.
     """
     count, saved, (height, width) = len(job.strokes), job.saved, job.size
     textured = textured_of(job)
@@ -105,9 +106,9 @@ def pack_strokes(job: ExportJob, about: Columns | None = None, looks: np.ndarray
 def pack_textures(sheets: Sheets, looks: np.ndarray) -> dict[str, Any]:
     """Pack the textures with indices ``looks`` (M,) for a page.
 
-    Texels are in base64, with one byte each for opacity and tone. For each texture, ``sheets`` contains the first
-    texel, rows, columns, start and length of the loop in columns, and the distance, in half widths, beyond which the
-    texture is empty.
+    ``texels`` is base64 with one byte each for opacity and tone. Each entry of ``sheets`` describes a texture: its
+    first texel, its rows and columns, the start and length of its loop in columns, and the distance, in half widths,
+    beyond which it is empty.
     """
     levels = np.stack([sheets.texels[:, 0].numpy() * BYTE, sheets.texels[:, 1].numpy() * HALF + 128], axis=1)
     size, loop, extent = (part[looks] for part in (sheets.size, sheets.loop, sheets.extent))
@@ -128,11 +129,11 @@ def pack_textures(sheets: Sheets, looks: np.ndarray) -> dict[str, Any]:
 
 @torch.no_grad()
 def textured_of(job: ExportJob) -> TexturedProfile | None:
-    """Compute the layout of textures along the strokes; return None if their renderer does not use textures."""
+    """Compute the layout of textures along the strokes; return None for slow renderers and those without textures."""
     layers = None if job.renderer.warm_up else job.renderer(job.strokes)
     return layers if isinstance(layers, TexturedProfile) else None
 
 
 def _quantised(values: np.ndarray, steps: int, kind: str) -> np.ndarray:
-    """Quantise numbers in [0, 1] to integers from 0 to ``steps``."""
+    """Quantise numbers in [0, 1] to integers from 0 to ``steps``; NaN becomes 0."""
     return (np.nan_to_num(values).clip(0, 1) * steps + 0.5).astype(kind)  # halves round up, as in files.to_bytes

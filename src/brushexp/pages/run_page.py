@@ -1,4 +1,4 @@
-"""Write the page of a painting: a single file that presents its pictures, strokes, curves and settings."""
+"""Write a painting's page, a single file that shows its pictures, strokes, curves and settings."""
 
 import json
 import math
@@ -58,13 +58,13 @@ FIRST_NUMBERS = (  # shown before the metrics: key in metrics.json, name, unit, 
 
 
 def write_run_page(folder: Path, finished: Finished, film: Future[Any] | None = None) -> Path:
-    """Write ``report.html`` to the folder of a run, once ``film`` has been written, and return its path."""
+    """Write ``report.html`` to a run's folder after ``film`` has been written, and return its path."""
     write_text(folder / PAGE_NAME, page_in(folder, finished, film))
     return folder / PAGE_NAME
 
 
 def page_in(folder: Path, finished: Finished, film: Future[Any] | None = None) -> str:
-    """Build the page of a painting, with the curves, command and files in its run folder."""
+    """Build a painting's page, including the curves, command and files from its run folder."""
     image = config_of(finished.job.saved).get("image")
     return run_page(
         finished,
@@ -78,9 +78,10 @@ def page_in(folder: Path, finished: Finished, film: Future[Any] | None = None) -
 
 
 def files_in(folder: Path, film: Future[Any] | None = None) -> Iterator[dict[str, str]]:
-    """Yield the name, address relative to the page, and description of each file in a run folder except the page.
+    """Yield the name, address relative to the page, and description of each file in a run folder.
 
-    If a ``film`` is still being written, waits for it before yielding the first file.
+    Skips the files in ``NOT_LISTED``, such as the page itself. Waits until ``film`` has been written before yielding
+    the first file.
     """
     wait([] if film is None else [film])
     paths = sorted(path for path in folder.rglob("*") if path.is_file() and not any(map(path.match, NOT_LISTED)))
@@ -99,10 +100,11 @@ def run_page(
     files: Iterable[Mapping[str, str]] = (),
     beside: bool = False,
 ) -> str:
-    """Build the page of a painting as self-contained HTML, and omit sections for which there are no data.
+    """Build a painting's page as self-contained HTML; sections without data are omitted.
 
-    ``look`` is the name of a look. ``curves`` maps names (``step``, ``psnr``, ``loss/...``) to columns; ``files`` come
-    from `files_in`; ``beside`` states whether painting.png is in the folder of the page.
+    ``name`` is the page's title, and ``look`` is the name of a look. ``curves`` maps names (``step``, ``psnr``,
+    ``loss/...``) to columns. ``files`` comes from `files_in`. ``beside`` says whether painting.png is in the folder of
+    the page.
     """
     job, metrics, pictures = finished.job, finished.metrics, finished.pictures
     saved, config = job.saved, config_of(job.saved)
@@ -136,7 +138,7 @@ def run_page(
 
 
 def embed_pixels(pixels: np.ndarray) -> dict[str, Any]:
-    """Embed a picture (H, W, 3) for the template, and give its size before it was shrunk."""
+    """Embed a picture (H, W, 3) for the template, with the size that it had before it was shrunk."""
     height, width, _ = pixels.shape
     options: dict[str, Any] = {} if height * width <= LOSSLESS else JPEG
     return embed(Image.fromarray(pixels), LARGEST_SIDE, **options) | {"width": width, "height": height}
@@ -164,7 +166,7 @@ def _figures(metrics: Mapping[str, Any]) -> list[dict[str, str]]:
 
 
 def _error(painting: np.ndarray | None, target: np.ndarray | None) -> dict[str, Any] | None:
-    """Compute the error map and its legend; return None unless both pictures exist and have the same size."""
+    """Compute the error map and its legend; return None if a picture is missing or the sizes differ."""
     if painting is None or target is None or painting.shape != target.shape:
         return None
     error = drawings.error_map(painting, target)
@@ -174,9 +176,9 @@ def _error(painting: np.ndarray | None, target: np.ndarray | None) -> dict[str, 
 def _curves(curves: Mapping[str, Sequence[float]], metrics: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return charts of PSNR against steps, seconds and strokes, and of each loss against steps.
 
-    PSNR is plotted against strokes only if a density policy chose their number. This curve shows the PSNR directly
-    after the least important strokes were removed, before other strokes compensate for them, and directly after a
-    hundred strokes were added, before further steps improve them.
+    PSNR is plotted against strokes only if a density policy chose the number of strokes. That curve shows the PSNR
+    right after the least important strokes were removed, before the others adapt, and right after a hundred strokes
+    were added, before further steps improve them.
     """
     steps = curves.get("step", ())
     times, psnr = curve_from(metrics.get("anytime")) or ((), ())
@@ -194,7 +196,7 @@ def _curves(curves: Mapping[str, Sequence[float]], metrics: Mapping[str, Any]) -
 
 
 def _strokes(saved: Saved, measures: StrokeTable) -> dict[str, Any]:
-    """Summarise the strokes: a sentence, charts of their measures, and swatches of their colours."""
+    """Summarise the strokes with a sentence, charts of their measures, and swatches of their colours."""
     histograms = [
         ("Length", measures.length, "pixels"),
         ("Width", measures.width, "pixels"),
@@ -221,7 +223,7 @@ def _strokes(saved: Saved, measures: StrokeTable) -> dict[str, Any]:
 
 
 def _overlay(pictures: Mapping[str, np.ndarray]) -> str | None:
-    """Encode the light on a painting as an overlay for its colours; return None if it has no lamp."""
+    """Encode a painting's light as an overlay for its flat colours; return None if the painting is unlit."""
     if "flat" not in pictures or "painting" not in pictures:
         return None
     light = Image.fromarray(overlay(pictures["flat"], pictures["painting"]))
@@ -229,19 +231,19 @@ def _overlay(pictures: Mapping[str, np.ndarray]) -> str | None:
 
 
 def list_settings(config: Mapping[str, Any], overrides: Sequence[str]) -> list[tuple[str, str, bool]]:
-    """List each setting's dotted key, its value as users type it (plugins by name), and whether the user set it."""
+    """List each setting's dotted key, its value as a user types it (plugins by name), and whether the user set it."""
     typed = {word.lstrip("+~").partition("=")[0] for word in overrides}
     rows = ((key.removesuffix("._target_"), _as_name(key, value)) for key, value in _flat(config))
     return [(key, value, key in typed) for key, value in rows]
 
 
 def _as_name(key: str, value: str) -> str:
-    """Return a setting's value, or the plugin's name if it is a plugin."""
+    """Return a setting's value, or a plugin's name if the setting is a plugin."""
     return name_of_target(value, family_of_key(key)) if key.endswith("._target_") else value
 
 
 def line_of(config: Mapping[str, Any]) -> str:
-    """Write all settings as a single command line: plugins by name, then every key that has a value."""
+    """Return all settings as one command line: plugins by name, then every key that has a value."""
     chosen = {key.removesuffix("._target_") for key, _ in _flat(config) if key.endswith("._target_")}
     words, keys = [], []
     for key, value in config.items():

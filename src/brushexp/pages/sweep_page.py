@@ -1,4 +1,4 @@
-"""Write ``report.html`` for a sweep or any set of runs, with a sortable, filterable table, pictures and plots."""
+"""Write ``report.html`` for a sweep or any set of runs, with pictures, plots and a table to sort and filter."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ MOST_THUMBNAILS = 4096  # pictures in memory, more than a page holds at the smal
 
 
 def write_sweep_page(folder: Path, frame: DataFrame) -> Path:
-    """Write ``report.html`` for a data frame of runs (`brushexp.results.runs`)."""
+    """Write ``report.html`` for a data frame of runs (`brushexp.results.runs`), and return its path."""
     write_text(folder / "report.html", sweep_page(folder, frame))
     return folder / "report.html"
 
 
 def sweep_page(folder: Path, frame: DataFrame) -> str:
-    """Build the page for one or more runs, with embedded pictures; runs are named by their paths below ``folder``."""
+    """Build the page for one or more runs with embedded pictures; runs are named by their paths below ``folder``."""
     data = _page_data(frame)
     return page(
         "sweep.html.j2",
@@ -56,7 +56,7 @@ def sweep_page(folder: Path, frame: DataFrame) -> str:
 
 
 def _summary(frame: DataFrame) -> str:
-    """State how many runs there are, or how many paintings of a folder of pictures, and how many failed."""
+    """Say how many runs, or paintings of different pictures, there are and how many failed."""
     if not tables.is_album(frame):
         return tables.run_count(frame)
     failed = int((frame["run", "status"] == Status.FAILED).sum())
@@ -65,7 +65,7 @@ def _summary(frame: DataFrame) -> str:
 
 
 def _page_data(frame: DataFrame) -> dict[str, Any]:
-    """Collect the data for the page; ``axes`` has the varying settings: key -> value as typed -> value as shown."""
+    """Collect the data for the page; ``axes`` maps each varying setting's key to its typed and displayed values."""
     typed = tables.varying_settings(frame)
     axes = {key: {v: name or "not set" for v, name in shorten(values).items()} for key, values in typed.items()}
     settings = frame["setting"].fillna("").iloc[0]
@@ -99,7 +99,7 @@ def _page_data(frame: DataFrame) -> dict[str, Any]:
 
 
 def _rows(frame: DataFrame, targets: list[str], groups: dict[tuple[str, str], int], side: int) -> list[dict[str, Any]]:
-    """List the runs; ``target`` and ``group`` are indices on the page, and ``curve`` has pairs of seconds and PSNR."""
+    """List the runs; ``target`` and ``group`` are indices, and ``curve`` is a list of pairs of seconds and PSNR."""
     settings, values = frame["setting"].fillna(""), tables.numbers(frame)
     texts = as_text(tables.shown_metrics(frame), digits())
     paths = [PurePath(name).as_posix() for name in frame.index]
@@ -122,8 +122,8 @@ def _rows(frame: DataFrame, targets: list[str], groups: dict[tuple[str, str], in
 def _groups(frame: DataFrame) -> tuple[list[dict[str, Any]], list[str]]:
     """List the compared settings and the names of the painted pictures.
 
-    ``picture`` is the index of the painted picture. ``ahead_from`` is the time, in seconds, at which a setting last
-    took the lead, or None if it never did.
+    Each setting has the index of its ``picture``, and ``ahead_from``: the time in seconds when the setting last took
+    the lead, or None if it never led.
     """
     keys = list(tables.over_seeds(frame).index)
     pictures = list(dict.fromkeys(image for image, _ in keys))
@@ -137,7 +137,7 @@ def _groups(frame: DataFrame) -> tuple[list[dict[str, Any]], list[str]]:
 
 
 def _means(frame: DataFrame) -> DataFrame | None:
-    """Tabulate means over seeds, with the settings in a single column if many of them vary."""
+    """Tabulate means over seeds; combine the settings in one column if more than ``MOST_COLUMNS`` settings vary."""
     means = tables.means_table(frame)
     if means is None:
         return None
@@ -151,7 +151,7 @@ def _means(frame: DataFrame) -> DataFrame | None:
 
 
 def _best(data: dict[str, Any]) -> dict[str, str]:
-    """Find the best value of each metric; return an empty dictionary if several pictures were painted."""
+    """Find the best value of each metric that varies; return an empty dictionary if several pictures were painted."""
     best = {}
     for metric in data["metrics"] if len(data["pictures"]) <= 1 else ():
         key = metric["key"]
@@ -162,9 +162,9 @@ def _best(data: dict[str, Any]) -> dict[str, str]:
 
 
 def _plotted(data: dict[str, Any]) -> dict[str, Any]:
-    """Choose the initial plot: ``x``, a metric or a setting (``axis:steps``), and ``y``, a metric; "" for no plot.
+    """Choose the plot shown first: ``x`` is a metric or a setting (``axis:steps``), and ``y`` is a metric.
 
-    ``xs`` maps the choices for ``x`` to their names.
+    ``x`` and ``y`` are "" if there is nothing to plot. ``xs`` maps the choices for ``x`` to their names.
     """
     rows = [row for row in data["rows"] if row["group"] is not None and not data["album"]]
     names = {
@@ -186,7 +186,7 @@ def _plotted(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def _script_data(data: dict[str, Any]) -> dict[str, Any]:
-    """Select the data for the page's scripts, and replace setting values by their indices."""
+    """Select the data for the page's scripts, with setting values replaced by their indices."""
     filters = data["filters"]
     keys = ("name", "label", "error", "cells", "numbers", "command", "report", "target", "group", "curve")
     return {
@@ -201,12 +201,12 @@ def _script_data(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def side_for(count: int) -> int:
-    """Choose the longer side in pixels for ``count`` pictures: the largest at which they all fit into ``AREA``."""
+    """Return the largest of ``SIDES`` at which ``count`` pictures fit in ``AREA``, or the smallest if none fits."""
     return next((side for side in SIDES if count * side**2 <= AREA), SIDES[-1])
 
 
 def thumbnail(path: Path, side: int) -> dict[str, Any] | None:
-    """Embed a picture shrunk to ``side`` pixels, encoded once per process; return None if it cannot be read."""
+    """Embed a picture shrunk to ``side`` pixels; cache the result, and return None if the picture is unreadable."""
     try:
         state = path.stat()
         return _thumbnail(path.resolve(), state.st_mtime_ns, state.st_size, side)

@@ -1,4 +1,4 @@
-"""Register classes as typed command-line choices, and find, build and check plugins."""
+"""Register classes as typed command-line choices; find, build and check plugins."""
 
 from brushexp.registry.building import (
     build,

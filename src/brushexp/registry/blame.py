@@ -1,4 +1,4 @@
-"""Report errors in user plugins in one line, with family, name and file; the traceback is in the run's log."""
+"""Report an error in a user's plugin in one line with its family, name and file; the run's log has the traceback."""
 
 import inspect
 import logging
@@ -21,7 +21,7 @@ log = logging.getLogger(__name__)
 
 @contextmanager
 def naming_plugins() -> Iterator[None]:
-    """Convert an exception or `SystemExit` from a user's plugin to a `UserError` that names the plugin."""
+    """Convert an exception or `SystemExit` raised by a user's plugin into a `UserError` that names the plugin."""
     try:
         yield
     except EXPLAINED_ERRORS:
@@ -38,10 +38,10 @@ def naming_plugins() -> Iterator[None]:
 
 
 def mistake_of(error: BaseException) -> str | None:
-    """Describe the innermost line in a traceback that belongs to a user's plugin; None if there is no such line.
+    """Describe the mistake in a user's plugin that raised ``error``; return None if no such plugin was involved.
 
-    If there is no such line, an error in an inherited method is attributed to the user's plugin if the method runs on
-    an object of the user's class.
+    The description names the innermost line of the traceback in a plugin's file. Without such a line, it blames a
+    plugin whose object lacks an attribute, or on whose object an inherited method failed.
     """
     users = [(place_of(one.cls), one) for one in loaded_plugins() if not one.is_ours]
     frames = [*traceback.walk_tb(error.__traceback__)]
@@ -72,7 +72,7 @@ def _in_words(error: BaseException) -> str:
 
 
 def name_member(family: str, member: object, name: str = "") -> str:
-    """Name a family member in messages, such as ``loss=mse``; a user's plugin is followed by its file."""
+    """Return a family member's name for messages, such as ``loss=mse``, followed by the file of a user's plugin."""
     plugin = plugin_of_class(type(member))
     is_ours = plugin is None or plugin.is_ours
     source = "" if is_ours else f" ({place_of(type(member))})"
@@ -80,10 +80,10 @@ def name_member(family: str, member: object, name: str = "") -> str:
 
 
 def _owner_of(frames: Sequence[FrameType], owners: Sequence[Plugin]) -> Plugin | None:
-    """Find the plugin, among several in one file, to which a call belongs, given its frames, innermost first.
+    """Find which of several plugins in one file a call belongs to; ``frames`` lists the innermost frame first.
 
-    A function belongs to the class of its ``self`` or to the class that contains its definition. A function outside the
-    plugin classes, such as a hook passed to Lightning, belongs to the only plugin whose methods mention it.
+    A method belongs to the class of its ``self`` or the class that defines it. A function outside the classes, such as
+    a hook for Lightning, belongs to the plugin whose methods mention it, if there is only one.
     """
     if len(owners) == 1:
         return owners[0]
@@ -100,7 +100,7 @@ def _owner_of(frames: Sequence[FrameType], owners: Sequence[Plugin]) -> Plugin |
 
 
 def _names_in(cls: type) -> set[str]:
-    """List the names used in the methods of a class."""
+    """Return the names used in the methods of a class."""
     methods = [inspect.unwrap(value) for value in vars(cls).values() if isinstance(value, FunctionType)]
     codes, names = [method.__code__ for method in methods], set[str]()
     while codes:

@@ -1,4 +1,4 @@
-"""Build plugins from config nodes and from names in files; only registered classes can be built."""
+"""Build plugins from config nodes and from names in files; build only registered classes."""
 
 import json
 import re
@@ -18,11 +18,11 @@ _kept: dict[str, Any] = {}  # config node as YAML -> plugin that a check built f
 
 
 def plugin_of(node: DictConfig, family: str = "") -> Plugin:
-    """Find the plugin named by the ``_target_`` of a config node, or raise a UserError if it is not registered.
+    """Return the plugin named by a config node's ``_target_``; raise a UserError if it is not registered.
 
-    A target has the form ``family/name``. Files written by brushexp 0.1 contain the path of the class instead, which
-    also determines the family if neither ``family`` nor the node's position does; the class may have been moved to
-    another module since.
+    A target has the form ``family/name``. Files written by brushexp 0.1 hold the class's path instead; a path in
+    brushexp's own ``plugins`` gives the family, otherwise ``family`` or the node's key does. The class may have moved
+    to another module since.
     """
     target = str(node._target_)
     if "/" in target:
@@ -36,7 +36,7 @@ def plugin_of(node: DictConfig, family: str = "") -> Plugin:
 
 
 def name_of_target(target: str, family: str) -> str:
-    """Return a member's name, given its ``_target_``; a target that is not registered is returned unchanged.
+    """Return the name of the member with this ``_target_``, or the target itself if its class is not registered.
 
     >>> name_of_target("order/area", "order"), name_of_target("brushexp.plugins.order.area.Area", "order")
     ('area', 'area')
@@ -48,7 +48,7 @@ def name_of_target(target: str, family: str) -> str:
 
 
 def _member_of_class(path: str, family: str) -> Plugin | None:
-    """Find the member for a class path from an earlier version, by family, module name and class name."""
+    """Return the member for a class path from an earlier version, found by family, module name and class name."""
     module, _, name = path.rpartition(".")
     if match := re.match(rf"{re.escape(CORE)}plugins\.(\w+)\.", path):
         folder = match[1]
@@ -69,7 +69,7 @@ def family_of_key(key: str) -> str:
 
 
 def build(node: DictConfig, *runtime: object, family: str = "") -> Any:
-    """Build the plugin described by a config node; raise a UserError that names an option if it is not accepted."""
+    """Build the plugin that a config node describes; raise a UserError that names an option it does not accept."""
     plugin = plugin_of(node, family)
     options = options_in(node, plugin.path, family)
     attributes = {name: options.pop(name) for name in getattr(plugin.cls, "tunable", ())}
@@ -80,7 +80,7 @@ def build(node: DictConfig, *runtime: object, family: str = "") -> Any:
 
 
 def keep_built(node: DictConfig) -> Any:
-    """Build the plugin described by a config node during a check, and keep it for the run (`take_built`)."""
+    """Build the plugin that a config node describes during a check, and keep it for the run (see `take_built`)."""
     text = OmegaConf.to_yaml(node, resolve=True)
     if text not in _kept:
         _kept[text] = build(node)
@@ -88,18 +88,18 @@ def keep_built(node: DictConfig) -> Any:
 
 
 def take_built(node: DictConfig) -> Any:
-    """Return the plugin that a check kept for a config node, or build a new one; runs never share an object."""
+    """Return the plugin that a check built for a config node, or build a new one; runs never share an object."""
     text = OmegaConf.to_yaml(node, resolve=True)
     return _kept.pop(text) if text in _kept else build(node)
 
 
 def drop_built() -> None:
-    """Discard the plugins that were built in checks and not used by a run."""
+    """Discard the plugins that checks built and no run used."""
     _kept.clear()
 
 
 def options_in(node: DictConfig, path: str, family: str = "") -> dict[str, Any]:
-    """Read a plugin's options from its config node; raise a UserError for values that it does not accept."""
+    """Read a plugin's options from its config node; raise a UserError for values that the plugin does not accept."""
     plugin = plugin_of(node, family)
     typed: DictConfig = OmegaConf.structured(plugin.config)
     try:
@@ -130,7 +130,7 @@ def literal(data: Any) -> Any:
 
 
 def _hidden_key(data: Any) -> str:
-    """Find the first key that begins with ``_``, as Hydra's keys for locating code do; "" if there is none."""
+    """Return the first key that begins with ``_``, as Hydra's keys for locating code do, or "" if there is none."""
     if isinstance(data, dict):
         own = (key for key in data if str(key).startswith("_"))
         return str(next(own, "")) or _hidden_key(list(data.values()))
@@ -138,7 +138,7 @@ def _hidden_key(data: Any) -> str:
 
 
 def build_named(family: str, name: str, options: dict[str, Any], *runtime: object) -> Any:
-    """Build ``family=name`` with options from a file; raise a UserError for unregistered classes and unknown keys."""
+    """Build ``family=name`` with options from a file; raise a UserError for an unregistered class or unknown key."""
     plugin = member(family, name)
     if plugin is None:
         choices = ", ".join(one.name for one in plugins(family))
@@ -149,7 +149,7 @@ def build_named(family: str, name: str, options: dict[str, Any], *runtime: objec
 
 
 def plain_config(values: dict[str, Any]) -> DictConfig:
-    """Convert values from a file to a config; raise a UserError for interpolations, which could read other data."""
+    """Convert values from a file into a config; raise a UserError for an interpolation, which could read other data."""
     if "${" in json.dumps(check_plain(values)):
         raise UserError("a config from a file holds an interpolation, ${...}; write the value instead")
     config: DictConfig = OmegaConf.create(values)

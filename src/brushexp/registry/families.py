@@ -1,4 +1,4 @@
-"""List the plugin families."""
+"""The plugin families, their folders, and where plugins are found."""
 
 FAMILIES = {
     "painter": "target picture -> strokes, state by state",

@@ -1,4 +1,4 @@
-"""Register by name the shipped plugins, the plugins in folders, and the plugins in packages."""
+"""Register the plugins that ship with brushexp, those in folders and those in packages."""
 
 import importlib
 import logging
@@ -20,10 +20,11 @@ _broken: dict[str, str] = {}  # file of a user's plugins -> why it cannot be loa
 
 
 def load_plugins(directory: Path, *, warns: bool = True) -> list[str]:
-    """Announce built-in members, and import ``directory/*.py`` and the folders in ``BRUSHEXP_PLUGINS``.
+    """Announce the plugins of brushexp and of packages, import the user's files, and return those files' names.
 
-    Members in the core and in packages are imported when they are chosen. A user's file that cannot be imported is
-    skipped, with a warning if ``warns`` is set; `missing_because` repeats the reason when a name is missing.
+    The user's files are ``directory/*.py`` and the files in the folders that ``BRUSHEXP_PLUGINS`` lists. A file that
+    cannot be imported is skipped, with a warning if ``warns`` is set; `missing_because` repeats the reason if a name is
+    missing. Plugins of brushexp and of packages are imported when they are first needed.
     """
     for family in FAMILIES:
         _announce_core(family)
@@ -37,7 +38,7 @@ def load_plugins(directory: Path, *, warns: bool = True) -> list[str]:
 
 
 def _announce_core(family: str) -> None:
-    """Announce the members of a family, one for each file in its folder."""
+    """Announce brushexp's own members of a family, one for each file in the family's folder."""
     package = importlib.import_module(f"{CORE}plugins.{FOLDERS[family]}")
     for module in pkgutil.iter_modules(package.__path__):
         if not module.name.startswith("_") and module.name != "base":
@@ -46,7 +47,7 @@ def _announce_core(family: str) -> None:
 
 
 def _import_files(files: list[Path], warns: bool) -> list[str]:
-    """Import the user's files, and list the names of the files that could be imported."""
+    """Import the user's files, and return the names of those that could be imported."""
     package = sys.modules.setdefault(USER_PACKAGE, ModuleType(USER_PACKAGE, "Plugins of the user."))
     package.__path__ = sorted({str(path.parent) for path in files})  # workers import classes of configs from here
     importlib.invalidate_caches()
@@ -63,17 +64,17 @@ def _import_files(files: list[Path], warns: bool) -> list[str]:
 
 
 def broken_files() -> dict[str, str]:
-    """Map each user file that could not be loaded to the reason for the failure."""
+    """Return the user's files that could not be loaded, each mapped to the reason for the failure."""
     return dict(_broken)
 
 
 def missing_because() -> str:
-    """Explain why user files could not be loaded, for messages about missing names; "" if all were loaded."""
+    """Return the reasons why user files failed to load, for messages about missing names, or "" if none failed."""
     return "".join(f". {reason}" for reason in _broken.values())
 
 
 def _plugin_files(directory: Path) -> Iterator[Path]:
-    """Yield the plugin files in a fixed order; raise a UserError if two files have the same name."""
+    """Yield the plugin files in a fixed order; raise a UserError for a missing folder or two files with one name."""
     extra = [Path(part) for part in os.environ.get(SEARCH_PATH, "").split(os.pathsep) if part]
     for folder in extra:
         if not folder.is_dir():

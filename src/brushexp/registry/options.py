@@ -1,4 +1,4 @@
-"""List a plugin's options: keyword-only parameters of ``__init__``, and attributes declared in its base class."""
+"""Find a plugin's options: keyword-only parameters of ``__init__`` and attributes that its base class declares."""
 
 import inspect
 from copy import copy
@@ -12,7 +12,7 @@ from omegaconf import MISSING
 
 
 def options_of(cls: type) -> list[tuple[str, Any, Any]]:
-    """List the name, type and default (or ``MISSING``) of each option of a class."""
+    """Return the name, type and default of each option of a class; the default may be ``MISSING``."""
     tunable = getattr(cls, "tunable", {})
     options = [(name, kind, getattr(cls, name)) for name, kind in tunable.items()]
     for parameter in inspect.signature(cls, eval_str=True).parameters.values():
@@ -28,7 +28,7 @@ def options_of(cls: type) -> list[tuple[str, Any, Any]]:
 
 
 def structured_config(cls: type, target: str) -> type:
-    """Create a dataclass for OmegaConf, with ``_target_`` and a typed field, without bounds, for each option."""
+    """Create a dataclass for OmegaConf with ``_target_`` and one typed field per option; its types have no bounds."""
     options = [
         (name, plain_type(kind), field(default_factory=partial(copy, value))) for name, kind, value in options_of(cls)
     ]
@@ -36,7 +36,7 @@ def structured_config(cls: type, target: str) -> type:
 
 
 def plain_type(annotation: Any) -> Any:
-    """Remove ``Annotated`` from a type and from its parameters."""
+    """Return a type with ``Annotated`` removed from it and from its parameters."""
     origin, parts = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
         return plain_type(parts[0])

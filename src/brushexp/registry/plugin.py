@@ -1,7 +1,7 @@
-"""Make classes available as command-line choices: ``@register("loss", "mse")`` defines ``loss=mse``.
+"""Turn classes into command-line choices: ``@register("loss", "mse")`` defines ``loss=mse``.
 
-A plugin is *announced* by family and name, which is enough to list it; its module is imported when its options, its
-help text or an instance is first needed.
+A plugin is *announced* by family and name, which is enough to list it. Its module is imported only when its options,
+its help text or an instance is needed.
 """
 
 import inspect
@@ -29,7 +29,7 @@ C = TypeVar("C", bound=type)
 
 @dataclass(frozen=True)
 class Plugin:
-    """A class that is chosen with ``family=name``, and its options."""
+    """A class that users choose with ``family=name``, and its options."""
 
     family: str
     name: str
@@ -40,7 +40,7 @@ class Plugin:
 
     @cached_property
     def cls(self) -> type:
-        """Class of the plugin; reading it raises a UserError if the module cannot be imported."""
+        """Return the plugin's class; raise a UserError if its module cannot be imported or does not register it."""
         if (self.family, self.name) not in _classes:
             import_or_explain(self.load, self.source)
         if (self.family, self.name) not in _classes:
@@ -54,22 +54,22 @@ class Plugin:
 
     @property
     def target(self) -> str:
-        """Value of ``_target_`` in configs, which stays valid if the class is moved to another module."""
+        """Return the value of ``_target_`` in configs, which stays valid if the class moves to another module."""
         return f"{self.family}/{self.name}"
 
     @property
     def path(self) -> str:
-        """Config key below which the plugin's options are."""
+        """Return the config key that holds the plugin's options."""
         return f"{self.family}.{self.name}" if self.family in MULTI_SELECT else self.family
 
     @cached_property
     def config(self) -> type:
-        """Dataclass of the plugin's options."""
+        """Return the dataclass of the plugin's options."""
         return structured_config(self.cls, self.target)
 
     @cached_property
     def bounds(self) -> dict[str, Bounds | Rule]:
-        """Bounds of each option."""
+        """Return the bounds of each option."""
         return {name: bounds_of(annotation) or ANY for name, annotation, _ in options_of(self.cls)}
 
     @property
@@ -78,7 +78,7 @@ class Plugin:
 
     @property
     def meanings(self) -> dict[str, str]:
-        """Map each option to its description under ``Args:`` in the docstrings of the class and its bases."""
+        """Return each option's description from ``Args:`` in the docstrings of the class and its bases."""
         texts: dict[str, str] = {}
         for cls in reversed(self.cls.__mro__):
             section = inspect.cleandoc(cls.__doc__ or "").partition("\nArgs:\n")[2].partition("\n\n")[0]
@@ -88,11 +88,11 @@ class Plugin:
 
     @property
     def facts(self) -> dict[str, str]:
-        """Map the names of facts that help users choose a member to their values."""
+        """Return named facts that help users choose between the members of a family."""
         return dict(getattr(self.cls, "facts", dict)())
 
     def check(self, path: str, options: Mapping[str, Any]) -> None:
-        """Raise a UserError if an option is out of bounds; ``path`` is the key above the options."""
+        """Raise a UserError if an option is out of bounds; ``path`` is the config key that holds the options."""
         for option, bounds in self.bounds.items():
             value = options[option]
             plain = OmegaConf.to_object(value) if OmegaConf.is_config(value) else value
@@ -109,7 +109,7 @@ _classes: dict[tuple[str, str], type] = {}  # plugins whose modules are imported
 
 
 def announce(plugin: Plugin) -> None:
-    """Make a plugin available in Hydra's group ``family``; raise a UserError if the name is taken.
+    """Add a plugin to the Hydra group of its family; raise a UserError if another module has taken the name.
 
     The plugin's config is built when Hydra reads it.
     """
@@ -126,7 +126,7 @@ def announce(plugin: Plugin) -> None:
 
 
 def withdraw(module: str) -> None:
-    """Remove the plugins that a module registered before its import failed."""
+    """Remove the plugins that a module registered before it failed to import."""
     for family, name in [key for key, plugin in _members.items() if plugin.module == module]:
         del _members[family, name]
         _classes.pop((family, name), None)
@@ -134,19 +134,19 @@ def withdraw(module: str) -> None:
 
 
 def is_ours(module: str) -> bool:
-    """Check whether a module ships with the program, in the core or in one of its packages."""
+    """Return whether a module ships with brushexp, in the core or in one of its packages."""
     return module.startswith(CORE) or module.partition(".")[0] in _our_packages()
 
 
 @cache
 def _our_packages() -> set[str]:
-    """List the import names of the shipped packages."""
+    """Return the import names of the packages that ship with brushexp."""
     points = published(ENTRY_POINTS).values()
     return {point.module.partition(".")[0] for point in points if point.dist and point.dist.name == DISTRIBUTION}
 
 
 def check_family(family: str) -> None:
-    """Raise a UserError for an unknown family."""
+    """Raise a UserError if the family is unknown."""
     if family not in FAMILIES:
         raise UserError(f"unknown plugin family {family!r}; choose one of {', '.join(FAMILIES)}")
 
@@ -157,7 +157,7 @@ def _config_of(family: str, name: str) -> DictConfig:
 
 
 def register(family: str, name: str) -> Callable[[C], C]:
-    """Publish the decorated class as the Hydra choice ``family=name``; raise a UserError if the name is taken.
+    """Register the decorated class as the Hydra choice ``family=name``; raise a UserError if the name is taken.
 
     >>> from brushexp.registry import build_named, plugins
     >>> "area" in [plugin.name for plugin in plugins("order")]  # published by the decorator
@@ -190,28 +190,28 @@ def register(family: str, name: str) -> Callable[[C], C]:
 
 
 def plugins(family: str | None = None) -> list[Plugin]:
-    """List all plugins, or those of one family, sorted by family and name."""
+    """Return the plugins of one family, or of all families if None, sorted by family and name."""
     chosen = [plugin for plugin in _members.values() if family in (None, plugin.family)]
     return sorted(chosen, key=lambda plugin: (list(FAMILIES).index(plugin.family), plugin.name))
 
 
 def loaded_plugins() -> list[Plugin]:
-    """List the plugins whose modules have been imported."""
+    """Return the plugins whose modules have been imported."""
     return [plugin for plugin in plugins() if plugin.is_loaded]
 
 
 def member(family: str, name: str) -> Plugin | None:
-    """Find a plugin by family and name; None if it does not exist."""
+    """Return the plugin with this family and name, or None if there is none."""
     return _members.get((family, name))
 
 
 def plugin_of_class(cls: type) -> Plugin | None:
-    """Find the plugin of a class; None if it is not registered."""
+    """Return the plugin that a class defines, or None if the class is not registered."""
     return next((_members[key] for key, registered in _classes.items() if registered is cls), None)
 
 
 def import_or_explain(load: Callable[[], Any], source: str) -> Any:
-    """Load a plugin; raise a UserError that explains why its ``source`` cannot be loaded."""
+    """Call ``load``; if it fails, raise a UserError that explains why the plugin at ``source`` cannot be loaded."""
     try:
         return load()
     except UserError as error:

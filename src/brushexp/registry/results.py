@@ -1,4 +1,4 @@
-"""Check every result of a user's plugin against the contract of its family; errors name the plugin."""
+"""Check the results of users' plugins against the contracts of their families; errors name the plugin."""
 
 import inspect
 import math
@@ -18,14 +18,14 @@ from brushexp.strokes.catalogue import check_strokes
 
 
 def _describe(value: Any) -> str:
-    """Describe a result briefly: its value if that is short, otherwise its type, with the shape of a tensor."""
+    """Describe a result briefly by its value if it is short, otherwise by its type and, for a tensor, its shape."""
     if isinstance(value, Tensor):
         return f"{type(value).__name__} {tuple(value.shape)} of {value.dtype}"
     return repr(value) if isinstance(value, str | Real | None) else type(value).__name__
 
 
 def _is_real(value: Any, shape: tuple[int, ...]) -> bool:
-    """Check whether a value is a tensor of floats with this shape."""
+    """Return whether a value is a tensor of floats with this shape."""
     return isinstance(value, Tensor) and value.shape == shape and value.dtype.is_floating_point
 
 
@@ -109,7 +109,7 @@ def _problem_of_end(result: Any, strokes: Any, *_: object, **__: object) -> str:
 
 
 def _wanted(shape: Callable[..., tuple[int, ...]], what: str) -> Callable[..., str]:
-    """Make a check for a float tensor whose shape depends on the arguments; ``what`` describes the tensor."""
+    """Create a check for a float tensor whose shape depends on the arguments; ``what`` describes the tensor."""
 
     def problem(result: Any, *args: Any, **_: Any) -> str:
         wanted = shape(result, *args)
@@ -168,7 +168,10 @@ PROBLEMS: dict[tuple[str, str], Callable[..., str]] = {  # functions that return
 
 
 def check_results(family: str, name: str, cls: type, contract: str) -> None:
-    """Make a user's class check its results against the contract (a module); raise a UserError for missing methods."""
+    """Make a user's class check the results of its methods against ``contract``, the module that declares them.
+
+    Raises a UserError if the class lacks a method or attribute, or if a method does not accept its arguments.
+    """
     bases = [base for base in cls.__mro__ if base.__module__ == contract]
     source = place_of(cls)
     notes = {name: kind for base in bases for name, kind in vars(base).get("__annotations__", {}).items()}
@@ -187,7 +190,7 @@ def check_results(family: str, name: str, cls: type, contract: str) -> None:
 
 
 def _check_arguments(function: Callable[..., Any], contract: Callable[..., Any], who: str) -> None:
-    """Raise a UserError for a method that cannot be called with the arguments in its contract."""
+    """Raise a UserError if a method does not accept the arguments that its contract declares."""
     ours, theirs = (inspect.signature(one).parameters for one in (contract, function))
     positional = [name for name, one in ours.items() if one.kind is one.POSITIONAL_OR_KEYWORD]
     named = {name: None for name, one in ours.items() if one.kind is one.KEYWORD_ONLY}
@@ -199,7 +202,7 @@ def _check_arguments(function: Callable[..., Any], contract: Callable[..., Any],
 
 
 def _checked(function: Callable[..., Any], kind: Any, problem_of: Callable[..., str] | None, who: str) -> Any:
-    """Wrap a method so that it rejects results of a type other than ``kind`` or with a problem."""
+    """Wrap a method so that a result that is not of type ``kind`` or has a problem raises a UserError."""
 
     @wraps(function)
     def checked(self: Any, *args: Any, **options: Any) -> Any:
@@ -220,7 +223,7 @@ def _checked(function: Callable[..., Any], kind: Any, problem_of: Callable[..., 
 
 
 def _problem_of_device(result: Any, args: Sequence[object]) -> str:
-    """Report a tensor that is on a different device from the arguments."""
+    """Describe a tensor that is on a different device from the arguments; return "" if there is no problem."""
     if not isinstance(result, Tensor):
         return ""
     parts = [part for value in args for part in (value, *getattr(value, "__dict__", {}).values())]
@@ -230,7 +233,7 @@ def _problem_of_device(result: Any, args: Sequence[object]) -> str:
 
 
 def _return_type(function: Any) -> Any:
-    """Return the declared type of a result, or `Any` if it is unknown before Lightning is imported."""
+    """Return a function's declared result type, or `Any` if it cannot be resolved before Lightning is imported."""
     try:
         return get_type_hints(function).get("return", Any)
     except NameError:

@@ -1,4 +1,4 @@
-"""Record the SHA-256 of the files of users' plugins on import."""
+"""Record the SHA-256 digests of users' plugin files when they are imported."""
 
 import sys
 from collections.abc import Iterable
@@ -11,7 +11,7 @@ _digests: dict[str, str] = {}  # module -> SHA-256 of its file at the time when 
 
 
 def note_source(cls: type) -> None:
-    """Record the SHA-256 of the files behind a class that is being registered."""
+    """Record the SHA-256 digests of the files behind a class that is being registered."""
     for module in modules_behind(cls):
         path = file_of(module)
         if path is not None and path.is_file():
@@ -19,18 +19,18 @@ def note_source(cls: type) -> None:
 
 
 def file_of(module: str) -> Path | None:
-    """Return the file of an imported module; None for the cells of a notebook."""
+    """Return the file of an imported module, or None for a notebook cell."""
     path = getattr(sys.modules.get(module), "__file__", None)
     return None if path is None else Path(path)
 
 
 def place_of(cls: type) -> str:
-    """Return where a class is defined, for messages: its file, or its module if it has no file."""
+    """Return the file in which a class is defined, or its module if there is no file, for use in messages."""
     return str(file_of(cls.__module__) or cls.__module__)
 
 
 def modules_behind(cls: type) -> list[str]:
-    """List the modules of a class and of its bases in the same package, plus the package's loaded ``_modules``."""
+    """Return the modules of a class and its bases in the same package, and the package's loaded ``_modules``."""
     package = cls.__module__.partition(".")[0]
     bases = [base.__module__ for base in cls.__mro__ if base.__module__.partition(".")[0] == package]
     begin = f"{package}."
@@ -39,12 +39,12 @@ def modules_behind(cls: type) -> list[str]:
 
 
 def digests_of(classes: Iterable[type]) -> dict[str, str]:
-    """Map the files behind registered classes to their SHA-256: ``sobel.py``, or ``package/module.py`` if installed."""
+    """Map the files behind classes (``sobel.py``, or ``package/module.py`` if installed) to their SHA-256 digests."""
     modules = [module for cls in classes for module in modules_behind(cls)]
     return {_file_name(module): _digests[module] for module in modules if module in _digests}
 
 
 def _file_name(module: str) -> str:
-    """Name the file of a module without its folder on this machine."""
+    """Return the file name of a module without its folder on this machine."""
     name = module.removeprefix(f"{USER_PACKAGE}.").replace(".", "/")
     return f"{name}.py" if module != "__main__" else Path(str(file_of(module))).name

@@ -1,1 +1,1 @@
-"""Tables in several formats, for any data."""
+"""Write any data as tables in several formats."""

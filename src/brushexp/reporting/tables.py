@@ -19,7 +19,7 @@ NUMBER = re.compile(rf"([-+]?\d[\d.,e+-]*( ± [\d.e+-]+)?|-?inf|{MISSING}|)")  #
 
 
 def csv_table(rows: Rows, significant: int | None = None) -> str:
-    """Write a table as CSV; missing numbers are empty, floats have ``significant`` digits, or all for None."""
+    """Return a table as CSV; missing numbers are empty, and floats have ``significant`` digits, or all if None."""
     frame = _frame(rows)
     if significant is not None:
         frame = frame.map(lambda x: f"{x:.{significant}g}" if isinstance(x, float) and math.isfinite(x) else x)
@@ -29,10 +29,10 @@ def csv_table(rows: Rows, significant: int | None = None) -> str:
 def markdown_table(
     rows: Rows, digits: Mapping[str, int] | None = None, align: str | None = None, *, escape: bool = True
 ) -> str:
-    """Write a table as Markdown.
+    """Return a table as Markdown.
 
-    ``digits`` gives the decimals of each column. ``align`` is "l" or "r" for each column, as in LaTeX; None aligns
-    columns of numbers on the right. Without ``escape``, the cells must already be Markdown.
+    ``digits`` gives the number of decimals of each column. ``align`` has "l" or "r" for each column, as in LaTeX; None
+    aligns columns of numbers on the right. Without ``escape``, the cells must already be Markdown.
     """
     texts = as_text(_frame(rows), digits or {})
     quote = escape_markdown if escape else str
@@ -42,14 +42,14 @@ def markdown_table(
 
 
 def latex_table(rows: Rows, digits: Mapping[str, int] | None = None) -> str:
-    """Write a table as LaTeX with the rules of booktabs; arguments as in `markdown_table`."""
+    """Return a table as LaTeX with booktabs rules; the arguments are those of `markdown_table`."""
     texts = as_text(_frame(rows), digits or {})
     text = str(texts.to_latex(index=False, escape=True, column_format=_alignment(texts)))
     return text.replace("±", r"$\pm$").replace(MISSING, "--")
 
 
 def as_text(frame: DataFrame, digits: Mapping[str, int]) -> DataFrame:
-    """Format every cell, with the decimals of its column for numbers."""
+    """Format every cell as text, with the number of decimals that ``digits`` gives for its column."""
     return frame.apply(lambda column: column.map(lambda value: _format(value, digits.get(column.name))))
 
 
@@ -66,10 +66,10 @@ def _format(value: Any, digits: int | None) -> str:
 
 
 def _alignment(texts: DataFrame) -> str:
-    """Choose the alignment of columns, with numbers on the right: ``"lrr"``."""
+    """Return the alignment of the columns, with numbers on the right, such as ``"lrr"``."""
     return "".join("r" if all(map(NUMBER.fullmatch, column)) and any(column) else "l" for _, column in texts.items())
 
 
 def escape_markdown(text: str) -> str:
-    r"""Escape text so that Markdown shows it literally: ``a|b_c`` becomes ``a\|b\_c``."""
+    r"""Escape text on one line so that Markdown shows it literally: ``a|b_c`` becomes ``a\|b\_c``."""
     return re.sub(r"([\\`*_\[\]<>|~$&])", r"\\\1", " ".join(text.split()))

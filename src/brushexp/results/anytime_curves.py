@@ -1,4 +1,4 @@
-"""Read PSNR over time from runs, average it, and find which setting led at each time."""
+"""Read each run's PSNR over time, average the curves, and find which setting led at each time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LEAD = 0.1  # dB by which a run must beat the leader to replace it
 
 
 def curve_from(points: Any) -> Curve | None:
-    """Read a curve from the pairs that a run recorded as ``anytime``; None for fewer than two points."""
+    """Return the curve in the pairs that a run recorded as ``anytime``, or None if it has fewer than two points."""
     try:
         pairs = np.array(points or [], float).reshape(-1, 2)
     except (TypeError, ValueError, OverflowError):
@@ -27,14 +27,17 @@ def curve_from(points: Any) -> Curve | None:
 
 
 def mean_curve(curves: Sequence[Curve]) -> Curve:
-    """Average the PSNR of several runs, starting when the last run starts; a finished run keeps its final value."""
+    """Average the PSNR of several runs from the time when all have a value; a finished run keeps its final value."""
     times = np.unique(np.concatenate([seconds for seconds, _ in curves]))
     times = times[times >= max(seconds[0] for seconds, _ in curves)]
     return times, np.mean([np.interp(times, *curve) for curve in curves], axis=0)
 
 
 def leaders(curves: Mapping[str, Curve]) -> list[tuple[float, str]]:
-    """List the leading settings and when, in seconds, each took the lead; a finished run keeps its final value."""
+    """Return each setting that took the lead, and when, in seconds.
+
+    A setting leads if its best PSNR so far beats the leader's by ``LEAD``; a finished run keeps its best value.
+    """
     times = np.unique(np.concatenate([seconds for seconds, _ in curves.values()]))
     best = [np.interp(times, seconds, np.maximum.accumulate(psnr), left=-math.inf) for seconds, psnr in curves.values()]
     names, leader, changes = list(curves), None, []
@@ -47,7 +50,7 @@ def leaders(curves: Mapping[str, Curve]) -> list[tuple[float, str]]:
 
 
 def curves_by_image(frame: DataFrame) -> dict[str, dict[str, list[Curve]]]:
-    """Group the curves of runs by image and label."""
+    """Group the curves of runs by image and by label; runs without a label or a curve are left out."""
     curves: dict[str, dict[str, list[Curve]]] = {}
     for image, label, points in frame["run"][["image", "label", "anytime"]].dropna(subset=["label"]).to_numpy():
         if (curve := curve_from(points)) is not None:
@@ -56,6 +59,6 @@ def curves_by_image(frame: DataFrame) -> dict[str, dict[str, list[Curve]]]:
 
 
 def mean_curves(curves: Mapping[str, list[Curve]]) -> dict[str, Curve]:
-    """Average the curves of each setting over its seeds."""
+    """Average the curves of each setting over its seeds; settings with fewer than two points are left out."""
     means = {label: mean_curve(alike) for label, alike in curves.items()}
     return {label: curve for label, curve in means.items() if len(curve[0]) > 1}

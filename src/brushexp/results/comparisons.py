@@ -1,4 +1,4 @@
-"""Comparisons of runs provided by packages: files next to the page of a sweep, and tables on the page."""
+"""Comparisons of runs that packages provide, as files next to a sweep's page and tables on the page."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ COMPARISONS = "brushexp.comparisons"  # entry-point group of instances of `RunCo
 
 @dataclass(frozen=True)
 class PageTable:
-    """A section of a sweep's page: ``id``, heading, explanation, and at least one row, as text."""
+    """A section of a sweep's page, with an ``id``, a title, an explanation and at least one row of text."""
 
     id: str
     title: str
@@ -29,13 +29,13 @@ class PageTable:
 
 @dataclass(frozen=True)
 class RunComparison:
-    """A comparison of runs, given as a frame of `brushexp.results.runs`, that writes files and may return a table."""
+    """A comparison of runs in a data frame of `brushexp.results.runs`, as files and optionally a table."""
 
     write: Callable[[Path, DataFrame], None]
     table: Callable[[DataFrame], PageTable | None]
 
 
 def comparisons() -> list[RunComparison]:
-    """Load the comparisons of installed packages; raise a UserError for one that cannot be imported."""
+    """Load the comparisons that installed packages provide; raise a UserError if one cannot be imported."""
     points = published(COMPARISONS).values()
     return [import_or_explain(point.load, f"entry point {point.name} ({point.value})") for point in points]

@@ -1,6 +1,6 @@
-"""Manage the exports of a run: files next to its painting, and a folder in ``exports`` for the records of each export.
+"""Manage a run's exports: the files next to its painting, and a folder of records in ``exports`` for each export.
 
-The entry ``files`` in the metrics.json of an export maps formats to the files of the run.
+The ``files`` entry in an export's metrics.json maps formats to exported files.
 """
 
 import os
@@ -16,9 +16,9 @@ FOLDER = "exports"  # name of the folder in a run's folder
 
 
 def run_around(catalogue: str) -> Path | None:
-    """Return the folder of a painting's run, given that folder or a catalogue.h5; None for other files.
+    """Return the run folder for a catalogue.h5 or for the folder itself.
 
-    The result is also None if the folder is read-only.
+    Returns None if the folder is not a run's folder or is read-only.
     """
     path = Path(catalogue).expanduser()
     folder = path if path.is_dir() else path.parent
@@ -27,7 +27,7 @@ def run_around(catalogue: str) -> Path | None:
 
 
 def exported(run: Path) -> dict[Path, str]:
-    """Map each existing file that earlier exports wrote next to a painting to its format."""
+    """Return the existing files that earlier exports wrote next to a painting, each mapped to its format."""
     files: dict[Path, str] = {}
     for record in sorted((run / FOLDER).glob(f"*/{METRICS_FILE}")):
         try:
@@ -39,7 +39,7 @@ def exported(run: Path) -> dict[Path, str]:
 
 
 def check_exports(run: Path, kinds: Iterable[str]) -> None:
-    """Raise a UserError for an export in formats that already have files next to the painting."""
+    """Raise a UserError if an earlier export in one of these formats left a file next to the painting."""
     for path, kind in exported(run).items():
         if kind in kinds:
             raise UserError(
@@ -48,10 +48,10 @@ def check_exports(run: Path, kinds: Iterable[str]) -> None:
 
 
 def move_beside(paths: Sequence[Path], run: Path) -> list[Path]:
-    """Move the new files of an export next to the painting, and return their paths.
+    """Move an export's new files next to the painting, and return their paths.
 
-    Files of earlier exports are replaced. If another file has the name, such as the run's own ``painting.png``, the new
-    file becomes ``painting_export.png``; if that name is taken as well, it is not moved.
+    Files of earlier exports are replaced. If another file has the same name, such as the run's own ``painting.png``,
+    the new file becomes ``painting_export.png``; if that name is also taken, the file is not moved.
     """
     earlier, moved = exported(run), []
     for path in paths:

@@ -6,9 +6,9 @@ import numpy as np
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Correct the p-values of several tests so that they bound the probability of any false positive.
+    """Correct the p-values of several tests to control the probability of any false positive.
 
-    Source: the step-down procedure of Holm, 1979.
+    Source: Holm's step-down procedure (1979).
 
     >>> [round(p, 3) for p in holm([0.04, 0.001, 0.03])]
     [0.06, 0.003, 0.06]

@@ -1,4 +1,4 @@
-"""Read the pictures and metrics of a painting from the folder of its run."""
+"""Read the pictures and metrics of a painting from its run folder."""
 
 import logging
 from pathlib import Path
@@ -20,9 +20,9 @@ log = logging.getLogger(__name__)
 
 
 def read_painting(folder: Path, job: ExportJob) -> Finished:
-    """Read the pictures and metrics of a run; damaged pictures are omitted with a warning.
+    """Read the pictures and metrics of a run, and skip damaged pictures with a warning.
 
-    A painting larger than the picture on which its strokes were optimised is shrunk to that size.
+    If the painting is larger than the picture on which its strokes were optimised, it is shrunk to that size.
     """
     pictures = dict[str, np.ndarray]()
     for name in PICTURES:

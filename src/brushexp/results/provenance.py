@@ -26,9 +26,9 @@ SHOWN = {  # part of a provenance -> its name, and the number of displayed chara
 
 
 def remark_on_provenance(frame: DataFrame) -> str:
-    """Describe how the provenance of the runs in a frame differs; "" if it is the same or was not recorded.
+    """Describe how the runs in a frame differ in provenance; return "" if they do not, or if none was recorded.
 
-    A plugin file counts as different if two runs use different versions of it.
+    A plugin file counts as a difference if two runs use different versions of it.
     """
     records = [one if isinstance(one, dict) else None for one in frame["run", "provenance"]]
     known = [one for one in records if one is not None]
@@ -42,13 +42,13 @@ def remark_on_provenance(frame: DataFrame) -> str:
 
 
 def differing_parts(records: Sequence[Mapping[str, Any]]) -> list[str]:
-    """List the differing parts of provenances with their values: ``PyTorch (2.8.0, 2.9.0)``."""
+    """List the parts in which provenance records differ, with their values: ``PyTorch (2.8.0, 2.9.0)``."""
     parts = [_difference([_at(one, path) for one in records], *shown) for path, shown in SHOWN.items()]
     return [*filter(None, parts)] + [f"plugin file {name}" for name in _changed_plugins(records)]
 
 
 def _difference(values: Sequence[object], name: str, letters: int | None) -> str:
-    """Name a component and its values if they differ."""
+    """Return the name of a component with its values if they differ, otherwise ""."""
     texts = list(dict.fromkeys("none" if value is None else in_short(value)[:letters] for value in values))
     if len(set(map(str, values))) < 2:
         return ""
@@ -63,7 +63,7 @@ def _at(record: Mapping[str, Any], path: Sequence[str]) -> object:
 
 
 def _changed_plugins(records: Sequence[Mapping[str, Any]]) -> list[str]:
-    """List the plugin files that runs use in different versions."""
+    """List the plugin files of which runs use different versions."""
     digests: dict[str, set[str]] = {}
     for record in records:
         plugins = record.get("plugins")

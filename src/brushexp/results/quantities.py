@@ -22,12 +22,12 @@ class Quantity:
 
     @property
     def name(self) -> str:
-        """Title with unit."""
+        """Return the title with its unit, if any."""
         return f"{self.title}, {self.unit}" if self.unit else self.title
 
     @property
     def label(self) -> str:
-        """Axis label: the name and the better direction."""
+        """Return the axis label: the name and which direction is better."""
         return f"{self.name} ({self.better} is better)"
 
 
@@ -64,7 +64,7 @@ OTHERS: Mapping[str, Quantity] = {  # numbers of a run that do not come from met
 
 
 def quantities() -> dict[str, Quantity]:
-    """List the numbers in the order of tables and plots; numbers from metrics come first."""
+    """Return all quantities by key, in the order of tables and plots: first the metrics, then the others."""
     rank = {name: place for place, name in enumerate(STANDARD)}
     ranked = sorted(plugins("metric"), key=lambda plugin: rank.get(plugin.name, len(rank)))
     return {key: quantity for plugin in ranked for key, quantity in _quantities_of(plugin).items()} | dict(OTHERS)
@@ -77,5 +77,5 @@ def _quantities_of(plugin: Plugin) -> dict[str, Quantity]:
 
 
 def digits() -> dict[str, int]:
-    """Return the decimals of each number."""
+    """Return the number of decimal places of each quantity."""
     return {key: quantity.digits for key, quantity in quantities().items()}

@@ -1,14 +1,14 @@
 """Gather finished runs into one data frame.
 
-The frame has a row per run, indexed by its name, and columns in three parts:
+The frame has one row per run, indexed by the run's name, and three groups of columns:
 
-- ``frame["run"]``: ``status``, ``error``, ``folder``; ``picture``, the file of its picture, if any; ``target``, a
-  fingerprint of the painted picture; ``overrides`` as entered; ``anytime``, pairs of seconds and PSNR; ``provenance``,
-  None for old runs; ``command``, which repeats the run; and, for compared runs, ``image``, the name of the painted
-  picture ("" for other tasks), and ``label``, the overrides (except seeds) that distinguish it from other runs of this
-  image.
-- ``frame["setting"]``: a column per key set on a command line, missing where it was not set; ``loss`` as names of
-  losses.
+- ``frame["run"]``: ``status``; ``error``; ``folder``; ``picture``, the path of the run's picture or None; ``target``, a
+  fingerprint of the target picture; ``overrides`` as typed; ``anytime``, pairs of seconds and PSNR; ``provenance``,
+  None for old runs; ``command``, which repeats the run. Finished runs also have ``image``, the name and size of the
+  target picture ("" for tasks that do not paint), and ``label``, the overrides (except seeds) that distinguish the run
+  from others of the same image.
+- ``frame["setting"]``: one column per key set on any command line, missing for runs that did not set it; ``loss`` holds
+  the names of the losses.
 - ``frame["metric"]``: every number (or name) that a run returned.
 """
 
@@ -43,9 +43,9 @@ LONGEST_VALUE = 40  # characters of a value in a label; longer values lose their
 
 
 def gather(folders: Iterable[Path], into: Path) -> DataFrame:
-    """Gather all runs at or below some folders, sorted by job number, with names relative to ``into``.
+    """Gather all runs in or below the given folders, sorted by job number, with names relative to ``into``.
 
-    A UserError names a folder without a run.
+    Raises a UserError for a folder without runs.
     """
     into = into.resolve()
     results: dict[str, Result] = {}
@@ -59,7 +59,7 @@ def gather(folders: Iterable[Path], into: Path) -> DataFrame:
 
 
 def has_finished(folder: Path) -> bool:
-    """Check whether a run has finished and written all its files."""
+    """Check whether a run has finished successfully and written all its files."""
     return (folder / METRICS_FILE).is_file() and read_result(folder)["status"] not in UNFINISHED
 
 
@@ -70,7 +70,7 @@ def has_ended(folder: Path) -> bool:
 
 
 def objective_in(result: Mapping[str, Any], name: str) -> float:
-    """Return a number of a run by its name; if it is missing, raise a UserError that lists all the run's numbers."""
+    """Return the named number from a run's result; if it is missing, raise a UserError that lists those available."""
     values = {key: float(value) for key, value in result.items() if type(value) in (int, float)}
     if name not in values:
         raise UserError(f"objective={name} is not a metric of this run; choose one of {', '.join(values)}")
@@ -78,7 +78,7 @@ def objective_in(result: Mapping[str, Any], name: str) -> float:
 
 
 def frame_of(folder: Path, results: Mapping[str, Result]) -> DataFrame:
-    """Make the data frame (see the module's docstring) from results by name; each run is in ``folder / name``."""
+    """Make the data frame that the module describes from results by name; each run is in ``folder / name``."""
     import pandas as pd  # noqa: PLC0415
 
     runs = [_run_columns(folder / name, result) for name, result in results.items()]
@@ -120,7 +120,7 @@ def differences(chosen: Sequence[Mapping[str, str]]) -> list[tuple[str, ...]]:
 
 
 def shorten(values: Sequence[str], longest: int = LONGEST_VALUE) -> dict[str, str]:
-    """Shorten the values of a setting while keeping them distinct: paths to their ends, and long values."""
+    """Shorten the values of a setting but keep them distinct: keep only the ends of paths and of long values."""
     depths = range(1, 1 + max(value.count("/") for value in values))
     tails = ([_tail(value, depth) for value in values] for depth in depths)
     names = next((names for names in tails if len(set(names)) == len(names)), list(values))
@@ -129,20 +129,20 @@ def shorten(values: Sequence[str], longest: int = LONGEST_VALUE) -> dict[str, st
 
 
 def _tail(value: str, depth: int) -> str:
-    """Cut a path to its last ``depth`` parts; a list keeps its opening bracket."""
+    """Return the last ``depth`` parts of a path, after the opening bracket if the value is a list."""
     path = value.lstrip('["')
     return value.removesuffix(path) + "/".join(path.split("/")[-depth:])
 
 
 def parse_overrides(words: Iterable[str]) -> dict[str, str]:
-    """Parse ``["loss=mse", "+a=1", "~b"]`` to a dictionary."""
+    """Parse overrides such as ``["loss=mse", "+a=1", "~b"]`` into a dictionary."""
     pairs = (word.partition("=") for word in words)
     plain = ((key.lstrip("+~"), equals, re.sub(r'^"([^"\\]*)"$', r"\1", value)) for key, equals, value in pairs)
     return {key: value if equals else REMOVED for key, equals, value in plain}
 
 
 def _part(rows: Sequence[Mapping[str, Any]], *always: str) -> DataFrame:
-    """Make a column for every key in any row, and at least for the given keys."""
+    """Make a frame with a column for each key that occurs in a row, and for each key in ``always``."""
     import pandas as pd  # noqa: PLC0415
 
     columns = dict.fromkeys([*(key for row in rows for key in row), *always])
@@ -170,14 +170,14 @@ def _metrics(result: Result) -> dict[str, Any]:
 
 
 def command_of(folder: Path) -> str:
-    """Write the command that repeats a run, without its folder; for a job of a study, it repeats only that job."""
+    """Return the command that repeats a run in a new folder; for a job of a study, it repeats only that job."""
     typed = words_of(folder)
     single = ["hydra.mode=RUN"] * any(word.startswith(("experiment=", "+experiment=")) for word in typed)
     return shlex.join(["brushexp", *(word for word in typed if not word.startswith("output=")), *single])
 
 
 def words_of(folder: Path) -> list[str]:
-    """Read the overrides of a run as typed; empty if they were not recorded."""
+    """Return the overrides of a run as typed, or an empty list if they were not recorded."""
     try:
         return [str(word) for word in yaml_of(read_text(folder / ".hydra" / "overrides.yaml", ""), list)]
     except UserError:
@@ -185,7 +185,7 @@ def words_of(folder: Path) -> list[str]:
 
 
 def look_of(folder: Path) -> str:
-    """Return the name of a run's look as Hydra recorded it; "" without a record."""
+    """Return the name of a run's look as Hydra recorded it, or "" if there is no record."""
     try:
         recorded: Any = yaml_of(read_text(folder / ".hydra" / "hydra.yaml", ""))
     except UserError:
@@ -196,7 +196,7 @@ def look_of(folder: Path) -> str:
 
 
 def image_name(run: Any) -> str:
-    """Describe the painted picture by name and size, where the folder records them."""
+    """Return the file name of the target picture, with its size if the run folder holds the target."""
     name = Path(str(setting_of(run, "image") or "picture")).name
     with suppress(UserError), open_picture(run["folder"] / "target.png") as picture:
         return f"{name}, {picture.width} x {picture.height} pixels"
@@ -204,7 +204,7 @@ def image_name(run: Any) -> str:
 
 
 def setting_of(run: Any, key: str) -> Any:
-    """Return the value of a key as typed, or from the config of the run, or None."""
+    """Return the value of a key as typed, else from the run's config, else None."""
     if key in run["overrides"]:
         return run["overrides"][key]
     with suppress(UserError):
@@ -220,7 +220,7 @@ def _runs_below(folder: Path) -> Iterator[Path]:
 
 
 def read_result(folder: Path) -> Result:
-    """Read the metrics.json of a run and its overrides; an unreadable file makes it a failed run."""
+    """Read a run's metrics.json and its overrides; the run counts as failed if metrics.json cannot be read."""
     overrides, data = parse_overrides(words_of(folder)), None
     with suppress(UserError):
         data = json_of(read_text(folder / METRICS_FILE, ""))
@@ -233,7 +233,7 @@ def read_result(folder: Path) -> Result:
 
 
 def read_curves(path: Path) -> dict[str, list[float]]:
-    """Read the columns of a table of curves, with NaN for missing numbers; empty without a table."""
+    """Read a table of curves as columns, with NaN for missing numbers; return {} if there is no table."""
     rows = read_table(path)
     return {name: [_float(row[name]) for row in rows] for name in (rows[0] if rows else ())}
 
@@ -246,7 +246,7 @@ def _float(text: str | None) -> float:
 
 
 def _value(value: Any) -> Any:
-    """Replace a number that is not finite or too large by None."""
+    """Replace a number with None if it is not finite or too large."""
     return None if isinstance(value, int | float) and not abs(value) < LARGEST_NUMBER else value
 
 

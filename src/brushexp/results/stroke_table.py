@@ -1,4 +1,4 @@
-"""Measure the strokes of a painting: `strokes.measures`, visible shares and neighbours."""
+"""Measure the strokes of a painting: their shapes (`strokes.measures`), visible shares and neighbours."""
 
 import math
 from dataclasses import replace
@@ -42,16 +42,16 @@ MEASURES = ruler.MEASURES | {
 
 @torch.no_grad()
 def measure_strokes(strokes: Strokes, depth: Tensor, size: tuple[int, int], radius: float | None = None) -> StrokeTable:
-    """Measure N strokes, all of which count as neighbours; select strokes first with `strokes.measures.is_visible`.
+    """Measure N strokes; all of them count as neighbours, so drop invisible ones first (`strokes.measures.is_visible`).
 
-    ``depth`` (N,) are ranks, 0 for the bottom stroke; ``size`` is height and width of the canvas in pixels; neighbours
-    are counted within ``radius`` pixels, None for ``RADIUS_PITCHES`` pitches.
+    ``depth`` (N,) holds ranks, 0 for the bottom stroke; ``size`` is the height and width of the canvas in pixels;
+    neighbours are counted within ``radius`` pixels, or within ``RADIUS_PITCHES`` pitches if it is None.
 
     Returns:
-        (N,) records of float64: x and y of the curve's centre in pixels from the left and the top, and ``MEASURES``,
-        with angles in radians, orientation clockwise in [0, pi). Undefined measures are NaN: elongatedness without
-        width; deviation, coherence and homogeneity without neighbours; straightness and orientation of dots shorter
-        than `ruler.POINT_LENGTH`, whose length and curvature are 0.
+        (N,) records of float64: the curve's centre x and y in pixels from the left and the top, and ``MEASURES``.
+        Angles are in radians; orientation is clockwise in [0, pi). Undefined measures are NaN: elongatedness if a
+        stroke has no width; deviation, coherence and homogeneity if it has no neighbours; straightness and orientation
+        if it is a dot, shorter than `ruler.POINT_LENGTH`. The length and curvature of dots are 0.
     """
     fine = strokes.map(Tensor.double)
     curve, width = curve_of(fine), 2 * half_width_of(fine)
@@ -86,7 +86,7 @@ def measure_strokes(strokes: Strokes, depth: Tensor, size: tuple[int, int], radi
 
 
 def _count_within(centre: Tensor, radius: float) -> Tensor:
-    """Count the other centres (N, 2) within a radius of each centre: (N,)."""
+    """Count how many (N,) of the other centres (N, 2) lie within a radius of each centre."""
     from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
 
     if not len(centre):
@@ -97,9 +97,10 @@ def _count_within(centre: Tensor, radius: float) -> Tensor:
 def visible_share(strokes: Strokes, depth: Tensor, size: tuple[int, int]) -> Tensor:
     """Compute the share (N,), 0 to 1, of each stroke's paint on the canvas that later strokes leave visible.
 
-    It is sum(alpha T) / sum(alpha) over the pixels of the canvas, where T is the light that the strokes above transmit,
-    always drawn with ``renderer=analytic``. The picture is linear in the colour of each stroke, so both sums are
-    derivatives of its brightness with respect to that colour, the second with almost transparent strokes.
+    The share is sum(alpha T) / sum(alpha) over the pixels of the canvas, where T is the fraction of light that the
+    strokes above transmit. Strokes are always drawn with ``renderer=analytic``. The picture is linear in each stroke's
+    colour, so both sums are derivatives of the picture's brightness with respect to that colour. For the second sum,
+    the strokes are almost transparent.
     """
     if not len(strokes):
         return torch.zeros(0)
@@ -113,7 +114,7 @@ def visible_share(strokes: Strokes, depth: Tensor, size: tuple[int, int]) -> Ten
 
 
 def _paint_of(strokes: Strokes, above: Tensor, size: tuple[int, int]) -> Tensor:
-    """Sum over the canvas each stroke's contribution (N,) to the picture per unit of its colour."""
+    """Compute each stroke's contribution (N,) to the picture per unit of its colour, summed over the canvas."""
     color = torch.zeros_like(strokes.color).requires_grad_()
     with torch.enable_grad():
         layers = Analytic()(replace(strokes, color=color, drift=torch.zeros_like(color)))
@@ -125,8 +126,8 @@ def _paint_of(strokes: Strokes, above: Tensor, size: tuple[int, int]) -> Tensor:
 def sizes_set_by(saved: Saved) -> str:
     """Return the setting that determined the ``SIZE_MEASURES`` of strokes, such as ``init=slic``, or "".
 
-    Gradient descent hardly changes initial sizes, so they reveal nothing about a painter's brushes. The result is ""
-    for strokes recovered from a picture and for strokes without a run, whose sizes no setting determined.
+    Gradient descent hardly changes the initial sizes, so sizes set this way reveal nothing about a painter's brushes.
+    The result is "" for strokes that were recovered from a picture or that come without a run.
     """
     config = config_of(saved)
     chosen = {
@@ -145,7 +146,7 @@ def sizes_set_by(saved: Saved) -> str:
 
 
 def direction_shares(angle: Array, weight: Array | None = None) -> Array:
-    """Compute shares (DIRECTION_BINS,) of directions (n,) in degrees, by number or ``weight``; bin 0 surrounds 0."""
+    """Compute the weighted share (DIRECTION_BINS,) of directions (n,) in degrees in each bin; bin 0 is centred on 0."""
     number = np.floor(angle * DIRECTION_BINS / 180 + 0.5).astype(np.intp) % DIRECTION_BINS
     shares = np.bincount(number, weight, DIRECTION_BINS)
     return shares / (shares.sum() or 1)

@@ -1,4 +1,4 @@
-"""Write the tables of a sweep: one row per run, and means over seeds."""
+"""Write the tables of a sweep: one with a row per run, and one with means over seeds."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def write_run_tables(folder: Path, frame: DataFrame) -> None:
 
 
 def runs_table(frame: DataFrame) -> DataFrame:
-    """Make a row per run: varying settings, status, and displayed metrics."""
+    """Return a table with one row per run: the settings that vary, the status and the displayed metrics."""
     metrics = shown_metrics(frame)
     settings = _settings(frame, list(varying_settings(frame)), ["run", "status", *metrics]).fillna("")
     errors = (": " + frame["run", "error"]).fillna("").map(lambda text: textwrap.shorten(text, LONGEST_ERROR))
@@ -45,7 +45,7 @@ def runs_table(frame: DataFrame) -> DataFrame:
 
 
 def means_table(frame: DataFrame) -> DataFrame | None:
-    """Make a row per setting with means over seeds, ``21.00 ± 1.41``; None if there is only one seed."""
+    """Return a table of means over seeds (``21.00 ± 1.41``), one row per setting; None if seeds do not vary."""
     keys = list(varying_settings(frame))
     if "seed" not in keys:
         return None
@@ -57,23 +57,23 @@ def means_table(frame: DataFrame) -> DataFrame | None:
 
 
 def _settings(frame: DataFrame, keys: list[str], others: Collection[str]) -> DataFrame:
-    """Select settings; a name that clashes with another column becomes ``override.<name>``."""
+    """Select columns of settings, and rename those that clash with ``others`` to ``override.<name>``."""
     return frame["setting"][keys].rename(columns={key: f"override.{key}" for key in keys if key in others})
 
 
 def varying_settings(frame: DataFrame) -> dict[str, list[str]]:
-    """Map the settings that differ between runs to their values in order of appearance; "" means not set."""
+    """Map each setting that differs between runs to its values in order of appearance; "" means not set."""
     settings = frame["setting"].fillna("")
     return {key: list(settings[key].unique()) for key in settings if settings[key].nunique() > 1}
 
 
 def is_album(frame: DataFrame) -> bool:
-    """Check whether several runs painted different pictures with the same settings."""
+    """Check whether all runs painted different pictures and share all other settings."""
     return bool(frame["run", "target"].is_unique) and list(varying_settings(frame)) == ["image"]
 
 
 def numbers(frame: DataFrame) -> DataFrame:
-    """Convert the displayed metrics, at least ``psnr`` and ``seconds``, to finite numbers."""
+    """Return the displayed metrics, always with ``psnr`` and ``seconds``, as numbers; NaN if missing or infinite."""
     import pandas as pd  # noqa: PLC0415
 
     metrics = frame["metric"][[key for key in quantities() if key in frame["metric"]]]
@@ -82,10 +82,10 @@ def numbers(frame: DataFrame) -> DataFrame:
 
 
 def over_seeds(frame: DataFrame) -> DataFrame:
-    """Average runs that differ only in their seed; the result has a row per setting, by image and label.
+    """Average runs that differ only in their seed; return one row per group, indexed by image and label.
 
-    Columns have four parts: "run" (``command`` of the first, and ``runs``, their number), "setting", and "mean" and
-    "std" of each metric (of a sample; missing for a single run).
+    There are four groups of columns: "run" (``command`` of the first run, and ``runs``, the number of runs), "setting",
+    "mean" and "std", the sample standard deviation of each metric (missing for a single run).
     """
     import pandas as pd  # noqa: PLC0415
 
@@ -98,11 +98,11 @@ def over_seeds(frame: DataFrame) -> DataFrame:
 
 
 def shown_metrics(frame: DataFrame) -> DataFrame:
-    """Select the displayed metrics that at least one run has."""
+    """Return the displayed metrics that at least one run has."""
     return frame["metric"][[key for key in quantities() if key in frame["metric"]]].dropna(axis=1, how="all")
 
 
 def run_count(frame: DataFrame) -> str:
-    """Summarise in words how many runs there are and how many failed."""
+    """Return how many runs there are and how many failed, in words: ``3 runs, 1 failed``."""
     failed = (frame["run", "status"] == Status.FAILED).sum()
     return f"{len(frame)} run{'s' * (len(frame) != 1)}, {failed} failed"

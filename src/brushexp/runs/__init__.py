@@ -1,1 +1,1 @@
-"""Runs: their folders, the Trainer, resuming, sweeps and trackers."""
+"""Carry out runs: manage folders, the Trainer, resuming, sweeps and trackers."""

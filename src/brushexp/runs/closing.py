@@ -1,4 +1,4 @@
-"""Report at the end of a run where its files are, how to view or resume it, and one thing to try next."""
+"""Report, at the end of a run, where its files are, how to view or resume it, and one thing to try next."""
 
 import logging
 import shlex
@@ -24,9 +24,10 @@ NAMED = 4  # maximum number of files in a message
 
 
 def log_result(folder: Path, strokes: int, start: float | None) -> None:
-    """Report a painting of ``strokes`` and its page; ``start`` is the `time.monotonic` at which the program started.
+    """Log a painting, its number of ``strokes``, its page and a suggestion of what to try next.
 
-    A job of a sweep reports only the painting; from Python, nothing is reported.
+    ``start`` is the value of `time.monotonic` when the program started. A job of a sweep logs only the painting; a run
+    started from Python logs nothing.
     """
     if not HydraConfig.initialized():
         return
@@ -43,7 +44,7 @@ def is_job() -> bool:
 
 
 def how_to_go_on(folder: Path, task: str) -> str:
-    """Describe what an interrupted run has finished, and which command resumes or restarts it."""
+    """Return the command that resumes an interrupted run, or else list its finished files and say how to restart it."""
     place = as_shown(folder)
     if (folder / CHECKPOINT).is_file():
         return f"continue with: {shlex.join(['brushexp', *[f'task={task}'] * (task != 'paint'), f'resume={place}'])}"
@@ -56,7 +57,7 @@ def how_to_go_on(folder: Path, task: str) -> str:
 
 
 def log_page(folder: Path, what: str) -> None:
-    """Report the page of a run or sweep, if it exists, and how to view it."""
+    """If a run or sweep has a page, log where it is and how to view it."""
     if (folder / "report.html").is_file():
         newest = folder.resolve().parent == Path("outputs").resolve()
         look = "".join(f"; {words}: {command}" for command, words in table_of_words("page").items())
@@ -65,10 +66,10 @@ def log_page(folder: Path, what: str) -> None:
 
 
 def suggestion(words: Sequence[str], folder: Path) -> str:
-    """Choose one thing to try after a painting made with these command-line arguments.
+    """Suggest one thing to try after a painting made with these command-line arguments.
 
-    The vocabulary files list proposals in tables ``[next.WORD]``: ``gives`` describes the result, ``after`` limits the
-    proposal to paintings with one of these words, and ``unless`` lists keys with which it has no effect.
+    Proposals come from the ``[next.WORD]`` tables of the vocabulary files: ``gives`` describes the result, ``after``
+    limits the proposal to paintings made with one of the listed words, and ``unless`` lists keys that rule it out.
 
     >>> suggestion(["image=photo.jpg"], Path("outputs/x"))
     'only what matters, in fewer and larger strokes: brushexp photo.jpg abstract'
@@ -91,7 +92,7 @@ def suggestion(words: Sequence[str], folder: Path) -> str:
 
 
 def _fits(word: str, proposal: Mapping[str, Any], words: Sequence[str]) -> bool:
-    """Check whether a proposal would change anything after these arguments."""
+    """Check whether a proposal makes sense after a painting made with these arguments."""
     typed = {_family(one) for one in words}
     if "after" in proposal:
         matches = any(one in words if "=" in one else one in typed for one in proposal["after"])
@@ -101,7 +102,7 @@ def _fits(word: str, proposal: Mapping[str, Any], words: Sequence[str]) -> bool:
 
 
 def _command(word: str, words: Sequence[str], folder: Path) -> list[str]:
-    """Write the command of a proposal: an export of the painting, or the same painting with one more argument."""
+    """Return the command for a proposal: export the painting, or paint it again with one more argument."""
     if _family(word) == EXPORTS:
         return _export(folder, word)
     dropped = {"output", "overwrite", _family(word)}
@@ -114,7 +115,7 @@ def _export(folder: Path, word: str) -> list[str]:
 
 
 def _family(word: str) -> str:
-    """Return the key of an argument, or the family of the member whose option it sets.
+    """Return the first part of the key that an argument sets; a painter's word stands for ``key=value``.
 
     >>> _family("palette.values=5"), _family("+metric=lpips"), _family("abstract")
     ('palette', 'metric', 'abstraction')
@@ -123,6 +124,6 @@ def _family(word: str) -> str:
 
 
 def _unquoted(word: str) -> str:
-    """Write an argument as typed, without the quotes of Hydra's grammar."""
+    """Return an argument without the quotes that Hydra's grammar requires."""
     key, _, value = word.partition("=")
     return f"{key}={parse_value(value)}" if value.startswith('"') else word

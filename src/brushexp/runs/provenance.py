@@ -1,4 +1,4 @@
-"""Record the provenance of a run: versions, commits, machine, and files of users' plugins."""
+"""Record the provenance of a run: versions, commits, the machine, and the user's plugin files."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,9 +16,9 @@ Provenance = dict[str, Any]
 
 
 def provenance_of(cfg: DictConfig) -> Provenance:
-    """Record the provenance of a run, as listed in docs/formats.md; call it when the run begins.
+    """Return the provenance of a run, as described in docs/formats.md; call this when the run begins.
 
-    It includes the user's plugins that the settings name, as imported.
+    It includes digests of the user's plugins that the settings name, as they were imported.
     """
     chosen = [plugin.cls for plugin in plugins_in(cfg) if not plugin.is_ours]
     return {
@@ -45,6 +45,6 @@ def _plugins_in(value: Any, key: str) -> Iterator[Plugin]:
 
 
 def gpu_of(cfg: DictConfig) -> str | None:
-    """Return the name of the GPU that a run uses; None if it uses none."""
+    """Return the name of the CUDA GPU that a run uses, or None if it does not use one."""
     device = device_of(cfg.device) if cfg.get("device") is not None else torch.device("cpu")
     return torch.cuda.get_device_name(device) if device.type == "cuda" else None

@@ -33,12 +33,12 @@ log = logging.getLogger(__name__)
 
 
 def restore_run(cfg: DictConfig) -> tuple[DictConfig, Path | None]:
-    """Return the settings and checkpoint of the run named by ``resume``; without it, return ``cfg`` and None."""
+    """Return the settings and checkpoint of the run that ``resume`` names, or ``cfg`` and None if it is not set."""
     return (cfg, None) if cfg.get("resume") is None else interrupted_run(Path(cfg.resume), cfg)
 
 
 class RunRecord(L.Callback):
-    """Stores the settings of a run in its checkpoints, with digests of the files that they refer to."""
+    """A callback that stores a run's settings in its checkpoints, with digests of the files that the settings name."""
 
     def __init__(self, cfg: DictConfig, folder: Path | None) -> None:
         self.record = {} if folder is None else record_of(cfg, folder)  # runs without a folder have no checkpoints
@@ -52,10 +52,10 @@ class RunRecord(L.Callback):
 
 
 def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[DictConfig, Path]:
-    """Return the settings and checkpoint of a run that is to be resumed.
+    """Return the settings and checkpoint of an interrupted run.
 
-    The checkpoint is untrusted: nothing in it is executed, and its settings are plain values. A UserError names a
-    setting on the command line that must not change, or an input that has changed since the run began.
+    The checkpoint is untrusted: nothing in it is executed, and its settings are plain values. Raises a UserError if the
+    command line changes a setting that must stay the same, or if an input has changed since the run began.
     """
     path = folder / CHECKPOINT
     try:
@@ -87,7 +87,7 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[DictConfig, Path]:
 
 
 def _chosen_keys(words: Sequence[str]) -> set[str]:
-    """Return the command-line keys; raise a UserError for keys that change a setting of the run's ``words``."""
+    """Return the keys set on the command line; raise a UserError if one changes a setting of the run (``words``)."""
     chosen = {override.lstrip("+~").partition("=")[0]: override for override in HydraConfig.get().overrides.task}
     for key, override in chosen.items():
         if key not in (*OVERRIDABLE, "task") and override not in words:
@@ -96,7 +96,7 @@ def _chosen_keys(words: Sequence[str]) -> set[str]:
 
 
 def _check_files(path: Path, record: Any, settings: DictConfig) -> None:
-    """Raise a UserError for files that differ from the ``record``, and make paths in the settings absolute."""
+    """Raise a UserError if files differ from the ``record``; make their paths in the settings absolute."""
     files = {key: (Path(name), digest) for key, (name, digest) in check_plain(record["files"]).items()}
     if not files.keys() <= {key for key, value in leaves(record["settings"]) if isinstance(value, str)}:
         raise UserError(f"{path} lists files that its settings do not name; start a new run")
@@ -108,21 +108,21 @@ def _check_files(path: Path, record: Any, settings: DictConfig) -> None:
 
 
 def _check_inputs(before: dict[str, str], now: dict[str, str]) -> None:
-    """Raise a UserError for inputs that have changed since the run began."""
+    """Raise a UserError if an input has changed since the run began."""
     for name, is_now in now.items():
         if before.get(name) != is_now:
             raise UserError(f"{name} has {is_now} now, but the run began with {before.get(name)}; restore it")
 
 
 def _warn_of_differences(folder: Path, before: Any, settings: DictConfig) -> None:
-    """Warn if a run resumes with versions, plugin files or hardware other than those recorded at its start."""
+    """Warn if versions, plugin files or hardware differ from those recorded when the run began."""
     if isinstance(before, dict) and (parts := differing_parts([before, provenance_of(settings)])):
         line = "resume=%s continues in a different environment (%s); for a comparable run, start a new one"
         log.warning(line, folder, "; ".join(parts))
 
 
 def record_of(cfg: DictConfig, folder: Path) -> dict[str, Any]:
-    """Describe a run for its checkpoint: settings, digests of their files, other inputs, and arguments."""
+    """Return a checkpoint's record of a run: settings, digests of files, other inputs, arguments and provenance."""
     settings: Any = OmegaConf.to_container(cfg, resolve=True, enum_to_str=True)
     paths = {key: Path(value) for key, value in leaves(settings) if isinstance(value, str) and os.path.isfile(value)}
     files = {key: (str(path.resolve()), digest_of(path)) for key, path in paths.items()}

@@ -1,4 +1,4 @@
-"""Lock the folder of a run, protect finished runs, and remove files that earlier runs left there."""
+"""Lock the folder of a run, protect finished runs, and remove files left by earlier runs."""
 
 import logging
 import os
@@ -38,7 +38,7 @@ _locks: list[Any] = []  # locks held until this process ends
 
 
 class RunFolder(Callback):
-    """Claims the folder of a run before Hydra writes into it; `begin_sweep` does so for sweeps."""
+    """A callback that claims the folder of a single run before Hydra writes into it; sweeps use `begin_sweep`."""
 
     def on_run_start(self, config: DictConfig, **_: Any) -> None:
         words: Any = OmegaConf.to_container(config.hydra.overrides.task, resolve=False)  # such as output=x/${seed}
@@ -56,7 +56,7 @@ class RunFolder(Callback):
 
 
 def check_place(cfg: DictConfig) -> None:
-    """Raise a UserError if the working folder has changed, because paths in the settings depend on it."""
+    """Raise a UserError if Hydra would change the working folder, on which paths in the settings depend."""
     if cfg.hydra.job.chdir:
         raise UserError("hydra.job.chdir=true would break relative paths in the settings; drop it")
 
@@ -70,7 +70,7 @@ def warn_of_launcher(cfg: DictConfig) -> None:
 
 
 def take_name(cfg: DictConfig, folder: Path) -> Path:
-    """Make the folder of a run or sweep; if the default ``output`` is taken, add a number, ``x_2``.
+    """Return the folder of a run or sweep; create a default folder, with a number if its name is taken (``x_2``).
 
     The default name is the time of the run. Every job of a sweep would read the time again, so the name is fixed here.
     """
@@ -89,11 +89,11 @@ def take_name(cfg: DictConfig, folder: Path) -> Path:
 
 
 def take_folder(folder: Path, cfg: DictConfig, goes_on: bool = False) -> None:
-    """Lock a folder until this process ends, remove the files of an aborted run, and record new files.
+    """Lock a folder until this process ends, remove the files of an aborted or replaced run, and record new files.
 
-    Raises a UserError if another run is at work there, or if the folder holds a run that is finished or can be resumed,
-    unless this run continues it (``goes_on``, the key ``resume`` or a growing set of strokes) or replaces it
-    (``overwrite``).
+    Raises a UserError if another run is at work in the folder. Also raises one if the folder holds a run that is
+    finished or can be resumed, unless this run continues it (``goes_on``, ``resume``, or a task that ``grows``) or
+    replaces it (``overwrite``).
     """
     lock(folder)
     source = cfg.get("resume")
@@ -111,7 +111,7 @@ def take_folder(folder: Path, cfg: DictConfig, goes_on: bool = False) -> None:
 
 
 def _check_replaceable(folder: Path) -> None:
-    """Raise a UserError for a folder with a run or job that is finished or can be resumed."""
+    """Raise a UserError if a folder holds a run or job that has ended or can be resumed."""
     own = [folder / name for name in (CHECKPOINT, METRICS_FILE) if (folder / name).is_file()]
     jobs = [path for path in files_written(folder) if path.name in (CHECKPOINT, METRICS_FILE)]
     if not (results := [*own, *jobs]):
@@ -126,9 +126,9 @@ def _check_replaceable(folder: Path) -> None:
 
 
 def take_job(folder: Path, cfg: DictConfig, sweep: Path) -> None:
-    """Claim the folder of a job in the process that runs it.
+    """Claim the folder of a job, from the process that runs the job.
 
-    A killed job resumes from its checkpoint (``cfg.resume`` is set) or starts over.
+    A job that was killed resumes from its checkpoint (``cfg.resume`` is set) or starts over.
     """
     if "resume" in cfg and (folder / CHECKPOINT).is_file():
         cfg.resume = str(folder)
@@ -141,7 +141,7 @@ def take_job(folder: Path, cfg: DictConfig, sweep: Path) -> None:
 
 
 def check_inputs(folder: Path, cfg: DictConfig) -> None:
-    """Raise a UserError for inputs in this folder that results of the run would overwrite."""
+    """Raise a UserError if results of the run would overwrite one of its inputs in this folder."""
     for key, value, path in _inputs(cfg):
         is_result = path.stem in TASKS[cfg.task].results or (path.suffix == ".safetensors" and cfg.task != "paint")
         if is_result and path.parent == folder.resolve() and path.is_file():
@@ -149,7 +149,7 @@ def check_inputs(folder: Path, cfg: DictConfig) -> None:
 
 
 def _inputs(cfg: DictConfig) -> Iterator[tuple[str, str, Path]]:
-    """Yield the key, value and absolute path of every possible input of a run and of each picture of a sweep."""
+    """Yield the key, value and absolute path of each setting that may name an input, and of each picture of a sweep."""
     for key, value in leaves(OmegaConf.to_container(cfg)):
         is_picture = key.startswith("hydra.sweeper.pictures.")
         is_other = key.startswith(("hydra.", "output")) and not is_picture
@@ -176,7 +176,7 @@ def release_folder(folder: Path) -> None:
 
 
 def lock(folder: Path) -> None:
-    """Lock a folder until this process ends, or raise a UserError; remove partial files of killed processes."""
+    """Lock a folder until this process ends, or raise a UserError; remove partial files left by killed processes."""
     from filelock import FileLock, Timeout  # noqa: PLC0415
 
     try:
@@ -191,7 +191,7 @@ def lock(folder: Path) -> None:
 
 
 def remove_half_written(folder: Path) -> None:
-    """Remove partial files of killed processes from a locked folder and the folders of runs below it."""
+    """Remove partial files left by killed processes from a locked folder and its subfolders of runs."""
     places = {folder, *(path for path in folder.glob("*") if path.is_dir())}
     places |= {path.parent for path in files_written(folder)}
     for path in [path for place in places for path in place.glob(TEMPORARY)]:
@@ -202,15 +202,15 @@ def remove_half_written(folder: Path) -> None:
 
 
 def check_free(folder: Path) -> None:
-    """Raise a UserError for a folder in which another process is working."""
+    """Raise a UserError if another process is working in a folder."""
     lock(folder)
     _locks.pop().release()
 
 
 def clear(folder: Path, cfg: DictConfig, besides: Collection[str] = ()) -> None:
-    """Remove the files that runs wrote into a folder, except ``besides``, and the folders that become empty.
+    """Remove the files that runs wrote into a folder, except those in ``besides``; also remove emptied subfolders.
 
-    Raises a UserError for a file that the current run needs.
+    Raises a UserError if the current run needs one of these files.
     """
     spared = [folder / name for name in besides]
     files = [path for path in dict.fromkeys(files_written(folder)) if path not in spared]

@@ -50,9 +50,9 @@ log = logging.getLogger(__name__)
 
 
 def run_task(cfg: DictConfig, start: float) -> dict[str, object] | float:
-    """Run ``cfg.task`` and return its metrics, or the metric named by ``objective``.
+    """Run ``cfg.task`` and return its metrics, or only the metric named by ``cfg.objective``.
 
-    ``start`` is the `time.monotonic` at which the program started.
+    ``start`` is the value of `time.monotonic` when the program started.
     """
     hydra = HydraConfig.get()
     if hydra.mode is RunMode.MULTIRUN:
@@ -70,7 +70,7 @@ def run_task(cfg: DictConfig, start: float) -> dict[str, object] | float:
 
 
 def _run_job(cfg: DictConfig, hydra: HydraConf) -> dict[str, object] | float:
-    """Run a job of a sweep; if it fails, its metrics.json records why. An interruption ends the sweep."""
+    """Run a job of a sweep; if it fails, record why in its metrics.json. An interruption ends the sweep."""
     start, folder, sweep = time.monotonic(), Path(hydra.runtime.output_dir).resolve(), Path(hydra.sweep.dir).resolve()
     forget_peak_memory()
     lock(folder)
@@ -92,7 +92,7 @@ def _run_job(cfg: DictConfig, hydra: HydraConf) -> dict[str, object] | float:
 
 
 def _run_in(folder: Path, cfg: DictConfig, start: float) -> dict[str, object] | float:
-    """Run the task of a checked config in the folder of its run."""
+    """Run the task of a checked config in its run folder."""
     with hide_packages("scipy", "matplotlib"), defer_compiler():
         task = importlib.import_module(TASKS[cfg.task].module)
     if TASKS[cfg.task] not in (PaintTask, ExportTask):  # other tasks show their own progress or wait for input
@@ -109,7 +109,7 @@ def _run_in(folder: Path, cfg: DictConfig, start: float) -> dict[str, object] | 
 
 
 def perform(task: ModuleType, cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Run a task in its folder, and write its metrics to ``metrics.json`` unless the task does so itself."""
+    """Run a task in its folder, and write its metrics to ``metrics.json`` unless the task itself does so."""
     with explaining_to_users(cfg):
         provenance = None if TASKS[cfg.task].writes_metrics else provenance_of(cfg)
         result: dict[str, object] = task.run(cfg, folder, start)
@@ -133,7 +133,7 @@ def explaining_to_users(cfg: DictConfig) -> Iterator[None]:
 
 
 def _reason_of(error: BaseException, cfg: DictConfig) -> BaseException:
-    """Return the error to raise in place of another one; Lightning turns interruptions into SystemExit."""
+    """Return the error to raise instead of the original one; Lightning turns interruptions into SystemExit."""
     if pop_lost_interrupt():  # an interruption lost in Numba surfaces as another error
         return KeyboardInterrupt()
     if isinstance(error, SystemExit):
@@ -149,7 +149,7 @@ def _reason_of(error: BaseException, cfg: DictConfig) -> BaseException:
 
 
 def _threads_per_job(hydra: HydraConf) -> int:
-    """Return the number of cores for this job: all cores, or its share if other jobs run in parallel."""
+    """Return the number of threads for this job: one per core, or a share of the cores if jobs run in parallel."""
     if "cpus_per_task" in hydra.launcher:  # like Slurm, submitit uses one core by default
         return min(cores(), hydra.launcher.cpus_per_task or 1)
     return max(1, cores() // jobs_at_once(hydra.launcher.get("n_jobs", 1) or 1))

@@ -33,9 +33,9 @@ log = logging.getLogger(__name__)
 
 
 def check_jobs(loader: Any, config: DictConfig, jobs: Sequence[Words], lenient: bool = False) -> list[str]:
-    """Raise a UserError if any job of a sweep is invalid; if ``lenient``, only if all of them are.
+    """Raise a UserError if any job of a sweep is invalid or, if ``lenient``, only if all of them are.
 
-    No two jobs may share a folder. Returns the folders of the jobs, relative to the folder of the sweep.
+    No two jobs may share a folder. Returns the folders of the jobs, relative to the sweep's folder.
     """
     refused, composed, places = [], dict[tuple[str, ...], DictConfig](), list[str]()
     alike = () if "override_dirname" in OmegaConf.to_yaml(config.hydra.sweep) else (PICTURE, SUBFOLDER)
@@ -66,9 +66,10 @@ def check_jobs(loader: Any, config: DictConfig, jobs: Sequence[Words], lenient: 
 
 
 def begin_sweep(config: DictConfig, jobs: Sequence[Words], goes_on: bool, lenient: bool = False) -> None:
-    """Claim the folder of a sweep and record its jobs; a resumed sweep (``goes_on``) must have the same jobs.
+    """Claim the folder of a sweep and record its jobs; a resumed sweep (``goes_on``) must have the same jobs as before.
 
-    A ``lenient`` sweep may have other jobs, but none in the folder of an earlier job. Other changes raise a UserError.
+    A ``lenient`` sweep may add or drop jobs, but must not put a different job into the folder of an earlier one. Any
+    other change raises a UserError.
     """
     check_place(config)
     folder = take_name(config, Path(config.hydra.sweep.dir))
@@ -87,7 +88,7 @@ def _without_output(words: Words) -> list[str]:
 
 
 def check_same(folder: Path, jobs: Sequence[Words], lenient: bool = False) -> None:
-    """Raise a UserError for resuming in a folder unless it contains a sweep with exactly these jobs."""
+    """Raise a UserError unless a folder has a sweep of these jobs; if ``lenient``, only shared folders must match."""
     try:
         noted = json_of(read_text(folder / JOBS, ""))
         before, words = [list(map(str, job)) for job in noted["jobs"]], list(map(in_short, noted["typed"]))
@@ -114,9 +115,9 @@ def check_same(folder: Path, jobs: Sequence[Words], lenient: bool = False) -> No
 def launch_jobs(
     launch: Callable[..., Sequence[JobReturn]], config: DictConfig, batch: Sequence[Words], first: int, goes_on: bool
 ) -> None:
-    """Launch the jobs of a batch, numbered from ``first``; if the sweep ``goes_on``, only the unfinished jobs.
+    """Launch the jobs of a batch, numbered from ``first``; if the sweep ``goes_on``, launch only the unfinished ones.
 
-    After all jobs have ended, a single UserError names the failed jobs.
+    If jobs fail, a single UserError lists them after all jobs have ended.
     """
     folder = Path(config.hydra.sweep.dir)
     jobs = {number: list(job) for number, job in enumerate(batch, first)}
@@ -140,17 +141,17 @@ def launch_jobs(
 
 
 def moved(job: Words, place: str) -> list[str]:
-    """Return a job's overrides with its folder replaced."""
+    """Return a job's overrides with ``place`` as its folder."""
     return [*(word for word in job if not word.startswith(SUBFOLDER)), SUBFOLDER + verbatim(place)]
 
 
 def override_value(word: str) -> Any:
-    """Return the value in a command-line argument."""
+    """Return the parsed value of a command-line override."""
     return OverridesParser.create().parse_override(word).value()
 
 
 def _is_done(folder: Path) -> bool:
-    """Check whether the job of a folder is finished; raise a UserError if it is still running."""
+    """Check whether the job in a folder has finished; raise a UserError if it is still running."""
     if (folder / ".hydra").is_dir():
         check_free(folder)
     if not has_finished(folder):

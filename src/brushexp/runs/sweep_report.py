@@ -1,4 +1,4 @@
-"""Write the page, tables, contact sheet and plots after a sweep; imported at startup, so it loads little."""
+"""Write the page, tables, contact sheet and plots of a sweep; slow imports wait until a report is written."""
 
 import logging
 import time
@@ -26,9 +26,9 @@ _next_report = time.monotonic() + 30  # seconds; the imports of a report take tw
 
 
 class SweepReport(Callback):
-    """Logs failures of jobs, and writes the report of a sweep after its jobs.
+    """A callback that logs failed jobs, and renews the report of a sweep after a failure and from time to time.
 
-    Hydra 1.3 does not notify callbacks of the end of a sweep with a failed job.
+    Hydra 1.3 does not call callbacks at the end of a sweep if a job has failed.
     """
 
     def on_job_end(self, config: DictConfig, job_return: JobReturn, **_: Any) -> None:
@@ -45,7 +45,7 @@ class SweepReport(Callback):
 
 
 def note_failure(folder: Path, error: BaseException) -> None:
-    """Write the error that ended a job into its ``metrics.json``."""
+    """Record the error that ended a job in its ``metrics.json``."""
     path, numbers = folder / METRICS_FILE, {}
     with suppress(UserError):
         numbers = json_of(read_text(path, ""))
@@ -56,7 +56,7 @@ def note_failure(folder: Path, error: BaseException) -> None:
 
 
 def renew_sweep_report(folder: Path) -> None:
-    """Write the report of a sweep from the results of all its runs, if there are any; one process at a time."""
+    """Write the report of a sweep from the results of its runs, if there are any, in one process at a time."""
     from filelock import FileLock  # noqa: PLC0415
 
     global _next_report  # noqa: PLW0603
@@ -80,7 +80,7 @@ def _write_report(folder: Path) -> None:
 
 
 def _log_failure(folder: Path, error: BaseException, *, everywhere: bool) -> None:
-    """Log an error in the run's file or ``everywhere``; Hydra prints only a sweep's first error on the terminal."""
+    """Log an error to the run's file or ``everywhere``, because Hydra prints only the first error of a sweep."""
     trace = None if isinstance(error, UserError) else (type(error), error, error.__traceback__)
     message = f"run {folder.name} failed: {first_line(error)}"
     record = log.makeRecord(log.name, logging.ERROR, __file__, 0, message, (), trace)

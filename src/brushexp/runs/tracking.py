@@ -21,7 +21,7 @@ log = logging.getLogger(__name__)
 
 
 class Trackers(LightningLogger):
-    """A Lightning logger that forwards everything to all trackers of a run, and drops trackers that fail."""
+    """A Lightning logger that forwards everything to all trackers of a run and drops those that fail."""
 
     name = version = ""
 
@@ -63,7 +63,7 @@ class Trackers(LightningLogger):
                 act(self.curves[name])
 
     def report(self, metrics: Mapping[str, Any], **results: Any) -> None:
-        """Record the metrics, pictures, frames and files for the trackers at the end of the run; see `Run`."""
+        """Store the metrics, pictures, frames and files that the trackers receive at the end of the run; see `Run`."""
         self.run = replace(self.run, metrics=metrics, **results)
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
@@ -94,7 +94,7 @@ class Trackers(LightningLogger):
 
 
 def make_trackers(cfg: DictConfig, folder: Path | None) -> Trackers:
-    """Make the trackers of a config for a run in ``folder``, or for a part of the run; empty without a folder."""
+    """Make the config's trackers for a run, or part of a run, in ``folder``; without a folder, there are none."""
     if folder is None:
         return Trackers({}, Run(Path()))
     settings: Any = OmegaConf.to_container(cfg, resolve=True, enum_to_str=True)

@@ -32,7 +32,7 @@ log = logging.getLogger(__name__)
 
 
 class NoProfiler(PassThroughProfiler):
-    """Measures nothing, unlike Lightning's default profiler, which enters forty generator contexts per step."""
+    """A profiler that does nothing; Lightning's default profiler enters forty generator contexts per step."""
 
     nothing = nullcontext()
 
@@ -44,11 +44,11 @@ def make_trainer(
     cfg: DictConfig, device: torch.device, folder: Path | None, loggers: Sequence[Logger],
     callbacks: Sequence[L.Callback] = (), *, checkpoints: bool = True, clips: bool = True, **options: Any,
 ) -> L.Trainer:  # fmt: skip
-    """Make a Trainer with a progress bar that stops cleanly at Ctrl-C and writes ``checkpoints`` into a ``folder``.
+    """Make a Trainer that shows a progress bar, stops cleanly at Ctrl-C, and writes ``checkpoints`` into ``folder``.
 
-    It uses ``trainer`` (which overrides ``options``), ``checkpoint_every`` and, with a folder, ``callbacks`` of
-    ``cfg``. With ``clips=False`` it does not clip gradients; modules with manual optimisation must do so themselves. A
-    UserError names options that Lightning rejects.
+    The Trainer uses three keys of ``cfg``: ``trainer``, which overrides ``options``; ``checkpoint_every``; and, if a
+    folder is given, ``callbacks``. With ``clips=False`` it does not clip gradients; modules with manual optimisation
+    must clip their own. Raises a UserError if Lightning rejects an option.
     """
     chosen = [take_built(node).open(folder) for node in cfg.callbacks.values()] if folder else []
     warnings.filterwarnings("ignore", REMARKS)
@@ -74,7 +74,7 @@ def make_trainer(
 
 
 class ProfileFile(L.Callback):
-    """Writes the table of the Trainer's profiler, which Lightning only logs, to ``profile.txt``."""
+    """A callback that writes the profiler's table, which Lightning only logs, to ``profile.txt``."""
 
     def __init__(self, folder: Path | None) -> None:
         self.folder = folder
@@ -87,9 +87,9 @@ class ProfileFile(L.Callback):
 
 
 def fit(trainer: L.Trainer, module: Any, data: Any = None, checkpoint: Path | None = None) -> BaseException | None:
-    """Fit a module, from a ``checkpoint`` if given; afterwards write its results and call `conclude`.
+    """Fit a module, resuming from ``checkpoint`` if given; the caller then writes the results and calls `conclude`.
 
-    Errors before the first step are raised; later errors are returned, with `Status.FAILED` as ``module.stop``.
+    An error before the first step is raised. A later error is returned, and ``module.stop`` becomes `Status.FAILED`.
     """
     record = next(callback for callback in trainer.callbacks if isinstance(callback, RunRecord))  # type: ignore[attr-defined]
     try:
@@ -108,7 +108,7 @@ def fit(trainer: L.Trainer, module: Any, data: Any = None, checkpoint: Path | No
 
 
 def conclude(module: Any, folder: Path | None, cfg: DictConfig, failure: BaseException | None, steps: int) -> None:
-    """Conclude a fit whose results are on disk: remove the checkpoint, or raise the error that ended the fit early."""
+    """Conclude a fit whose results have been written: remove the checkpoint, or raise the error that ended the fit."""
     if module.stop == Status.INTERRUPTED:
         if folder is not None and (folder / CHECKPOINT).is_file():
             raise KeyboardInterrupt(f"interrupted at step {steps}; {how_to_go_on(folder, cfg.task)}")

@@ -1,1 +1,1 @@
-"""The painting as a physical surface: strokes -> height of the paint (`height`) -> its look under a lamp (`light`)."""
+"""Treat a painting as a physical surface: compute the height of its paint (`height`) and light it (`light`)."""

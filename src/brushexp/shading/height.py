@@ -1,8 +1,8 @@
-"""Compute the height of the paint of a painting.
+"""Compute the height of a painting's paint.
 
-The thickness of a stroke follows from its coverage or, for plain strokes, from bristles drawn at random. Its unit is a
-film: 1 is the thickest paint that a brush leaves. Thickness - 1 replaces the tone of a texture, because black paint (0)
-with this tone has the colour thickness * colour.
+The thickness of a stroke follows from its coverage or, for plain strokes, from random bristles. Its unit is the film: 1
+is the thickest paint that a brush leaves. In textures, thickness - 1 replaces the tone, because mixing a colour with
+black (0) in this tone yields thickness * colour.
 """
 
 from collections.abc import Iterator
@@ -50,22 +50,22 @@ EDGE_RANGE = (0.85, 1.1)  # half widths between which a plain stroke ends
 def heights(
     strokes: Strokes, front_to_back: Tensor, size: Size, renderer: Drawer, blend: Compose
 ) -> Iterator[tuple[int, int, Tensor, np.ndarray]]:
-    """Compute heights band by band, from top to bottom, in pixels of the picture; the bare canvas is 0.
+    """Compute the height of the paint band by band, from top to bottom, in pixels; the bare canvas has height 0.
 
-    Yields the first row of each band, its number of rows, the indices of its strokes, and heights (h, W), float32.
-    Heights include the rows just before and after the band, where they exist, because slopes need them.
+    Yields the first row of each band, its number of rows, the indices of its strokes, and the heights (h, W), float32.
+    The heights include the rows just above and below the band, where they exist, because slopes need them.
 
-    Strokes are composited from bottom to top: h <- h (1 - CARRIED a) + a t, with the opacity a of a stroke at a pixel
-    and the thickness t of its film there. t is at most ``FILM`` times a geometric mean of the stroke's width (with
+    Strokes are composited from bottom to top: h <- h (1 - CARRIED a) + a t, where a is the opacity of a stroke at a
+    pixel and t is the thickness of its film there. t is at most FILM times a geometric mean of the stroke's width (with
     weight BROADER) and the typical width: a broader brush leaves thicker paint, but the first broad strokes do not
-    dominate the paint above them. A picture twice as large has the same slopes. A blend computes this from strokes of
+    dominate the paint above them. Slopes do not change if the picture is enlarged. A blend computes h from strokes of
     opacity CARRIED a and "colour" t / CARRIED.
 
-    If the renderer provides coverage and light, t is higher where bristles left more paint; plain strokes get bristles,
-    and ridges where a brush displaces paint, from random textures.
+    If the renderer provides coverage and light, t is greater where bristles left more paint. Plain strokes get bristles
+    from random textures, with ridges where a brush displaces paint.
 
-    Source: Hertzmann, "Fast paint texture" (2002): strokes with textures of opacity and height are composited like
-    colours. Differs from the source: covered paint still shows in the surface, and the thickness depends on the brush.
+    Source: Hertzmann, "Fast paint texture" (2002): textures of opacity and height are composited like colours. Differs
+    from the source: covered paint still shows in the surface, and the thickness depends on the brush.
     """
     impasto, (height, width) = Impasto(renderer, typical_width(strokes)), size
     place, reached = front_to_back.argsort(), impasto.rows(strokes)
@@ -78,13 +78,13 @@ def heights(
 
 
 def typical_width(strokes: Strokes) -> float:
-    """Compute the median width of strokes in pixels; 0 without strokes."""
+    """Compute the median width of strokes in pixels; it is 0 if there are none."""
     return 2 * float(half_width_of(strokes).median()) if len(strokes) else 0.0
 
 
 @dataclass(frozen=True)
 class Impasto:
-    """Draws strokes whose colour is the height of their paint; ``typical`` is the median stroke width in pixels."""
+    """A renderer that draws the height of paint as colour; ``typical`` is the median stroke width in pixels."""
 
     renderer: Drawer
     typical: float
@@ -111,9 +111,9 @@ class Impasto:
 
 
 def body_of(color: Tensor) -> Tensor:
-    """Compute the thickness (N,), in films, of paint with colours (N, 3), from LEAN for the darkest to 1 for light.
+    """Compute the thickness (N,), in films, of paint with colours (N, 3): from LEAN for darks to 1 for lights.
 
-    Paint of equal lightness therefore has equal thickness, and ridges coincide with changes of tone.
+    Paint of equal lightness therefore has equal thickness, and ridges coincide with changes in tone.
     """
     luma = color @ color.new_tensor(BRIGHTNESS)
     share = ((luma - LEAN_UNTIL) / (BODY_FROM - LEAN_UNTIL)).clamp(0, 1)
@@ -123,7 +123,7 @@ def body_of(color: Tensor) -> Tensor:
 def surface_height(paint: np.ndarray, ground: np.ndarray, typical: float) -> np.ndarray:
     """Add the height of ``paint`` to that of the ``ground``, both (h, W) in pixels; thick paint levels the ground.
 
-    ``typical`` is the median width of a stroke in pixels.
+    ``typical`` is the median stroke width in pixels.
     """
     film = max(FILM * typical, 1e-6)
     height: np.ndarray = paint + ground * np.exp(-paint / (FILLED * film))
@@ -132,7 +132,7 @@ def surface_height(paint: np.ndarray, ground: np.ndarray, typical: float) -> np.
 
 @dataclass(frozen=True)
 class HeightLayers(Layers):
-    """Layers of any other type whose colour is the height of their paint, at most ``film`` (N,)."""
+    """Layers that wrap any other type of layers and replace their colour with height, at most ``film`` (N,)."""
 
     per_stroke = ()
 
@@ -174,10 +174,10 @@ def _raise_windows(layers: Windows, film: Tensor) -> Windows:
 
 
 def thickness_of(coverage: Tensor, light: Tensor) -> Tensor:
-    """Compute the thickness of paint, in films, of a stroke with a ``coverage`` (0 to 1) and a ``light`` (-1 to 1).
+    """Compute the thickness of a stroke's paint, in films, from its ``coverage`` (0 to 1) and ``light`` (-1 to 1).
 
-    Height is -log(1 - coverage), as in the simulator (`engine.fluid`): a splat of height w leaves the fraction exp(-w)
-    of the canvas bare. Light lies on the ridges.
+    Height is proportional to -log(1 - DENSE coverage), as in the simulator (`engine.fluid`), where a splat of height w
+    leaves the fraction exp(-w) of the canvas bare. Light adds height, because it falls on the ridges.
     """
     bare = torch.log1p(-coverage * DENSE) / torch.log1p(torch.tensor(-DENSE)).to(coverage)
     return (bare * (1 + LIT * light)).clamp(0, 1)
@@ -185,7 +185,7 @@ def thickness_of(coverage: Tensor, light: Tensor) -> Tensor:
 
 @lru_cache(maxsize=1)  # the textures of a renderer are the same at every call
 def _raise_sheets(sheets: Sheets) -> Sheets:
-    """Replace the tone of textures with thickness - 1, which is stored or follows from opacity and tone."""
+    """Replace the tone of textures with thickness - 1; thickness is stored or follows from opacity and tone."""
     opacity, tone = sheets.texels[:, 0], sheets.texels[:, 1]
     thickness = sheets.texels[:, 2] if sheets.texels.shape[1] > 2 else thickness_of(opacity, tone)
     texels = torch.stack([opacity, ((thickness - 1) * HALF).round() / HALF], dim=1)
@@ -194,7 +194,7 @@ def _raise_sheets(sheets: Sheets) -> Sheets:
 
 @lru_cache(maxsize=4)
 def _bristle_sheets(taper: float, device: torch.device) -> Sheets:
-    """Draw textures for plain strokes: VARIANTS brushes in LEVELS sizes, look = variant * LEVELS + level."""
+    """Draw textures for plain strokes: VARIANTS brushes in LEVELS sizes, numbered variant * LEVELS + level."""
     across, t, before, beyond = (part[1:-1] for part in coordinates_of(ROWS, COLUMNS))
     half = (1 - taper * (2 * t - 1) ** 2).clamp_min(0.05)
     fine, coarse = _streaks(1.0), _streaks(3.0)
@@ -209,7 +209,7 @@ def _bristle_sheets(taper: float, device: torch.device) -> Sheets:
 
 
 def _streaks(spread: float) -> Tensor:
-    """Draw elongated noise (VARIANTS, ROWS, COLUMNS), ``spread`` rows wide, of mean 0 and standard deviation 1."""
+    """Draw elongated noise (VARIANTS, ROWS, COLUMNS), ``spread`` rows wide, with mean 0 and standard deviation 1."""
     generator = torch.Generator().manual_seed(round(1000 * spread))
     knots = torch.randn(VARIANTS, ROWS, KNOTS, generator=generator)
     knots = 0.8 * knots[..., :1] + 0.6 * knots  # mostly the same bristles along the whole stroke

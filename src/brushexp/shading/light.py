@@ -1,15 +1,16 @@
 """Shade a height map with normals, diffuse and specular light.
 
-The formula, which the browser shares, uses axes x to the right, y up and z to the viewer; rows y of a picture count
-downwards. A is the azimuth of the light, clockwise from the top (315: upper left), E its elevation above the canvas, c
-a colour of the painting in [0, 1], and h heights in pixels, with edge values repeated beyond the edges:
+The browser uses the same formula. Its axes are x to the right, y upwards and z towards the viewer, but the rows y of a
+picture count downwards. A is the azimuth of the light, clockwise from the top (315 is the upper left); E is its
+elevation above the canvas; c is a colour of the painting in [0, 1]; h are heights in pixels, with edge values repeated
+beyond the edges:
 
     gx = depth (h[y, x + 1] - h[y, x - 1]) / 2        gy = depth (h[y + 1, x] - h[y - 1, x]) / 2
     n  = (-gx, gy, 1) / sqrt(gx^2 + gy^2 + 1)         the normal
-    l  = (sin A cos E, cos A cos E, sin E)            to the light
+    l  = (sin A cos E, cos A cos E, sin E)            direction to the light
     m  = (l + (0, 0, 1)) / |l + (0, 0, 1)|            halfway between light and viewer
     d  = 1 + DIRECT (max(n . l, 0) / sin E - 1)       diffuse light, 1 on a flat canvas
-    k  = d^(1 / GAMMA)                                on display-referred colours
+    k  = d^(1 / GAMMA)                                diffuse light for display-referred colours
     s  = max((n . m)^SHININESS - m_z^SHININESS, 0)    specular light, 0 on a flat canvas
     lit = c k if k <= 1, else 1 - (1 - c)^k
     out = lit + gloss s (1 - lit)
@@ -18,8 +19,8 @@ A flat canvas therefore keeps its colours exactly, and no colour is ever clipped
 
 Source: Lambert (1760); highlights as in Blinn, "Models of light reflection for computer synthesized pictures" (1977);
 normals of a height map as in Blinn, "Simulation of wrinkled surfaces" (1978); angles as in cartography (Horn, "Hill
-shading and the reflectance map", 1981). Differs from the sources: light is relative to a flat canvas; it brightens
-colours towards white and not beyond; nothing casts shadows.
+shading and the reflectance map", 1981). Differs from the sources: light is relative to a flat canvas; it never
+brightens colours beyond white; nothing casts shadows.
 """
 
 import math
@@ -47,7 +48,7 @@ class Light:
 
     @property
     def direction(self) -> Array:
-        """Unit vector (3,) float32 towards the lamp: right, up, to the viewer."""
+        """Return the unit vector (3,) float32 towards the lamp; its axes point right, up and towards the viewer."""
         azimuth, elevation = math.radians(self.azimuth), math.radians(self.elevation)
         flat = math.cos(elevation)
         return np.array([math.sin(azimuth) * flat, math.cos(azimuth) * flat, math.sin(elevation)], np.float32)
@@ -57,7 +58,7 @@ UNLIT = Light()
 
 
 def normals_of(height: Array, scale: float = 1.0, rows: slice = slice(None)) -> Array:
-    """Compute unit normals (3, h, W), right, up and to the viewer, of rows of heights (H, W) times ``scale``."""
+    """Compute unit normals (3, h, W) for ``rows`` of heights (H, W) times ``scale``: right, up, towards the viewer."""
     chosen = range(len(height))[rows]
     around = np.clip(np.arange(chosen.start - 1, chosen.stop + 1), 0, len(height) - 1)
     padded = np.pad(height[around], ((0, 0), (1, 1)), mode="edge")
@@ -68,7 +69,7 @@ def normals_of(height: Array, scale: float = 1.0, rows: slice = slice(None)) -> 
 
 
 def shade_picture(color: Array, normals: Array, light: Light) -> Array:
-    """Shade a display-referred picture (3, H, W) in [0, 1] under a light, with the formula above."""
+    """Shade a display-referred picture (3, H, W) in [0, 1] with the formula in the module's docstring."""
     to_light = light.direction
     halfway = to_light + np.array([0, 0, 1], np.float32)
     halfway /= np.linalg.norm(halfway)
@@ -80,9 +81,9 @@ def shade_picture(color: Array, normals: Array, light: Light) -> Array:
 
 
 def overlay(flat: Array, finished: Array) -> Array:
-    """Compute the overlay (H, W, 4) uint8 that turns ``flat`` (H, W, 3) uint8 into ``finished``: light and bare paper.
+    """Compute the overlay (H, W, 4) of light and bare paper that turns ``flat`` (H, W, 3) into ``finished``, all uint8.
 
-    The overlay is as transparent as possible: black where light is missing, the ground where paint skips the paper.
+    Each pixel is as transparent as possible: black in the shade, and close to the ground where paint skips the paper.
     """
     below, above = flat.astype(np.float32) / 255, finished.astype(np.float32) / 255
     change = above - below

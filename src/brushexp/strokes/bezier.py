@@ -1,4 +1,4 @@
-"""Mathematics of the quadratic Bezier curve B(t) = (1-t)^2 P0 + 2 t (1-t) P1 + t^2 P2, t in [0, 1]."""
+"""Evaluate, measure and cut quadratic Bezier curves B(t) = (1-t)^2 P0 + 2 t (1-t) P1 + t^2 P2, t in [0, 1]."""
 
 from dataclasses import replace
 from typing import TypeVar
@@ -21,36 +21,36 @@ Cubic = tuple[Tensor, Tensor, Tensor, Tensor]  # coefficients, highest first
 
 
 def curve_of(strokes: Strokes) -> Tensor:
-    """Compute control points (N, 3, 2) in pixels."""
+    """Compute the control points (N, 3, 2) of strokes in pixels."""
     return strokes.position[:, None] + shape_of(strokes)
 
 
 def shape_of(strokes: Strokes) -> Tensor:
-    """Compute control points (N, 3, 2) in pixels relative to ``position``; this is exact even for distant strokes."""
+    """Compute the control points (N, 3, 2) in pixels relative to ``position``, which is exact even for far strokes."""
     points = torch.stack([strokes.start, strokes.control, strokes.end], dim=1)
     return points * (0.5 * strokes.scale)[:, None, None]
 
 
 def half_width_of(strokes: Strokes) -> Tensor:
-    """Compute half of the thickness (N,) in pixels."""
+    """Compute half the thickness (N,) of strokes in pixels."""
     return 0.5 * strokes.width * strokes.scale
 
 
 def softness_of(strokes: Strokes) -> Tensor:
-    """Compute how many pixels (N,) wider the edges of strokes are than the renderer's own edge."""
+    """Compute by how many pixels (N,) the edges of strokes are wider than the renderer's own edge."""
     return strokes.softness * strokes.scale
 
 
 def drift_of(strokes: Strokes) -> Tensor:
-    """Compute colour drifts (N, 3), limited so that neither end of a stroke leaves [0, 1]."""
+    """Compute the colour drifts (N, 3), limited so that the colours at both ends of a stroke stay in [0, 1]."""
     room = strokes.color.minimum(1 - strokes.color)
     return strokes.drift.clamp(-room, room)  # if both limits are 0, the colour gets no gradient from the drift
 
 
 def roomy_window(pitch: Length) -> Length:
-    """Return the side, in pixels, of a window in which strokes a ``pitch`` apart can move: 64 for 10 (thesis 2020).
+    """Return the side, in pixels, of a window in which strokes spaced a ``pitch`` apart can move.
 
-    A tensor of pitches gives a tensor of sides.
+    A pitch of 10 gives 64 (thesis 2020). A tensor of pitches gives a tensor of sides.
     """
     return (6.4 * pitch).clamp_min(4.0) if isinstance(pitch, Tensor) else max(6.4 * pitch, 4.0)
 
@@ -59,15 +59,15 @@ def strokes_along(
     curve: Tensor, thickness: Tensor | float, color: Tensor, opacity: Tensor | float,
     *, window: Tensor | float | None = None, position: Tensor | None = None,
 ) -> Strokes:  # fmt: skip
-    """Make strokes along curves (N, 3, 2) in pixels, with the precision of the curves.
+    """Make strokes along curves (N, 3, 2) in pixels; the strokes have the curves' precision.
 
     Args:
-        curve: start, control and end of each stroke.
-        thickness: thickness in pixels, one for all strokes or (N,).
-        color: (N, 3), clamped to [0, 1].
-        opacity: opacity, one for all strokes or (N,).
-        window: side, in pixels, of the window within which a stroke can move, see `roomy_window`; None for a tight fit.
-        position: (N, 2) centres of the windows, to which curves are then relative; None for the middle of each curve.
+        curve: start, control and end point of each stroke.
+        thickness: thickness in pixels, either one for all strokes or (N,).
+        color: colours (N, 3), clamped to [0, 1].
+        opacity: opacity, either one for all strokes or (N,).
+        window: side, in pixels, of the window in which a stroke can move (see `roomy_window`); None for a tight fit.
+        position: centres (N, 2) of the windows, to which the curves are relative; None to centre them on the curves.
     """
 
     def each(value: Tensor | float) -> Tensor:
@@ -85,7 +85,7 @@ def strokes_along(
 
 
 def cut_short(strokes: Strokes, share: Tensor) -> Strokes:
-    """Cut n strokes off at parameter ``share`` (n,) of their curves (de Casteljau); their beginnings do not change."""
+    """Cut strokes off at parameters ``share`` (n,) of their curves (de Casteljau); the part before does not change."""
     t, rest, drift = share[:, None], 1 - share[:, None], drift_of(strokes)
     first, second = rest * strokes.start + t * strokes.control, rest * strokes.control + t * strokes.end
     growth = 1 - (1 - share) * strokes.widening  # thickness in the middle of the part, relative to the whole
@@ -95,17 +95,17 @@ def cut_short(strokes: Strokes, share: Tensor) -> Strokes:
 
 
 def point_at(curve: Tensor, t: Tensor) -> Tensor:
-    """Compute points (..., 2) of curves (..., 3, 2) at parameters t (...)."""
+    """Compute the points (..., 2) at parameters t (...) of curves (..., 3, 2)."""
     weights = torch.stack([(1 - t) ** 2, 2 * t * (1 - t), t**2], dim=-1)
     return (weights[..., None] * curve).sum(-2)
 
 
 def closest_parameter(curve: Tensor, points: Tensor) -> Tensor:
-    """Find the parameter t (...) in [0, 1] of the point of each curve (..., 3, 2) nearest to ``points`` (..., 2).
+    """Find the parameter t (...) in [0, 1] at which each curve (..., 3, 2) is nearest to ``points`` (..., 2).
 
-    The distance has at most two minima, one on each side of the inflection of its derivative. For each minimum, the
+    The distance has at most two minima, one on each side of the inflection of `distance_cubic`. For each minimum, the
     best of a few samples is refined with Newton's method and bisection. The derivative of t follows from the implicit
-    function theorem; it is 0 where t is clamped to an end, and limited by `MIN_SLOPE_PX2`.
+    function theorem; it is 0 where t is clamped to an end, and `MIN_SLOPE_PX2` limits it.
     """
     cubic = distance_cubic(curve, points)
     with torch.no_grad():
@@ -121,7 +121,7 @@ def closest_parameter(curve: Tensor, points: Tensor) -> Tensor:
 
 
 def _refine(cubic: Cubic, t: Tensor, n: int) -> Tensor:
-    """Find the zero of a cubic near sample ``t`` of ``n`` intervals, or the end of the interval of samples."""
+    """Find the zero of a cubic within one sample interval, 1 / ``n``, of ``t``, or an end of that range."""
     low, high = (t - 1 / n).clamp_min(0), (t + 1 / n).clamp_max(1)
     for _ in range(NEWTON_STEPS - 1):
         slope, bend = cubic_at(cubic, t)
@@ -132,7 +132,7 @@ def _refine(cubic: Cubic, t: Tensor, n: int) -> Tensor:
 
 
 def distance_cubic(curve: Tensor, points: Tensor) -> Cubic:
-    """Compute the cubic f(t) = (B(t) - p) . B'(t) / 2, whose zeros are the critical points of |B - p|."""
+    """Compute the cubic f(t) = (B(t) - p) . B'(t) / 2, whose zeros are the critical points of |B(t) - p|."""
     start, control, end = curve.unbind(-2)
     bend, forward, away = start - 2 * control + end, control - start, start - points
     return (
@@ -150,7 +150,7 @@ def cubic_at(cubic: Cubic, t: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _samples_for(curve: Tensor) -> int:
-    """Count the sample intervals that Newton's method needs to find the right minimum of every curve."""
+    """Return how many sample intervals Newton's method needs to find the right minimum of every curve."""
     start, control, end = curve.unbind(-2)
     bend, chord = (start - 2 * control + end).square().sum(-1), (end - start).square().sum(-1)
     gentle, bent = bool((bend <= 0.16 * chord).all()), bool((bend <= chord).all())
@@ -158,7 +158,7 @@ def _samples_for(curve: Tensor) -> int:
 
 
 def _nearest_samples(cubic: Cubic, n: int) -> tuple[Tensor, Tensor]:
-    """Find the nearest sample before the inflection of a cubic, and the nearest sample after it."""
+    """Find the samples nearest to the point before and after the inflection of its cubic."""
     a, b, c, d = cubic
     inflection = -b / (3 * a).clamp_min(torch.finfo(a.dtype).tiny)
     nearest = []
@@ -173,13 +173,13 @@ def _nearest_samples(cubic: Cubic, n: int) -> tuple[Tensor, Tensor]:
 
 
 def _floor(cubic: Cubic) -> Tensor:
-    """Compute a lower limit for the divisor in Newton's method: tiny relative to the squared length, and never 0."""
+    """Compute a lower bound for the divisor in Newton's method: tiny relative to the squared length, but never 0."""
     a, b, c, _ = cubic
     return 1e-6 * (a + b.abs() + c.abs()) + torch.finfo(a.dtype).tiny
 
 
 def length_of(curve: Tensor) -> Tensor:
-    """Compute the arc length (...) of curves (..., 3, 2) with Gauss-Legendre quadrature, to 2e-3 even for hairpins."""
+    """Compute arc lengths (...) of curves (..., 3, 2) by Gauss-Legendre quadrature, within 0.2 % even for hairpins."""
     nodes, weights = curve.new_tensor(NODES), curve.new_tensor(WEIGHTS).repeat(PIECES)
     nodes = (nodes + torch.arange(PIECES).to(nodes)[:, None] / PIECES).flatten()
     start, control, end = curve.unbind(-2)

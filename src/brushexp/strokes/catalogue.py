@@ -15,7 +15,7 @@ from brushexp.errors import UserError
 
 @dataclass(frozen=True)
 class Field:
-    """Shape, unit and range of one field of a stroke."""
+    """The shape, unit and range of one field of a stroke."""
 
     size: int  # numbers per stroke; 0 means a plain (N,) tensor
     low: float
@@ -54,9 +54,9 @@ SCALE_FIRST = sorted(FIELDS, key=lambda name: name != "scale")  # scale is the u
 class Strokes:
     """N strokes as tensors of one dtype on one device; see ``FIELDS`` for units and ranges. Pixel centres lie at +0.5.
 
-    A stroke keeps its ``brush``, which determines its texture in renderers with several textures, when other strokes
-    are added or removed. Few renderers draw `LATER_FIELDS`; optimisers leave these fields at 0 unless ``units`` lists
-    them.
+    In renderers with several textures, ``brush`` determines a stroke's texture; it stays the same when other strokes
+    are added or removed. Few renderers draw `LATER_FIELDS`; optimisers do not change these fields unless ``units``
+    lists them.
 
     >>> import torch
     >>> level = Strokes(
@@ -94,7 +94,7 @@ class Strokes:
         return self.position.shape[0]
 
     def __getitem__(self, index: Tensor | slice | int) -> Strokes:
-        """Select strokes by a slice, a mask (N,) or indices; a single index selects one stroke, of ``len`` 1.
+        """Select strokes by a slice, a mask (N,) or indices; a single index returns `Strokes` of length 1.
 
         >>> import torch
         >>> from brushexp.strokes.prior import sample_prior
@@ -108,11 +108,11 @@ class Strokes:
         return replace(self, brush=self.brush[index], **{name: value[index] for name, value in self.items()})
 
     def items(self) -> Iterator[tuple[str, Tensor]]:
-        """Yield names and tensors in the order of ``FIELDS``."""
+        """Yield the name and tensor of each field in the order of ``FIELDS``."""
         return ((name, getattr(self, name)) for name in FIELDS)
 
     def map(self, function: Callable[[Tensor], Tensor]) -> Strokes:
-        """Apply a function to each field; it may change dtype and device, but not N (UserError)."""
+        """Apply a function to each field; it may change the dtype and device, but a new N raises a UserError."""
         changed = {name: function(value) for name, value in self.items()}
         if (count := len(changed["position"])) != len(self):
             cure = "select strokes with strokes[:1], a mask or numbers"
@@ -123,7 +123,7 @@ class Strokes:
 
     @torch.no_grad()
     def clamp(self) -> Strokes:
-        """Clamp all values to their ranges in place, as after a step of an optimiser; a NaN becomes 0 or a bound.
+        """Clamp all values to their ranges in place, for example after an optimiser step; a NaN becomes 0 or a bound.
 
         >>> import torch
         >>> from brushexp.strokes.prior import sample_prior
@@ -139,17 +139,17 @@ class Strokes:
         return self
 
     def moved(self, zoom: float = 1.0, shift: tuple[float, float] = (0.0, 0.0)) -> Strokes:
-        """Scale by ``zoom``, then move by ``shift`` (x, y) pixels."""
+        """Scale the strokes by ``zoom``, then move them by ``shift`` (x, y) pixels."""
         position = self.position * zoom + self.position.new_tensor(shift)
         return replace(self, position=position, scale=self.scale * zoom)
 
     def with_rows(self, rows: Tensor, others: Strokes) -> Strokes:
-        """Replace the strokes ``rows`` by ``others``; each row keeps its brush."""
+        """Replace the strokes at ``rows`` with ``others``; each row keeps its brush."""
         return replace(self, **{name: value.index_copy(0, rows, getattr(others, name)) for name, value in self.items()})
 
     @staticmethod
     def join(*parts: Strokes) -> Strokes:
-        """Concatenate strokes; the brushes of each part are offset by the number of strokes in earlier parts."""
+        """Concatenate strokes, adding the number of strokes in earlier parts to the brush numbers of each part."""
         before = accumulate((len(part) for part in parts), initial=0)
         brush = torch.cat([part.brush + count for part, count in zip(parts, before, strict=False)])
         return Strokes(**{name: torch.cat([getattr(part, name) for part in parts]) for name in FIELDS}, brush=brush)
@@ -162,7 +162,7 @@ class Strokes:
 
 
 def check_strokes(strokes: Strokes) -> None:
-    """Reject strokes with wrong shapes, or non-finite or out-of-range values; the UserError names field and stroke."""
+    """Raise a UserError, naming field and stroke, if a shape is wrong or a value is not finite or out of range."""
     wrong = {}
     for name, field in FIELDS.items():
         value = getattr(strokes, name)
@@ -183,10 +183,10 @@ def check_strokes(strokes: Strokes) -> None:
 
 
 def drawable(strokes: Strokes) -> Strokes:
-    """Convert 16-bit strokes to float32 for renderers; their gradients return in 16 bits.
+    """Convert 16-bit strokes to float32 for renderers; gradients are converted back to 16 bits.
 
-    Positions beyond the range of float16 (65,504 px, an infinity) are off any canvas and stay there. Other values that
-    overflow 16 bits, and integer or complex strokes, raise a UserError.
+    Positions beyond the range of float16 (65,504 px) are infinite; they lie off any canvas and stay there. Other values
+    that overflow 16 bits, and integer or complex strokes, raise a UserError.
     """
     dtype = strokes.position.dtype
     if dtype in PRECISE:
@@ -204,7 +204,7 @@ def drawable(strokes: Strokes) -> Strokes:
 
 
 def check_units(units: Mapping[str, float]) -> None:
-    """Raise a UserError for units of unknown fields, or of both position and scale, of which only one can move."""
+    """Raise a UserError if a unit belongs to an unknown field, or if position and scale would both move."""
     if unknown := sorted(set(units) - set(FIELDS)):
         raise UserError(f"no stroke field is called {unknown[0]!r}; the fields are {', '.join(FIELDS)}")
     if units.get("scale") and units.get("position"):
@@ -212,11 +212,11 @@ def check_units(units: Mapping[str, float]) -> None:
 
 
 class Catalogue(nn.Module):
-    """Owns the strokes as parameters, keeps them finite and in range, and adds and removes them.
+    """A module that owns strokes as parameters, keeps them finite and in range, and adds and removes strokes.
 
     An optimiser sees each field divided by its unit, so that one learning rate serves all fields: with Adam, a step at
-    ``lr`` moves a field by about ``lr * unit``. The unit of ``position`` is in half-windows of each stroke. A field is
-    frozen if its unit is 0 or missing.
+    ``lr`` moves a field by about ``lr * unit``. The unit of ``position`` is measured in half-windows of each stroke. A
+    field is frozen if its unit is 0 or missing.
     """
 
     scale: Tensor
@@ -232,7 +232,7 @@ class Catalogue(nn.Module):
         self._store(strokes)
 
     def forward(self) -> Strokes:
-        """Return the current strokes, differentiable in the parameters."""
+        """Return the current strokes, which are differentiable with respect to the parameters."""
         return Strokes(**{name: getattr(self, name) * self._unit(name) for name in FIELDS}, brush=self.brush)
 
     def __len__(self) -> int:
@@ -253,7 +253,7 @@ class Catalogue(nn.Module):
 
     @torch.no_grad()
     def replace(self, strokes: Strokes) -> None:
-        """Write new values of the same strokes into the parameters that an optimiser holds."""
+        """Write new values for the same strokes into the existing parameters, which an optimiser may hold."""
         before = self()
         for name in SCALE_FIRST:
             value = getattr(strokes, name)
@@ -262,7 +262,7 @@ class Catalogue(nn.Module):
 
     @torch.no_grad()
     def part(self, rows: Tensor) -> Catalogue:
-        """Copy the strokes ``rows`` (A,) into a separate catalogue."""
+        """Copy the strokes at ``rows`` (A,) into a separate catalogue."""
         part = Catalogue(self()[rows], self.units)
         for name in FIELDS:  # copies bits, because a field is its parameter times its unit, which rounds
             getattr(part, name).copy_(getattr(self, name)[rows])
@@ -270,15 +270,15 @@ class Catalogue(nn.Module):
 
     @torch.no_grad()
     def put(self, rows: Tensor, part: Catalogue) -> None:
-        """Write a changed `part` back into the strokes ``rows``."""
+        """Write a changed copy, as made by `part`, back to the strokes at ``rows``."""
         for name in FIELDS:
             getattr(self, name)[rows] = getattr(part, name)
 
     @torch.no_grad()
     def revise(self, keep: Tensor, new: Strokes, optimizer: optim.Optimizer | None = None) -> None:
-        """Drop strokes where ``keep`` (N,) is false, and append ``new`` strokes; the others keep their optimiser state.
+        """Drop strokes where ``keep`` (N,) is false, and append ``new`` strokes; kept strokes retain optimiser state.
 
-        State that is not one number per parameter (the history of L-BFGS) is reset.
+        The state of a field is reset unless it has only counters and one number per parameter; that of L-BFGS is reset.
         """
         before = {id(getattr(self, name)): name for name in FIELDS}
         self._store(Strokes.join(self()[keep], new))
@@ -293,7 +293,7 @@ class Catalogue(nn.Module):
                 optimizer.state[parameter] = {key: _carry(value, keep, parameter) for key, value in state.items()}
 
     def resize(self, n: int) -> None:
-        """Resize the catalogue for ``n`` strokes that will be loaded next."""
+        """Resize the catalogue to ``n`` blank strokes, so that a state of this size can be loaded next."""
         if n != len(self):
             blank = {name: self.scale.new_full(field.shape(n), max(field.low, 0)) for name, field in FIELDS.items()}
             self._store(Strokes(**blank))
@@ -303,7 +303,7 @@ class Catalogue(nn.Module):
         return 0.5 * unit * self.scale[:, None] if name == "position" and self.units[name] else unit
 
     def _store(self, strokes: Strokes) -> None:
-        """Store strokes: moving fields become parameters, all others buffers."""
+        """Store strokes, with moving fields as parameters and all others as buffers."""
         check_strokes(strokes)
         self.register_buffer("brush", strokes.brush.clone())
         for name in SCALE_FIRST:
@@ -317,7 +317,7 @@ class Catalogue(nn.Module):
 
 
 def _carry(value: Tensor, keep: Tensor, parameter: Tensor) -> Tensor:
-    """Carry over the optimiser state of remaining strokes, with zeros for new strokes; counters do not change."""
+    """Carry over the optimiser state of the remaining strokes, with zeros for new ones; counters do not change."""
     if value.ndim == 0:
         return value
     carried = value.new_zeros(parameter.shape)

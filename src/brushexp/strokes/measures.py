@@ -1,14 +1,15 @@
-"""Define the measures of strokes for `task=analyse`, `style.brushwork` and the losses.
+"""Measure strokes for `task=analyse`, `style.brushwork` and the losses.
 
-All measures are differentiable, and finite with finite gradients for any strokes. Curves are (N, 3, 2) control points
-in pixels. Directions are doubled: (cos 2 theta, sin 2 theta), which is the same for both senses along a stroke
-(Batschelet, 1981).
+All measures are differentiable, and their values and gradients are finite for any strokes. Curves are given by their
+control points (N, 3, 2) in pixels. Directions are doubled, (cos 2 theta, sin 2 theta), so that a stroke has the same
+direction from either end (Batschelet, 1981).
 
-Names follow Li, Yao, Hendriks and Wang, "Rhythmic brushstrokes distinguish van Gogh from his contemporaries" (IEEE
-TPAMI 34(6), 2012), who measure regions of pixels. Differs from the source: straightness is chord over arc length,
-because the correlation of x and y is undefined for a horizontal stroke; homogeneity compares a stroke's breadth with
-its neighbours', because along one stroke it is constant; neighbours are the ``NEIGHBOURS`` nearest strokes (Kotovenko
-et al., 2021) instead of those within 200 pixels, so that paintings of different sizes are comparable.
+The names follow Li, Yao, Hendriks and Wang, "Rhythmic brushstrokes distinguish van Gogh from his contemporaries" (IEEE
+TPAMI 34(6), 2012), who measure regions of pixels. Three definitions differ from this source. Straightness is chord
+over arc length, because the correlation of x and y is undefined for a horizontal stroke. Homogeneity compares the
+breadth of a stroke with that of its neighbours, because breadth is constant along a stroke. Neighbours are the
+``NEIGHBOURS`` nearest strokes (Kotovenko et al., 2021) instead of all strokes within 200 pixels, so that paintings of
+different sizes are comparable.
 """
 
 import math
@@ -31,7 +32,7 @@ LI, BATSCHELET = "Li et al., 2012", "Batschelet, 1981"
 
 @dataclass(frozen=True)
 class Measure:
-    """The name and definition of a measure. Angles are stored in radians and shown in degrees."""
+    """The name, definition and display range of a measure. Angles are stored in radians and shown in degrees."""
 
     name: str
     meaning: str
@@ -76,28 +77,28 @@ def area_of(length: Tensor, width: Tensor) -> Tensor:
 
 
 def straightness_of(curve: Tensor, length: Tensor) -> Tensor:
-    """Compute the ratio (N,) of the distance between the ends to the arc length, in [0, 1]; 0 for a point."""
+    """Compute the ratio (N,) of chord to arc length, in [0, 1]; 0 for a point."""
     chord = (curve[:, 2] - curve[:, 0]).square().sum(1)
     tiny = torch.finfo(curve.dtype).tiny
     return ((chord + tiny).sqrt() / length.clamp_min(POINT_LENGTH**2)).clamp_max(1)
 
 
 def curvature_of(curve: Tensor) -> Tensor:
-    """Compute the total curvature (N,), in radians in [0, pi], as the angle between the two legs; 0 for a point."""
+    """Compute the total curvature (N,), the angle between the two legs in radians, in [0, pi]; 0 for a point."""
     (x, y), (u, v) = (leg.unbind(1) for leg in _unit_legs(curve))
     return torch.atan2((x * v - y * u).abs(), x * u + y * v + LEG_SOFTENING)
 
 
 def centre_of(curve: Tensor) -> Tensor:
-    """Compute the centre (N, 2) of curves, the mean of their control points."""
+    """Compute the centres (N, 2) of curves as the means of their control points."""
     return curve.mean(1)
 
 
 def direction_of(curve: Tensor) -> Tensor:
-    """Compute the doubled direction (N, 2) of the principal axis of curves, with length 1, or less for points.
+    """Compute the doubled direction (N, 2) of each curve's principal axis; its length is 1, or less for points.
 
-    The second moment of B(t) about its mean, for uniform t, is (4 a^2 + 7 a b + 4 b^2) / 45, for legs a and b as
-    complex numbers; squaring doubles angles.
+    If the legs a and b are complex numbers and t is uniform, the second moment of B(t) about its mean is
+    (4 a^2 + 7 a b + 4 b^2) / 45; squaring doubles angles.
     """
     (x, y), (u, v) = (leg.unbind(1) for leg in _unit_legs(curve))
     real = 4 * (x * x - y * y + u * u - v * v) + 7 * (x * u - y * v)
@@ -107,7 +108,7 @@ def direction_of(curve: Tensor) -> Tensor:
 
 
 def _unit_legs(curve: Tensor) -> tuple[Tensor, Tensor]:
-    """Compute both legs (N, 2) in units of the root of the sum of their squared lengths."""
+    """Divide both legs (N, 2) by the square root of the sum of their squared lengths."""
     start, control, end = curve.unbind(1)
     first, last = control - start, end - control
     size = (first.square().sum(1) + last.square().sum(1) + POINT_LENGTH**2).sqrt()[:, None]
@@ -116,9 +117,9 @@ def _unit_legs(curve: Tensor) -> tuple[Tensor, Tensor]:
 
 @torch.no_grad()
 def nearest_strokes(points: Tensor, centres: Tensor, k: int = NEIGHBOURS, *, exclude_self: bool) -> Tensor:
-    """Find indices (Q, k) of the k ``centres`` (N, 2) nearest to ``points`` (Q, 2), or of all if there are fewer.
+    """Find the indices (Q, k) of the k ``centres`` (N, 2) nearest to each of ``points`` (Q, 2), or all if fewer exist.
 
-    With ``exclude_self``, the points are the centres, and no point is its own neighbour.
+    With ``exclude_self``, ``points`` must be ``centres``, and no point is its own neighbour.
     """
     from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
 
@@ -135,7 +136,7 @@ def nearest_strokes(points: Tensor, centres: Tensor, k: int = NEIGHBOURS, *, exc
 
 
 def neighbours_of(strokes: Strokes, shape: Tensor, k: int = NEIGHBOURS) -> Tensor:
-    """Find indices (N, k) of the strokes whose curves (`bezier.shape_of`) have the nearest centres."""
+    """Find the indices (N, k) of each stroke's nearest strokes, by the centres of their curves (`bezier.shape_of`)."""
     centre = strokes.position + centre_of(shape)
     return nearest_strokes(centre, centre, k, exclude_self=True)
 
@@ -146,7 +147,7 @@ def with_self(near: Tensor) -> Tensor:
 
 
 def mean_direction(direction: Tensor, near: Tensor) -> Tensor:
-    """Average the doubled directions of strokes ``near`` (Q, k) to (Q, 2), of length at most 1, ignoring points."""
+    """Return the mean (Q, 2) of the doubled directions of strokes ``near`` (Q, k), at most 1 long, ignoring points."""
     weight = (direction.square().sum(1, keepdim=True) + torch.finfo(direction.dtype).eps).sqrt()
     # The gradient of `index_select` is faster than that of [].
     table = torch.cat([direction, weight], dim=1).index_select(0, near.flatten())
@@ -155,13 +156,13 @@ def mean_direction(direction: Tensor, near: Tensor) -> Tensor:
 
 
 def coherence_of(direction: Tensor, near: Tensor) -> Tensor:
-    """Compute the length (N,) of the mean direction around strokes: 1 if parallel, about sqrt(pi / 4 n) if random."""
+    """Compute the length (N,) of the mean of n nearby directions: 1 if parallel, about sqrt(pi / 4 n) if random."""
     mean = mean_direction(direction, with_self(near))
     return (mean.square().sum(1) + torch.finfo(mean.dtype).eps ** 2).sqrt()
 
 
 def homogeneity_of(width: Tensor, near: Tensor) -> Tensor:
-    """Compute mean / (mean + standard deviation) (N,) of the widths of each stroke and its neighbours."""
+    """Compute mean / (mean + standard deviation) of the widths of each stroke and its neighbours; return (N,)."""
     own = with_self(near)
     around = width.index_select(0, own.flatten()).reshape(own.shape)
     tiny = torch.finfo(width.dtype).tiny ** 0.5
@@ -176,5 +177,5 @@ def pitch_of(strokes: Strokes, size: tuple[int, int]) -> float:
 
 
 def is_visible(strokes: Strokes, pitch: float) -> Tensor:
-    """Return which strokes (N,) are opaque and thick enough to be visible, whether or not others hide them."""
+    """Return a mask (N,) of strokes opaque and thick enough to be visible, even if other strokes hide them."""
     return (strokes.opacity >= MIN_OPACITY) & (2 * half_width_of(strokes) >= MIN_WIDTH_PITCHES * pitch)

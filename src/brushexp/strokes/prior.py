@@ -1,4 +1,4 @@
-"""Sample the distribution of valid strokes (thesis 2020, eq. 6.1 to 6.5); convert strokes to parameters and back."""
+"""Sample valid strokes (thesis 2020, eq. 6.1 to 6.5), and convert strokes to parameters and back."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -27,10 +27,10 @@ Value = TypeVar("Value", float, Tensor)
 def sample_prior(n: int, seed: int = 0, first: int = 0) -> Strokes:
     """Draw the valid strokes numbered ``first`` to ``first + n - 1``; each depends only on ``seed`` and its number.
 
-    Start and end are uniform in the window and the thickness w in [``THINNEST``, ``THICKEST``], redrawn until
-    |s - e| >= 2 w (in sides of the window); the control point is normal about the middle with variances ``SPREAD``,
-    redrawn until it lies in the window; then all three are scaled by ``INSET``. The strokes are float32 on the CPU,
-    opaque, with uniform colours, at position 0. Differs from the source, whose eq. 6.1 prints the inequality reversed.
+    Start s and end e are uniform in the window and thickness w in [``THINNEST``, ``THICKEST``]; they are redrawn until
+    |s - e| >= 2 w (in sides of the window). The control point is normal about the midpoint, with variances ``SPREAD``,
+    and is redrawn until it lies in the window. All three points are then scaled by ``INSET``. The strokes are float32
+    on the CPU, opaque, at position 0, with uniform colours. Eq. 6.1 of the source prints the inequality reversed.
     """
     draw = partial(_uniform, seed, first, n)
     body = _redraw(lambda attempt: draw(2 * attempt, 8), _long_enough)  # (n, 8): start 2, end 2, width, colour 3
@@ -42,23 +42,23 @@ def sample_prior(n: int, seed: int = 0, first: int = 0) -> Strokes:
 
 
 def width_of(parameter: Tensor) -> Tensor:
-    """Convert the width parameter of strokes, which is in [-1, 1] for valid strokes, to sides of the window."""
+    """Convert width parameters, which lie in [-1, 1] for valid strokes, to widths in sides of the window."""
     return THINNEST + (THICKEST - THINNEST) * 0.5 * (parameter + 1)
 
 
 def width_parameter(width: Value) -> Value:
-    """Invert `width_of`."""
+    """Convert a width to its parameter; the inverse of `width_of`."""
     return (2 * width - (THICKEST + THINNEST)) / (THICKEST - THINNEST)
 
 
 def parameters_of(strokes: Strokes) -> Tensor:
-    """Describe strokes in their windows by (N, 10): start, control, end, width, colour; in [-1, 1] if valid."""
+    """Convert strokes to window parameters (N, 10), in [-1, 1] if valid: start, control, end, width, colour."""
     width = width_parameter(strokes.width[:, None])
     return torch.cat([strokes.start, strokes.control, strokes.end, width, 2 * strokes.color - 1], dim=1)
 
 
 def strokes_of(parameters: Tensor) -> Strokes:
-    """Invert `parameters_of`: convert (N, 10) to opaque strokes at position 0 in windows of 64 pixels."""
+    """Invert `parameters_of`: convert parameters (N, 10) to opaque strokes at position 0 in windows of 64 pixels."""
     start, control, end, width, color = parameters.split([2, 2, 2, 1, 3], dim=1)
     one = torch.ones_like(width[:, 0])
     where = torch.zeros_like(start), WINDOW * one, start, control, end
@@ -66,11 +66,11 @@ def strokes_of(parameters: Tensor) -> Strokes:
 
 
 def clamp_to_prior(strokes: Strokes) -> Strokes:
-    """Clamp points and widths to the range of `sample_prior`; clamped values have no gradient.
+    """Clamp points and widths to the range of `sample_prior`; clamped values get no gradient.
 
-    The range is +-``INSET`` half-windows for points, [``THINNEST``, ``THICKEST``] for widths, ``SHORTEST_CHORD`` or
-    more for chords, and at most half the length for the thickness (but at least ``THINNEST``), as in eq. 6.1 of the
-    source.
+    Points are clamped to +-``INSET`` half-windows and widths to [``THINNEST``, ``THICKEST``]. Chords are lengthened to
+    at least ``SHORTEST_CHORD``. As in eq. 6.1 of the source, the thickness is at most half the length of the chord
+    before the inset, but at least ``THINNEST``.
     """
     start, control, end = (value.clamp(-INSET, INSET) for value in (strokes.start, strokes.control, strokes.end))
     along, length = _along((end - start).detach())
@@ -82,7 +82,7 @@ def clamp_to_prior(strokes: Strokes) -> Strokes:
 
 
 def _along(chord: Tensor) -> tuple[Tensor, Tensor]:
-    """Compute the direction (N, 2), to the right for points, and length (N,) of chords (N, 2)."""
+    """Compute the directions (N, 2) and lengths (N,) of chords (N, 2); a chord that is a point points right."""
     length = torch.linalg.vector_norm(chord, dim=1)
     right = torch.tensor([1.0, 0.0]).to(chord)
     return torch.where((length > TOUCHING)[:, None], chord / length.clamp_min(TOUCHING)[:, None], right), length
@@ -90,12 +90,12 @@ def _along(chord: Tensor) -> tuple[Tensor, Tensor]:
 
 @torch.no_grad()
 def rewindow(strokes: Strokes) -> Strokes:
-    """Choose windows for strokes so that `clamp_to_prior` changes them as little as possible; valid strokes stay.
+    """Choose windows so that `clamp_to_prior` changes strokes as little as possible; valid strokes keep theirs.
 
-    A window is centred on the control points, and its side is the valid side nearest to the old one. Two kinds of
-    strokes fit no window and are changed at constant area: strokes too short for their thickness become longer and
-    thinner, strokes too thin for their length become thicker and shorter. For a painting of 655 strokes, a quarter of
-    them of these two kinds, this cost 1.3 dB; merely thinning the short strokes cost 3.5 dB.
+    Each window is centred on the control points, and its side is the valid side nearest to the old one. Two kinds of
+    stroke fit no window and change at constant area: strokes too short for their thickness become longer and thinner,
+    and strokes too thin for their length become thicker and shorter. In a painting of 655 strokes, a quarter of them
+    of these two kinds, this change cost 1.3 dB; merely thinning the short strokes cost 3.5 dB.
     """
     curve, thickness = _long_as_wide(curve_of(strokes), strokes.width * strokes.scale)
     low, high = curve.amin(1), curve.amax(1)
@@ -118,12 +118,15 @@ def rewindow(strokes: Strokes) -> Strokes:
 
 
 def bend_of(strokes: Strokes) -> Tensor:
-    """Compute the `control_offset` (N, 2) of strokes, with chords of at least ``SHORTEST_CHORD``."""
+    """Compute the `control_offset` (N, 2) of strokes; shorter chords count as ``SHORTEST_CHORD``."""
     return control_offset(torch.stack([strokes.start, strokes.control, strokes.end], dim=1), SHORTEST_CHORD)
 
 
 def control_offset(curve: Tensor, shortest: float) -> Tensor:
-    """Measure control points (N, 2) along and across s - e, from its middle, in units of |s - e| or ``shortest``."""
+    """Measure control points (N, 2) from the chord's midpoint, along and across s - e, in units of |s - e|.
+
+    The dot products with s - e and its normal are divided by max(|s - e|, ``shortest``)^2.
+    """
     start, control, end = curve.unbind(1)
     chord, offset = start - end, control - 0.5 * (start + end)
     across = torch.stack([-chord[:, 1], chord[:, 0]], dim=1)
@@ -132,7 +135,7 @@ def control_offset(curve: Tensor, shortest: float) -> Tensor:
 
 
 def _long_as_wide(curve: Tensor, thickness: Tensor) -> tuple[Tensor, Tensor]:
-    """Lengthen and thin curves (N, 3, 2) shorter than 2 ``INSET`` thicknesses (N,), at constant area."""
+    """Lengthen and thin curves (N, 3, 2) with chords under 2 ``INSET`` thicknesses (N,), at constant area."""
     start, control, end = curve.unbind(1)
     along, length = _along(end - start)
     least = 2 * INSET * (1 + 1e-5)  # slightly above the limit, so that rounding does not make it invalid
@@ -144,9 +147,9 @@ def _long_as_wide(curve: Tensor, thickness: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _uniform(seed: int, first: int, n: int, stream: int, columns: int) -> Array:
-    """Draw numbers (n, columns) in the open interval (0, 1); row i depends only on seed, stream and first + i.
+    """Draw numbers (n, columns) from the open interval (0, 1); row i depends only on seed, stream and first + i.
 
-    Philox (Salmon et al., 2011) generates four words per step of its counter, so ``columns`` must be a multiple of 4.
+    ``columns`` must be a multiple of 4, because Philox (Salmon et al., 2011) generates four words per counter step.
     """
     source = np.random.Philox(key=np.array([seed, stream], dtype=np.uint64)).advance(first * columns // 4)
     words = source.random_raw(n * columns).reshape(n, columns)
@@ -154,7 +157,7 @@ def _uniform(seed: int, first: int, n: int, stream: int, columns: int) -> Array:
 
 
 def _redraw(draw: Callable[[int], Array], valid: Callable[[Array], NDArray[np.bool_]]) -> Array:
-    """Replace invalid rows of ``draw(0)`` with those of ``draw(1)``, ``draw(2)`` and so on."""
+    """Replace invalid rows of ``draw(0)`` with rows of ``draw(1)``, ``draw(2)`` and so on until all are valid."""
     rows, attempt = draw(0), 0
     while (wrong := ~valid(rows)).any():
         attempt += 1
@@ -168,7 +171,7 @@ def _long_enough(body: Array) -> NDArray[np.bool_]:
 
 
 def _bent(start: Array, end: Array, uniform: Array) -> Array:
-    """Draw control points (n, 2) from uniform numbers (n, 4), two for each coordinate (Box and Muller, 1958)."""
+    """Turn the first two columns of uniform numbers (n, 4) into normal control points (n, 2) (Box and Muller, 1958)."""
     radius, angle = np.sqrt(-2 * np.log(uniform[:, 0])), 2 * np.pi * uniform[:, 1]
     along = np.sqrt(SPREAD[0]) * radius * np.cos(angle)
     across = np.sqrt(SPREAD[1]) * radius * np.sin(angle)

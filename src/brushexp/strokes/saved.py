@@ -1,4 +1,4 @@
-"""Record a finished painting, and convert it to and from editable JSON (docs/formats.md)."""
+"""Define the record of a finished painting, and convert it to and from editable JSON (docs/formats.md)."""
 
 import json
 from base64 import b64decode, b64encode
@@ -32,7 +32,7 @@ KINDS = {int: "a whole number", str: "text", list: "a list"}
 
 @dataclass(frozen=True)
 class Saved:
-    """A finished catalogue and its origin, as stored in a file."""
+    """A finished catalogue and the settings that produced it, as stored in a file."""
 
     strokes: Strokes  # N strokes, float32
     depth: Tensor  # (N,) int32 ranks, a permutation of 0 to N - 1; 0 is the bottom stroke
@@ -45,7 +45,7 @@ class Saved:
     alpha: Tensor | None = None  # (h, w) uint8 alpha of the painting, stretched over the canvas; None if opaque
 
     def with_strokes(self, strokes: Strokes, front_to_back: Tensor, background: Tensor) -> Self:
-        """Replace the strokes, ordered by ``front_to_back`` (N,), top stroke first."""
+        """Return a copy with new strokes and background; ``front_to_back`` (N,) lists stroke indices, top first."""
         depth = (len(strokes) - 1 - front_to_back.argsort()).int().cpu()
         return replace(self, strokes=strokes.map(Tensor.cpu), depth=depth, background=background.cpu())
 
@@ -74,7 +74,7 @@ class Saved:
 
 
 def config_of(saved: Saved) -> dict[str, Any]:
-    """Read the config of a run; empty unless it is plain data."""
+    """Parse the config of a run; return an empty dictionary if it is not plain data."""
     try:
         config: dict[str, Any] = yaml_of(saved.config)
     except UserError:
@@ -83,7 +83,7 @@ def config_of(saved: Saved) -> dict[str, Any]:
 
 
 def json_lines(saved: Saved) -> Iterator[str]:
-    """Write a catalogue as text, piece by piece, with the config (YAML) as a list of lines."""
+    """Yield the JSON text of a catalogue in pieces, with the config (YAML) as a list of lines."""
     strokes = saved.strokes.map(lambda value: value.detach().to("cpu", torch.float32))
     attributes = {"height": saved.size[0], "width": saved.size[1], "renderer": saved.renderer}
     attributes |= {"renderer_hash": saved.renderer_hash, "seed": saved.seed}
@@ -112,14 +112,14 @@ def json_lines(saved: Saved) -> Iterator[str]:
 
 
 def fields_in(strokes: Strokes) -> tuple[list[str], int]:
-    """List the fields that a file of strokes needs, and its version; later fields are omitted if all are 0."""
+    """Return the fields to store and the format version, the oldest with every non-zero field of the strokes."""
     needed = [first for name, first in LATER_FIELDS.items() if bool(getattr(strokes, name).any())]
     version = max(needed, default=VERSION_WITHOUT)
     return [name for name in FIELDS if LATER_FIELDS.get(name, 0) <= version], version
 
 
 def parse(text: str) -> Saved:
-    """Parse the text of `json_lines`; raise a UserError that says where it deviates from the format."""
+    """Parse the text of `json_lines`; raise a UserError that says where the text deviates from the format."""
     try:
         data = json_of(text)
     except UserError as error:
@@ -139,13 +139,13 @@ def parse(text: str) -> Saved:
 
 
 def png_of(alpha: Tensor) -> bytes:
-    """Pack alpha (h, w) uint8 as a grey PNG."""
+    """Encode alpha (h, w) uint8 as a grey PNG."""
     Image.fromarray(alpha.cpu().numpy()).save(file := BytesIO(), "PNG")
     return file.getvalue()
 
 
 def alpha_of(png: bytes) -> Tensor:
-    """Unpack the alpha of `png_of`; raise a UserError for other data and for pictures that are too large."""
+    """Decode the PNG of `png_of`; raise a UserError for other data and for pictures that are too large."""
     try:
         with Image.open(BytesIO(png), formats=["PNG"]) as picture:
             if picture.mode != "L" or picture.width * picture.height > LARGEST_ALPHA:
@@ -190,7 +190,7 @@ def _strokes(rows: list[Any]) -> tuple[Strokes, Tensor]:
 
 
 def _numbers(data: dict[str, Any], name: str, size: int, where: str = "") -> Any:
-    """Check that a value contains as many numbers as a field; size 0 means a single number without a list."""
+    """Check that a value is a list of ``size`` numbers, or a bare number for size 0, and return it."""
     value = data.get(name)
     numbers = value if size else [value]
     if type(numbers) is not list or len(numbers) != (size or 1) or not {type(x) for x in numbers} <= {int, float}:

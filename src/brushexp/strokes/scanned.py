@@ -1,7 +1,7 @@
-"""Read straightened scans of real strokes: acrylic with a flat brush, from full to dry.
+"""Read straightened scans of real acrylic strokes, painted with a flat brush from loaded to dry.
 
-The scans are by Ardavan Bidgoli (2020, MIT: ``scans/strokes.LICENSE.txt``); ``benchmarks/scanned_strokes.py``
-straightens them.
+The scans are by Ardavan Bidgoli (2020, MIT licence: ``scans/strokes.LICENSE.txt``), straightened by
+``benchmarks/scanned_strokes.py``.
 """
 
 from functools import cache
@@ -19,5 +19,5 @@ SCAN_BEYOND_ENDS, SCAN_BEYOND_SIDES = 0.3, 0.15  # margin beyond the ends and si
 
 @cache
 def read_scans() -> NDArray[Any]:
-    """Read the coverage (N, `SCAN_ROWS`, `SCAN_COLUMNS`) uint8 of all scans; rows run along a stroke to its dry end."""
+    """Return the coverage (N, `SCAN_ROWS`, `SCAN_COLUMNS`) uint8 of all scans; rows run towards the dry end."""
     return np.asarray(Image.open(SCANS)).reshape(-1, SCAN_ROWS, SCAN_COLUMNS)

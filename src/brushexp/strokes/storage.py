@@ -1,7 +1,7 @@
-"""Store a finished catalogue as HDF5 with everything needed to redraw it (docs/formats.md).
+"""Save and load finished catalogues as HDF5, with everything needed to redraw them (docs/formats.md).
 
-Packages may publish further formats of catalogues by file extension. Strings have a fixed length, because HDF5 has no
-checksums for variable-length strings, in which one wrong byte can cause an infinite loop.
+Packages may add catalogue formats, each with its own file extension. Strings have a fixed length, because HDF5 does
+not checksum variable-length strings, where one wrong byte can cause an infinite loop.
 """
 
 import io
@@ -40,7 +40,7 @@ LARGEST_TEXT = 2**29  # largest number of bytes of a JSON catalogue, for two mil
 
 
 def save_catalogue(path: Path, saved: Saved) -> None:
-    """Write a catalogue atomically and deterministically; raise a UserError if it could not be loaded again."""
+    """Write a catalogue atomically and deterministically; raise a UserError if it would not load again."""
     strokes = saved.strokes.map(lambda value: value.detach().to("cpu", torch.float32))
     replace(saved, strokes=strokes).check()
     memory = io.BytesIO()  # in memory, because h5py does not explain failures to write a file
@@ -65,9 +65,9 @@ def _put(file: h5py.File, name: str, value: np.ndarray, unit: str) -> None:
 
 
 def load_catalogue(path: Path, option: str = "catalogue") -> Saved:
-    """Load and check a catalogue, given by its path, the folder of a run, or the name of a shipped catalogue.
+    """Load and check a catalogue from its file, a run's folder, or the name of a shipped catalogue.
 
-    ``option`` is the key of the path, for messages. An invalid catalogue raises a UserError.
+    ``option`` is the key of the path in error messages. An invalid catalogue raises a UserError.
     """
     if str(path).isidentifier() and not path.exists() and (SHIPPED / f"{path}.h5").is_file():
         path = SHIPPED / f"{path}.h5"

@@ -1,4 +1,4 @@
-"""Choose cache folders for libraries, even for users without a writable home."""
+"""Choose cache folders for libraries, even if the user has no writable home folder."""
 
 import os
 import stat
@@ -23,8 +23,8 @@ PRIVATE = 0o700  # mode of a folder that only its owner can read and write
 def settle_caches() -> None:
     """Give libraries writable cache folders if they would otherwise have none; call this before importing them.
 
-    Machine code goes to the first writable folder among `NUMBA_CACHE_DIR`, the program's own folder, the user's cache
-    and a private temporary folder; other libraries use the last two. Without such a folder, nothing is cached.
+    Machine code is cached in the first writable folder among `NUMBA_CACHE_DIR`, the program's own folder, the user's
+    cache and a private temporary folder. Other libraries use the last two. If no folder is writable, nothing is cached.
     """
     for variable in (KERNELS, CACHES):
         _settle_typed(variable)
@@ -47,7 +47,7 @@ def settle_caches() -> None:
 
 
 def _settle_typed(variable: str) -> None:
-    """Expand a cache folder that the user set, and unset it if it is not writable."""
+    """Make the cache folder in an environment variable absolute, or unset the variable if the folder is unusable."""
     typed = os.environ.pop(variable, "")
     path = os.path.expanduser(typed)
     is_whole = os.path.isabs(path) or (variable == KERNELS and not path.startswith("~"))
@@ -57,18 +57,18 @@ def _settle_typed(variable: str) -> None:
 
 @cache
 def has_home() -> bool:
-    """Return whether the user had a home folder at the first call, before `settle_caches` gives libraries one."""
+    """Return whether the user's home folder was known at the first call, before `settle_caches` sets ``HOME``."""
     return os.path.isabs(os.path.expanduser("~"))  # unlike pathlib's version, it never raises
 
 
 def home_folder() -> Path | None:
-    """Return the user's home folder; None if it does not exist or is the root of the file system."""
+    """Return the user's home folder, or None if it is unknown or is the root of the file system."""
     path = os.path.expanduser("~")
     return Path(path) if has_home() and os.path.normpath(path) != os.sep else None
 
 
 def can_hold(folder: Path) -> bool:
-    """Check whether files can be written to a folder, which is created if necessary."""
+    """Return whether files can be written to a folder or, if it does not exist, to its nearest existing parent."""
     try:
         while not folder.exists():
             folder = folder.parent
@@ -79,9 +79,9 @@ def can_hold(folder: Path) -> bool:
 
 
 def private_folder() -> Path | None:
-    """Make a temporary folder that only this user can read and write; None if that is impossible.
+    """Create a temporary folder that only this user can read and write; return None if that is impossible.
 
-    Folders to which others could have written are never trusted, because machine code is loaded from them.
+    A folder that others may have written to is never used, because the program loads machine code from it.
     """
     if not hasattr(os, "getuid"):
         return None  # on Windows, permission bits do not show who may write

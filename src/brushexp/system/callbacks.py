@@ -1,7 +1,8 @@
-"""Callbacks used in every fit: progress bar, timed checkpoints, Ctrl-C.
+"""Define the callbacks of every fit: a progress bar, timed checkpoints and a response to Ctrl-C.
 
-They use these members of a LightningModule: ``title`` (of the progress bar), ``progress`` (0 to 1), ``state_line()``
-(step, loss and quality in a few words) and ``stop`` (why the fit ends early, or None), which they also set.
+The callbacks read these members of a LightningModule: ``title`` (of the progress bar), ``progress`` (0 to 1),
+``state_line()`` (step, loss and quality in a few words) and ``stop`` (why the fit ends early, or None). They also set
+``stop``.
 """
 
 import logging
@@ -29,7 +30,7 @@ REFRESH_SECONDS = 0.25
 
 
 class ProgressBar(L.Callback):
-    """Shows the state of the module and the remaining time in a bar, or in a few log lines without a terminal."""
+    """A progress bar with the module's state and the remaining time, or a few log lines if there is no terminal."""
 
     def __init__(self) -> None:
         self.bar, self.title, self.refreshed = ExitStack(), "", -math.inf
@@ -58,10 +59,10 @@ class ProgressBar(L.Callback):
 
 
 class TimedCheckpoint(Checkpoint):
-    """Writes checkpoints for exact resumption at regular intervals, and ends the fit after the current step at Ctrl-C.
+    """A callback that writes checkpoints for exact resumption and, on Ctrl-C, ends the fit after the current step.
 
-    The file is written to ``path``, if given, every ``every`` seconds (None for interruptions only). Lightning calls
-    this kind of callback after all others, so the file has their states after the step.
+    It writes to ``path``, if given, every ``every`` seconds, or only on interruption if ``every`` is None.
+    Lightning calls callbacks of this type after all others, so the file holds their states after the step.
     """
 
     def __init__(self, path: Path | None, every: float | None) -> None:
@@ -120,7 +121,7 @@ class TimedCheckpoint(Checkpoint):
 
 
 def find_limit(trainer: L.Trainer) -> Status:
-    """Find which of the Trainer's limits ended a fit; `Status.STOPPED_EARLY` if a callback did."""
+    """Return the Trainer limit that ended a fit, or `Status.STOPPED_EARLY` if a callback ended it."""
     times = [timer.time_remaining() for timer in trainer.callbacks if isinstance(timer, Timer)]  # type: ignore[attr-defined]
     limits = {
         Status.MAX_STEPS_REACHED: 0 <= trainer.max_steps <= trainer.global_step,

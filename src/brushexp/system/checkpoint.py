@@ -1,4 +1,4 @@
-"""Write and read trained weights: ``<name>.safetensors`` and, next to it, ``<name>.json``, the recipe that made them.
+"""Write and read trained weights, ``<name>.safetensors``, and their recipe, ``<name>.json``, in the same folder.
 
 docs/formats.md lists the keys of the recipe. Nothing in either file is ever executed.
 """
@@ -24,7 +24,7 @@ PROGRAM = "brushexp "  # first word of every format
 
 @dataclass(frozen=True)
 class CheckpointFormat:
-    """A type of checkpoint, and the words that messages use for it."""
+    """A type of checkpoint: where to find it, and how messages name it."""
 
     noun: str  # name of the network in messages, "renderer"
     family: str  # family of its plugins, as in the recipe
@@ -34,10 +34,10 @@ class CheckpointFormat:
     folders: Callable[[], Sequence[Path]]  # folders of shipped checkpoints, including those of packages
 
     def restore(self, module: nn.Module, name: str, checkpoint: str | None, options: Mapping[str, Any]) -> str:
-        """Load trained weights into a plugin's module and set it to ``eval``; call this at the end of ``__init__``.
+        """Load trained weights into a plugin's module in ``eval`` mode; call this at the end of ``__init__``.
 
         A UserError reports ``options`` that differ from the recipe, or a file that is missing, damaged or for another
-        plugin. Returns the hash of the weights; a checkpoint of None changes nothing and returns "".
+        plugin. Returns the hash of the weights; if the checkpoint is None, loads no weights and returns "".
         """
         module.eval()
         if checkpoint is None:
@@ -64,10 +64,10 @@ class CheckpointFormat:
         return str(recipe["hash"])
 
     def save(self, path: Path, name: str, module: nn.Module, recipe: Mapping[str, Any], *, half: bool = True) -> str:
-        """Write ``path`` (.safetensors) and its recipe; afterwards the module holds the weights as stored.
+        """Write weights to ``path`` (.safetensors) and the recipe beside them; the module gets the stored weights.
 
-        The recipe has ``options`` and may have ``data``, ``training`` and ``figures``. With ``half``, floats are stored
-        in 16 bits if they fit. Returns the hash of the weights.
+        The recipe needs ``options`` and may have ``data``, ``training`` and ``figures``. With ``half``, floats are
+        stored in 16 bits unless they overflow. Returns the hash of the weights.
         """
         from safetensors.torch import save  # noqa: PLC0415  (--help needs none of it)
 
@@ -83,7 +83,7 @@ class CheckpointFormat:
         return digest
 
     def path_of(self, checkpoint: str) -> Path:
-        """Return the .safetensors file of a checkpoint, given by its path or the name of a shipped checkpoint."""
+        """Return the .safetensors file of a checkpoint, which is a path or the name of a shipped checkpoint."""
         is_name = Path(checkpoint).name == checkpoint and not Path(checkpoint).suffix
         shipped = {file.stem: file for folder in self.folders() for file in folder.glob("*.safetensors")}
         path = shipped.get(checkpoint, Path()) if is_name else Path(checkpoint)
@@ -97,11 +97,11 @@ class CheckpointFormat:
         raise UserError(f"{where} is not a shipped checkpoint (there are: {names}); {cure}")
 
     def shipped_name(self, name: str) -> str | None:
-        """Return the name if it is that of a shipped checkpoint, otherwise None."""
+        """Return ``name`` if a shipped checkpoint has that name, otherwise None."""
         return name if any((folder / f"{name}.safetensors").is_file() for folder in self.folders()) else None
 
     def read_recipe(self, path: Path) -> dict[str, Any]:
-        """Read the recipe of the checkpoint at ``path`` (.safetensors); raise a UserError if missing or invalid."""
+        """Read the recipe of the checkpoint at ``path``; raise a UserError if the recipe is missing or invalid."""
         file, cure = path.with_suffix(".json"), "copy it again from the source of the checkpoint"
         if not file.is_file():
             raise UserError(f"{path} has no recipe beside it; also copy {file.name} there")
@@ -123,7 +123,7 @@ class CheckpointFormat:
 
 
 def weights_hash(module: nn.Module) -> str:
-    """Compute the SHA-256 of all weights (as 32-bit floats), names and shapes; "" for a module without weights."""
+    """Compute the SHA-256 of all names, shapes and weights (floats as float32); "" for a module without weights."""
     state = module.state_dict()
     if not state:
         return ""
@@ -136,7 +136,7 @@ def weights_hash(module: nn.Module) -> str:
 
 
 def plain_options(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Convert options to JSON values: an `Enum` to its name, tuples to lists."""
+    """Convert options to JSON values (an `Enum` to its name), except ``checkpoint`` and names that start with ``_``."""
     chosen = {key: value for key, value in options.items() if key != "checkpoint" and not key.startswith("_")}
     plain: dict[str, Any] = json.loads(json.dumps(chosen, default=lambda choice: choice.name))
     return plain

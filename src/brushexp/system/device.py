@@ -1,4 +1,4 @@
-"""Choose the device for computations."""
+"""Choose the device to compute on."""
 
 import torch
 
@@ -6,7 +6,7 @@ from brushexp.errors import UserError
 
 
 def device_of(name: str, key: str = "device") -> torch.device:
-    """Return the device called ``name``; auto is the first CUDA device, or the CPU if there is none."""
+    """Return the device called ``name``; ``auto`` means the first CUDA device, or the CPU if there is none."""
     count = 0 if name == "cpu" else torch.cuda.device_count()
     if name == "auto":
         return torch.device("cuda" if count else "cpu")

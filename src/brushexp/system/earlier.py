@@ -1,4 +1,4 @@
-"""Convert settings and checkpoints of earlier versions to the current version."""
+"""Convert settings and checkpoints from earlier versions to the current version."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -15,14 +15,14 @@ KEYS = {"guides": "change.guides.lines", "region": "change.region.mask", "tubes"
 
 
 def is_earlier(settings: Mapping[str, Any]) -> bool:
-    """Check whether recorded settings come from a version before changes existed."""
+    """Return whether recorded settings come from a version that had no ``change`` plugins."""
     return "change" not in settings and bool({"variety", "wet", "tubes"} & settings.keys())
 
 
 def todays_settings(recorded: Mapping[str, Any]) -> dict[str, Any]:
-    """Convert recorded settings of a painting to current keys; settings that are already current are unchanged.
+    """Convert recorded settings of a painting to current keys; current settings are returned unchanged.
 
-    Former tasks, callbacks and keys may have become changes: the old ``variety: 0.4`` is now
+    Some former tasks, callbacks and keys are now changes. For example, ``variety: 0.4`` becomes
     ``change: {variety: {amount: 0.4}}``.
 
     >>> todays_settings({"task": "paint", "variety": 0.4, "wet": 0})
@@ -61,31 +61,31 @@ def todays_settings(recorded: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def todays_key(key: str, recorded: Mapping[str, Any]) -> str:
-    """Return the current key for a recorded key that names a file."""
+    """Return the current name of a recorded key whose value is a file."""
     return KEYS.get(key, key) if is_earlier(recorded) else key
 
 
 def _mapping(value: Any) -> dict[str, Any]:
-    """Copy a mapping; other values become empty mappings."""
+    """Copy a mapping; return an empty dictionary for any other value."""
     return dict(value) if isinstance(value, Mapping) else {}
 
 
 def _member(name: str, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Write the config node of a member."""
+    """Return the config node of the change called ``name``."""
     return {**options, "_target_": f"change/{name}"}
 
 
 def _wet_options(amount: float, looks: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the options of wet paint, including the options of the former callback, ``looks``."""
+    """Return the options of wet paint from the former key, ``amount``, and the former callback, ``looks``."""
     own = looks.get("wet")
     options = {key: looks[key] for key in ("every", "after") if key in looks}
     return {"amount": amount if own is None else own} | options
 
 
 def todays_loops(loops: dict[str, Any]) -> None:
-    """Convert Lightning's loops in a checkpoint, in place, to the loops of painters with manual optimisation.
+    """Convert the states of Lightning's loops in a checkpoint, in place, to those of manual optimisation.
 
-    Earlier painters used Lightning's automatic optimisation, which counts steps elsewhere, and a stateful loader.
+    Earlier painters used a stateful loader and Lightning's automatic optimisation, which counts its steps elsewhere.
     """
     loops["state_dict"]["combined_loader"] = []
     before = loops["epoch_loop.automatic_optimization.optim_progress"]["optimizer"]["step"]

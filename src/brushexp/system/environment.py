@@ -1,4 +1,4 @@
-"""Describe the software and hardware of a run, without paths of the machine."""
+"""Describe the software and hardware of a run without recording any paths."""
 
 import hashlib
 import os
@@ -20,7 +20,7 @@ QUIET = {"GIT_OPTIONAL_LOCKS": "0", "LC_ALL": "C"}
 
 
 def versions() -> dict[str, str | None]:
-    """Map Python and the numerical libraries to their versions; None if not installed."""
+    """Return the versions of Python and the numerical libraries; None for a library that is not installed."""
     return {"python": platform.python_version(), **{name: _version(name) for name in LIBRARIES}}
 
 
@@ -33,7 +33,7 @@ def _version(name: str) -> str | None:
 
 @cache
 def processor() -> str:
-    """Return the name of the processor, such as "Intel(R) Xeon(R) Processor", or else its architecture."""
+    """Return the processor's name, such as "Intel(R) Xeon(R) Processor", or its architecture if that is unknown."""
     if sys.platform == "linux":
         try:
             lines = Path("/proc/cpuinfo").read_text(errors="replace").splitlines()
@@ -48,13 +48,13 @@ def processor() -> str:
 
 @cache
 def code_state() -> dict[str, Any]:
-    """Describe this installation of brushexp: its ``version``, and the `git_state` of its checkout, if any."""
+    """Return the ``version`` of this installation of brushexp and, if it is a checkout, its `git_state`."""
     is_tracked = bool(_git(PACKAGE, "ls-files", "__init__.py"))  # not inside an unrelated repository
     return {"version": __version__, **((git_state(PACKAGE) or {}) if is_tracked else {})}
 
 
 def project_state(folder: Path) -> dict[str, Any] | None:
-    """Describe the repository of a folder with `git_state`; None if there is none or if it is brushexp's own."""
+    """Return the `git_state` of a folder's repository; None if it has none or the repository is brushexp's own."""
     top = _git(folder, "rev-parse", "--show-toplevel")
     if top is None or ("commit" in code_state() and top == _git(PACKAGE, "rev-parse", "--show-toplevel")):
         return None
@@ -62,10 +62,11 @@ def project_state(folder: Path) -> dict[str, Any] | None:
 
 
 def git_state(folder: Path) -> dict[str, Any] | None:
-    """Describe a checkout: ``commit``, whether it is ``dirty``, and ``changes``; None without a repository.
+    """Return the ``commit`` of a checkout, whether it is ``dirty``, and its ``changes``; None without a repository.
 
-    A checkout is dirty if a tracked file differs from the commit; then ``changes`` is the SHA-256 of ``git diff HEAD``,
-    which distinguishes states of the same commit. Untracked files do not count.
+    A checkout is dirty if a tracked file differs from the commit; ``changes`` is then the SHA-256 of ``git diff HEAD``,
+    which distinguishes states of the same commit. Untracked files do not count. If git takes too long, ``dirty`` is
+    None.
     """
     commit = _git(folder, "rev-parse", "HEAD")
     if commit is None:
@@ -78,16 +79,16 @@ def git_state(folder: Path) -> dict[str, Any] | None:
 
 
 def _git(folder: Path, *words: str) -> str | None:
-    """Run git in a folder and return its output; None if it fails, is not installed, or takes too long.
+    """Run git in a folder and return its output, or None if git fails, is not installed or takes too long.
 
-    Programs configured by the repository are not run, and variables that name another repository are removed.
+    Git runs without the repository's file system monitor and without inherited ``GIT_*`` environment variables.
     """
     others = {key: value for key, value in os.environ.items() if not key.startswith("GIT_")}
     return _output("git", "-C", str(folder), "-c", "core.fsmonitor=false", *words, environment=others | QUIET)
 
 
 def _output(*words: str, environment: Mapping[str, str] | None = None) -> str | None:
-    """Return the output of a program; None if it fails."""
+    """Run a program and return its output, or None if it fails."""
     try:
         done = subprocess.run(words, capture_output=True, check=True, timeout=LONGEST_GIT, env=environment)
         return done.stdout.decode(errors="surrogateescape").strip()

@@ -24,10 +24,10 @@ PNG: dict[str, Any] = {"format": "PNG", "compress_type": zlib.Z_RLE}  # as small
 
 @contextmanager
 def replacing(path: Path, key: str = "output") -> Iterator[Path]:
-    """Yield a temporary path next to ``path``; at the end, the temporary file replaces ``path``.
+    """Yield a temporary path next to ``path``; when the block succeeds, the temporary file replaces ``path``.
 
-    On any error, including Ctrl-C, the temporary file is removed and the previous file is untouched. If the file cannot
-    be written, a UserError suggests another place for ``key``.
+    On any error, including Ctrl-C, the temporary file is removed and the previous file stays unchanged. If the file
+    cannot be written, a UserError suggests setting ``key`` to another folder.
     """
     temporary = path.with_name(f"{TEMPORARY[:-1]}{secrets.token_hex(8)}{path.suffix}")
     try:
@@ -45,25 +45,25 @@ def replacing(path: Path, key: str = "output") -> Iterator[Path]:
 
 
 def write_bytes(path: Path, data: bytes, key: str = "output") -> None:
-    """Write a file with `replacing`."""
+    """Write bytes to a file atomically; see `replacing`."""
     with replacing(path, key) as temporary:
         temporary.write_bytes(data)
 
 
 def write_text(path: Path, text: str | Iterable[str]) -> None:
-    """Write a UTF-8 file from a string or its pieces, escaping undecodable bytes of file names."""
+    """Write a string, or its pieces, to a UTF-8 file, escaping undecodable bytes from file names."""
     pieces = [text] if isinstance(text, str) else text
     with replacing(path) as temporary, temporary.open("wb") as file:
         file.writelines(piece.encode("utf-8", "backslashreplace") for piece in pieces)
 
 
 def write_json(path: Path, data: Any) -> None:
-    """Write strict JSON; non-finite numbers become null."""
+    """Write data as strict JSON; non-finite numbers become null."""
     write_text(path, json.dumps(_plain(data), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
 
 
 def write_picture(path: Path, image: Tensor | np.ndarray) -> None:
-    """Write a PNG from a tensor (3, H, W) in [0, 1] or from bytes (H, W, 3)."""
+    """Write a PNG from a tensor (3, H, W) in [0, 1] or an array of bytes (H, W, 3)."""
     pixels = to_bytes(image) if isinstance(image, Tensor) else image
     encoded = io.BytesIO()  # in memory, because Pillow does not explain failures to write a file
     Image.fromarray(pixels).save(encoded, **PNG)
@@ -71,7 +71,7 @@ def write_picture(path: Path, image: Tensor | np.ndarray) -> None:
 
 
 def to_bytes(image: Tensor) -> np.ndarray:
-    """Round a picture (3, H, W), clipped to [0, 1], to 8 bits (H, W, 3): halves round up, NaN becomes 0."""
+    """Clip a picture (3, H, W) to [0, 1] and round it to bytes (H, W, 3); halves round up, and NaN becomes 0."""
     levels = image.detach().to(torch.float32, copy=True).nan_to_num_(0.0).clamp_(0, 1).mul_(255).add_(0.5)
     return levels.to(torch.uint8).permute(1, 2, 0).contiguous().cpu().numpy()
 

@@ -1,4 +1,4 @@
-"""Read parts of untrusted HDF5 files; raise a UserError that says what is wrong with a file."""
+"""Read untrusted HDF5 files piece by piece; raise a UserError that says what is wrong with a file."""
 
 import zlib
 from pathlib import Path
@@ -20,13 +20,13 @@ SPARE = 2**12  # largest number of bytes by which packing enlarges small data
 
 
 def fixed(text: str) -> np.ndarray:
-    """Encode a string for a fixed-length attribute."""
+    """Encode a string as a fixed-length HDF5 string."""
     encoded = text.encode()
     return np.array(encoded, h5py.string_dtype("utf-8", max(1, len(encoded))))
 
 
 def opened(path: Path, cure: str, **options: Any) -> h5py.File:
-    """Open an HDF5 file for reading."""
+    """Open an HDF5 file for reading; raise a UserError if it is not a readable HDF5 file."""
     check_file(path, cure)
     with explaining(path, cure):
         if not h5py.is_hdf5(path):
@@ -37,9 +37,9 @@ def opened(path: Path, cure: str, **options: Any) -> h5py.File:
 def dataset_of(
     file: h5py.File, name: str, dtype: type, shape: tuple[int, ...] | None, most: int = 2**40
 ) -> h5py.Dataset:
-    """Return a dataset of the file if it fits the format, without reading its numbers.
+    """Return a dataset after checking its type, shape and storage, without reading its numbers.
 
-    Without a ``shape`` it must have one axis of at most ``most`` values.
+    If ``shape`` is None, the dataset must have one axis of at most ``most`` values.
     """
     if not isinstance(file.get(name, getlink=True), h5py.HardLink) or not isinstance(file[name], h5py.Dataset):
         raise UserError(f"has no dataset {name}: it is damaged or incomplete; get it again")
@@ -59,7 +59,7 @@ def dataset_of(
 
 
 def _check_storage(name: str, dataset: h5py.Dataset) -> None:
-    """Reject a dataset that would unpack to more than it declares, or declares more than its bytes can hold."""
+    """Reject unsupported compression, chunks that are too large, and data larger than its stored bytes can hold."""
     layout, held = dataset.id.get_create_plist(), dataset.id.get_storage_size()
     used = [layout.get_filter(k)[0] for k in range(layout.get_nfilters())]
     if not {GZIP, SHUFFLE, CHECKSUM}.issuperset(used) or used.count(GZIP) > 1:
@@ -77,7 +77,7 @@ def _check_storage(name: str, dataset: h5py.Dataset) -> None:
 
 
 def numbers_of(dataset: h5py.Dataset) -> np.ndarray:
-    """Read all numbers of a `dataset_of`; see `check_chunk`."""
+    """Read all numbers of a dataset after checking every chunk with `check_chunk`."""
     offsets: list[tuple[int, ...]] = []
     if dataset.chunks is not None:
         dataset.id.chunk_iter(lambda chunk: offsets.append(chunk.chunk_offset))
@@ -87,7 +87,7 @@ def numbers_of(dataset: h5py.Dataset) -> np.ndarray:
 
 
 def check_chunk(dataset: h5py.Dataset, offset: tuple[int, ...]) -> None:
-    """Reject the chunk at ``offset`` if it unpacks to more than it declares, because HDF5 would allocate all of it."""
+    """Reject the chunk at ``offset`` if it unpacks to more than its declared size; HDF5 would allocate all of it."""
     layout = dataset.id.get_create_plist()
     kinds = [layout.get_filter(k)[0] for k in range(layout.get_nfilters())]
     skipped, packed = dataset.id.read_direct_chunk(offset)
@@ -101,17 +101,17 @@ def check_chunk(dataset: h5py.Dataset, offset: tuple[int, ...]) -> None:
 
 
 def text_of(file: h5py.File, name: str) -> str:
-    """Return a text attribute."""
+    """Return the text attribute called ``name``."""
     return str(attribute_of(file, name, str, "text"))
 
 
 def whole_number_of(file: h5py.File, name: str) -> int:
-    """Return an integer attribute."""
+    """Return the integer attribute called ``name``."""
     return int(attribute_of(file, name, np.integer, "a whole number"))
 
 
 def attribute_of(file: h5py.File, name: str, kind: type = object, words: str = "") -> Any:
-    """Return an attribute of type ``kind``, called ``words`` in messages; bytes count as text."""
+    """Return an attribute of type ``kind``, which messages call ``words``; bytes are decoded as text."""
     if name not in file.attrs:
         raise UserError(f"has no attribute {name}: it is damaged or incomplete; get it again")
     stored = file.attrs.get_id(name)

@@ -1,7 +1,7 @@
-"""Show that the program is working when there is no other output: an updated line or, without a terminal, log lines.
+"""Show that the program is working while it prints nothing else.
 
-The command line starts it, and all other output postpones it. It does not run in forked processes or in the Python
-API.
+On a terminal, the heartbeat updates a single line; elsewhere, it writes a new line from time to time. The command line
+starts it, and any other output postpones it. It does not run in forked processes or in the Python API.
 """
 
 import os
@@ -21,13 +21,13 @@ CLEAR = "\r\x1b[K"
 
 
 class Heartbeat:
-    """A thread that shows what the program is doing while there is no other output."""
+    """A background thread that shows what the program is doing while there is no other output."""
 
     def __init__(self) -> None:
         self._forget()
 
     def _forget(self) -> None:
-        """Reset after a fork, in which the thread no longer exists."""
+        """Set the initial state, also after a fork, which the thread does not survive."""
         self._lock = threading.RLock()
         self._ended: threading.Event | None = None  # None while it is not running
         self._what, self._is_shown, self._bars = "", False, 0
@@ -35,7 +35,7 @@ class Heartbeat:
         self._stream: TextIO = sys.stderr
 
     def start(self, what: str) -> None:
-        """Start showing ``what`` the program is doing, such as "preparing"."""
+        """Start the heartbeat and show ``what`` the program is doing, such as "preparing"."""
         if self._ended is None:
             self._stream = _own_stderr()
             self._ended, self._start = threading.Event(), time.monotonic()
@@ -43,7 +43,7 @@ class Heartbeat:
         self.say(what)
 
     def say(self, what: str) -> None:
-        """Change the displayed text if the heartbeat is running."""
+        """Change the displayed text; this does not start the heartbeat."""
         self._what = what
 
     def end(self) -> None:
@@ -65,7 +65,7 @@ class Heartbeat:
 
     @contextmanager
     def paused(self) -> Iterator[None]:
-        """Pause while a progress bar is on the terminal."""
+        """Pause the heartbeat within the ``with`` block, while the terminal shows a progress bar."""
         self.clear_line()
         self._bars += 1
         try:
@@ -100,7 +100,7 @@ class Heartbeat:
 
 
 def _own_stderr() -> TextIO:
-    """Duplicate stderr, because decoders close it temporarily."""
+    """Return a duplicate of stderr, if possible, because decoders temporarily close the original."""
     try:
         if sys.stderr.fileno() == STDERR:
             return os.fdopen(os.dup(STDERR), "w", encoding="utf-8", errors="replace")
@@ -110,7 +110,7 @@ def _own_stderr() -> TextIO:
 
 
 def _is_terminal() -> bool:
-    """Check whether stderr is a terminal on which a line can be cleared."""
+    """Return whether stderr is a terminal that can clear a line."""
     return sys.stderr.isatty() and os.environ.get("TERM", "dumb") not in ("dumb", "unknown")
 
 

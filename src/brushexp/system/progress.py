@@ -1,4 +1,4 @@
-"""Show the progress of work in a bar on a terminal or in a few log lines."""
+"""Show the progress of work as a bar on a terminal, or as a few log lines elsewhere."""
 
 import logging
 import time
@@ -18,10 +18,10 @@ Item = TypeVar("Item")
 
 @contextmanager
 def showing(what: str, done: float = 0.0) -> Iterator[Callable[[float, str], None]]:
-    """Yield a function that shows the completed fraction of the work, its state in a few words, and the remaining time.
+    """Yield a function that takes the completed fraction and a short state, and shows both with the remaining time.
 
-    ``done`` is the initial fraction, and ``what`` names the work, such as "simulating strokes". Text after a comma in
-    the state goes only to run.log: "step 6 of 30, 24.80 dB".
+    ``what`` names the work, such as "simulating strokes", and ``done`` is the initial fraction. Only run.log gets the
+    text after a comma in the state, such as "24.80 dB" in "step 6 of 30, 24.80 dB".
     """
     from rich.console import Console  # noqa: PLC0415 (fifty modules, which the help does without)
     from rich.progress import (  # noqa: PLC0415
@@ -60,7 +60,7 @@ def showing(what: str, done: float = 0.0) -> Iterator[Callable[[float, str], Non
 
 @contextmanager
 def counting(what: str, total: int, done: int = 0) -> Iterator[Callable[[int], None]]:
-    """Yield a function that shows how many of ``total`` items are done, and their rate; see `showing`."""
+    """Yield a function that takes the number of items done, and shows it with ``total`` and the rate; see `showing`."""
     start, total = time.monotonic(), max(total, 1)
 
     def count(now: int) -> None:
@@ -75,7 +75,7 @@ def counting(what: str, total: int, done: int = 0) -> Iterator[Callable[[int], N
 def with_progress(
     items: Iterable[Item], total: int, what: str, size: Callable[[Item], int] = lambda item: 1
 ) -> Iterator[Item]:
-    """Yield items and show the progress; ``total`` is the sum of the items' sizes."""
+    """Yield the items while showing progress; ``total`` is the sum of their sizes."""
     done = 0
     with counting(what, total) as show:
         for item in items:

@@ -1,4 +1,4 @@
-"""Find what installed packages publish as entry points."""
+"""Find the entry points that installed packages publish."""
 
 from functools import cache
 from importlib.metadata import EntryPoint, EntryPoints, entry_points
@@ -7,16 +7,16 @@ CATALOGUES = "brushexp.catalogues"  # entry-point group: file extension -> funct
 
 
 def published(group: str) -> dict[str, EntryPoint]:
-    """Map the names of an entry-point group such as ``brushexp.tasks`` to their entry points, importing nothing."""
+    """Return the entry points of a group, such as ``brushexp.tasks``, by name, without importing them."""
     return {point.name: point for point in _installed().select(group=group)}
 
 
 def catalogue_suffixes() -> tuple[str, ...]:
-    """List the extensions of catalogue files, ``.h5`` first, including those of packages."""
+    """List the extensions of catalogue files, ``.h5`` first, including extensions from installed packages."""
     return ".h5", ".json", *(f".{name}" for name in published(CATALOGUES))
 
 
 @cache
 def _installed() -> EntryPoints:
-    """Read the entry points of all installed distributions; cached, because it takes 50 ms."""
+    """Read the entry points of all installed distributions; cached, because reading takes 50 ms."""
     return entry_points()  # type: ignore[return-value,unused-ignore]

@@ -1,7 +1,7 @@
 """Read files as untrusted data: nothing in them is executed, and all sizes are bounded.
 
-docs/formats.md lists the files and their limits. A one-line UserError says what is wrong; if a function takes a path,
-its errors name the file.
+docs/formats.md lists the files and their limits. A one-line UserError says what is wrong with a file; functions that
+take a path also name the file.
 """
 
 import csv
@@ -38,13 +38,13 @@ ROOTS: dict[type, Any] = {
 
 
 def in_short(value: object) -> str:
-    """Shorten a value from a file, or an error that it caused, to one line for a message."""
+    """Shorten a value from a file, or an error that it caused, to one line that fits in a message."""
     text = " ".join(str(value).split())
     return text if len(text) <= LONGEST_QUOTE else text[: LONGEST_QUOTE - 3] + "..."
 
 
 def check_file(path: Path, cure: str, largest: float = math.inf) -> None:
-    """Raise a UserError, with ``cure``, for anything but a readable regular file of at most ``largest`` bytes."""
+    """Raise a UserError with ``cure`` unless ``path`` is a readable regular file of at most ``largest`` bytes."""
     try:
         status = path.stat()
         if regular := stat.S_ISREG(status.st_mode):
@@ -61,7 +61,7 @@ def check_file(path: Path, cure: str, largest: float = math.inf) -> None:
 
 @contextmanager
 def explaining(path: Path, cure: str) -> Iterator[None]:
-    """Turn any error about a file into a UserError that names it, adding ``cure`` unless it has one after ``;``."""
+    """Turn any error into a UserError that names the file; add ``cure`` unless the message has one after a ``;``."""
     try:
         yield
     except UserError as error:
@@ -72,16 +72,16 @@ def explaining(path: Path, cure: str) -> Iterator[None]:
 
 
 def read_text(path: Path, cure: str, largest: int = LARGEST_TEXT) -> str:
-    """Read a text file with `decode_text`; see `check_file`."""
+    """Check a text file with `check_file`, then read it with `decode_text`."""
     check_file(path, cure, largest)
     with explaining(path, cure):
         return decode_text(path.read_bytes())
 
 
 def decode_text(data: bytes) -> str:
-    r"""Decode UTF-8, or UTF-16 with a byte order mark; the result has ``\n`` line ends and no mark.
+    r"""Decode UTF-8, or UTF-16 with a byte order mark, removing the mark and changing line ends to ``\n``.
 
-    Other encodings raise a UserError. Windows programs write byte order marks, UTF-16 and ``\r\n``.
+    Windows programs write byte order marks, UTF-16 and ``\r\n``. Other encodings raise a UserError.
 
     >>> decode_text(b"\xef\xbb\xbfa: 1\r\n"), decode_text("ä".encode("utf-16"))
     ('a: 1\n', 'ä')
@@ -94,7 +94,7 @@ def decode_text(data: bytes) -> str:
 
 
 def read_table(path: Path) -> list[dict[str, str]]:
-    """Read the rows of a CSV file that has a column ``step``; missing cells are None, and other files have no rows."""
+    """Read the rows of a CSV file with a ``step`` column; missing cells are None, and other files give no rows."""
     try:
         rows = list(csv.DictReader(io.StringIO(read_text(path, ""), newline=""), restkey=""))
     except (UserError, csv.Error):
@@ -109,7 +109,7 @@ def digest_of(path: Path) -> str:
 
 
 def check_format_version(version: object, known: int) -> None:
-    """Raise a UserError for a file with a newer or invalid format version.
+    """Raise a UserError if a file's format version is invalid or newer than ``known``.
 
     >>> check_format_version(3, 2)
     Traceback (most recent call last):
@@ -142,9 +142,9 @@ def json_of(text: str) -> Any:
 
 
 def check_yaml(text: str, root: type = dict) -> None:
-    """Reject YAML that is too long or deep, has aliases, or is not a mapping (or list), before building any value.
+    """Reject YAML that is too long or deep, has aliases, or is not a mapping (or list), without building its values.
 
-    PyYAML takes minutes for 40 kB of brackets, and nested aliases exhaust memory.
+    PyYAML takes minutes to parse 40 kB of brackets, and nested aliases exhaust memory.
     """
     if len(text) > LARGEST_YAML:
         raise UserError(f"YAML of {len(text)} characters, more than {LARGEST_YAML}")
@@ -165,7 +165,7 @@ def check_yaml(text: str, root: type = dict) -> None:
 
 
 def yaml_of(text: str, root: type = dict) -> Any:
-    """Parse YAML with a mapping (or list) of plain values, empty for an empty text; interpolations stay text."""
+    """Parse a YAML mapping (or list) of plain values; an empty text gives an empty one, and ``${...}`` stays text."""
     return deepcopy(_yaml_of(text, root))
 
 
@@ -180,7 +180,10 @@ def _yaml_of(text: str, root: type) -> Any:
 
 
 def check_plain(data: Any, levels: int = DEEPEST, budget: list[int] | None = None) -> Any:
-    """Return the data if they consist of at most `MOST_VALUES` strings, numbers, lists and dictionaries."""
+    """Return ``data`` if it consists of fewer than `MOST_VALUES` plain values; otherwise raise a UserError.
+
+    Plain values are None, strings, 64-bit numbers, and lists and dictionaries nested at most ``levels`` deep.
+    """
     budget = budget or [MOST_VALUES]
     budget[0] -= 1
     if budget[0] == 0 or levels == 0:

@@ -1,4 +1,4 @@
-"""Read tensor files as untrusted data, as `brushexp.system.reading` does for text."""
+"""Read tensor files as untrusted data, just as `brushexp.system.reading` reads text."""
 
 import warnings
 from pathlib import Path
@@ -15,7 +15,7 @@ LARGEST_WEIGHTS = 2**33  # bytes of the largest file of tensors
 
 
 def read_safetensors(path: Path, cure: str) -> dict[str, Tensor]:
-    """Read the tensors of a .safetensors file by name; reject non-finite values."""
+    """Read a .safetensors file as a dictionary of named tensors; reject non-finite values."""
     from safetensors.torch import load  # noqa: PLC0415  (--help needs none of it)
 
     check_file(path, cure, LARGEST_WEIGHTS)
@@ -24,7 +24,7 @@ def read_safetensors(path: Path, cure: str) -> dict[str, Tensor]:
 
 
 def read_pickled(path: Path, cure: str) -> Any:
-    """Read a torch.save file of only tensors, numbers, text, lists and dictionaries; reject other pickles."""
+    """Read a ``torch.save`` file of tensors, numbers, text, lists and dictionaries; reject anything else."""
     check_file(path, cure, LARGEST_WEIGHTS)
     with explaining(path, cure):
         zipped = is_zipfile(path)  # files of PyTorch before 1.6 are not zip files and cannot be mapped
@@ -40,7 +40,7 @@ def read_pickled(path: Path, cure: str) -> Any:
 
 
 def check_finite(tensors: dict[str, Tensor]) -> dict[str, Tensor]:
-    """Return the tensors if all are finite."""
+    """Return the tensors if all their values are finite; otherwise raise a UserError."""
     for name, value in tensors.items():
         if not bool((value.float() if value.is_floating_point() else value).isfinite().all()):
             raise UserError(f"{name} has non-finite numbers; train it again, or give another file")
@@ -48,7 +48,7 @@ def check_finite(tensors: dict[str, Tensor]) -> dict[str, Tensor]:
 
 
 def _check_tensors(data: Any) -> None:
-    """Reject tensors with more numbers than the file contains, that is, without memory or with repeated numbers."""
+    """Reject tensors that claim more numbers than they store, such as sparse, meta and expanded tensors."""
     stack, visited = [data], set()
     while stack:
         value = stack.pop()

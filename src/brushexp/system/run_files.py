@@ -1,7 +1,7 @@
-"""Record the files that runs create in a folder's manifest, because ``overwrite=true`` may remove only these.
+"""Keep a manifest of the files that runs create in a folder, because ``overwrite=true`` may remove only these files.
 
-Python reports every file that it is about to open or rename (audit hooks, PEP 578), including those of Hydra,
-Lightning and plugins. C libraries report nothing: their files go through `replacing`, which renames them, or
+Python's audit hooks (PEP 578) report every file that is about to be opened or renamed, including the files of Hydra,
+Lightning and plugins. C libraries report nothing, so their files go through `replacing`, which renames them, or
 `note_files`.
 """
 
@@ -23,14 +23,14 @@ _recorded: set[str] = set()  # real paths of folders
 
 
 def record_files(folder: Path) -> None:
-    """From now on, record every file that this process creates below a folder in the folder's manifest."""
+    """Start adding every file that this process creates below a folder to that folder's manifest."""
     _install_hook()
     _recorded.add(os.path.realpath(folder))
     (folder / MANIFEST).touch()
 
 
 def stop_recording(folder: Path) -> None:
-    """Stop recording the files of a folder."""
+    """Stop recording the files created below a folder."""
     _recorded.discard(os.path.realpath(folder))
 
 
@@ -45,7 +45,7 @@ def recorded(folder: Path) -> Iterator[None]:
 
 
 def note_files(folder: Path, paths: Iterable[Path]) -> None:
-    """Add files below a recorded folder to its manifest."""
+    """Add files below a folder to its manifest if the folder is being recorded."""
     if os.path.realpath(folder) not in _recorded:
         return
     names = [os.path.relpath(path, folder) for path in paths]
@@ -55,7 +55,7 @@ def note_files(folder: Path, paths: Iterable[Path]) -> None:
 
 
 def files_written(folder: Path) -> Iterator[Path]:
-    """Yield the existing files that runs created in a folder, including those of a sweep's jobs."""
+    """Yield the existing files that runs created in a folder, including the files of a sweep's jobs."""
     manifest, root = folder / MANIFEST, folder.resolve()
     if not manifest.is_file():
         return
@@ -75,7 +75,7 @@ def _install_hook() -> None:
 
 
 def _on_event(event: str, arguments: tuple[Any, ...]) -> None:
-    """Record a new file that is about to be created in a recorded folder."""
+    """Add a new file to the manifest when an audit event announces it below a recorded folder."""
     if not _recorded or event not in ("open", "os.rename"):
         return
     path, flags = (arguments[0], arguments[2]) if event == "open" else (arguments[1], os.O_CREAT)

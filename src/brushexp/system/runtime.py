@@ -38,12 +38,12 @@ _earlier_peak = [0.0]  # peak memory of earlier jobs in MB
 
 
 def let_threads_sleep() -> None:
-    """Make waiting OpenMP threads sleep, because spinning slows a busy machine; call this before importing torch."""
+    """Make idle OpenMP threads sleep, because spinning slows a busy machine; call this before importing torch."""
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 
 def keep_memory(most: int = 2**30) -> None:
-    """Let glibc keep freed blocks of up to ``most`` bytes for the next step; larger blocks are returned at once."""
+    """Let glibc keep freed blocks of up to ``most`` bytes for reuse; larger blocks return to the system at once."""
     if sys.platform == "linux":
         libc = ctypes.CDLL(None)
         if hasattr(libc, "mallopt"):  # musl lacks mallopt
@@ -52,16 +52,16 @@ def keep_memory(most: int = 2**30) -> None:
 
 
 def give_memory_back() -> None:
-    """Return freed memory to the system, because fragments left by one picture do not fit the next and pile up."""
+    """Return freed memory to the system, because fragments from one picture do not fit the next, and accumulate."""
     if sys.platform == "linux" and hasattr(libc := ctypes.CDLL(None), "malloc_trim"):
         libc.malloc_trim(0)
 
 
 def share(work: Callable[..., object], n: int, *args: object) -> None:
-    """Call ``work(begin, end, *args)`` for all parts of ``range(n)`` on as many threads as PyTorch uses.
+    """Split ``range(n)`` and call ``work(begin, end, *args)`` for each part, on as many threads as PyTorch uses.
 
-    Threads run in parallel while ``work`` releases Python's lock, as compiled functions do. Any thread may run any
-    part, so the parts must be independent.
+    Threads run in parallel only while ``work`` releases Python's global lock, as compiled functions do. Any thread may
+    run any part, so the parts must be independent.
     """
     import torch  # noqa: PLC0415  (`let_threads_sleep` has to come first)
 
@@ -92,7 +92,7 @@ def _pool() -> ThreadPoolExecutor:
 
 
 def use_threads(n: int) -> None:
-    """Let PyTorch and kernels use ``n`` threads, but only one in a fork of a process that may have used several."""
+    """Let PyTorch and the kernels use ``n`` threads, but only one in a fork of a multi-threaded process."""
     import torch  # noqa: PLC0415
 
     torch.set_num_threads(min(n, _most_threads[0]))
@@ -100,7 +100,7 @@ def use_threads(n: int) -> None:
 
 
 def _reset_threads() -> None:
-    """Reset threads after a fork, because OpenMP would wait forever for the parent's threads."""
+    """Discard the parent's threads after a fork, because OpenMP would wait for them forever."""
     _pool.cache_clear()
     if "torch" in sys.modules and max(_used_threads[0], sys.modules["torch"].get_num_threads()) > 1:
         _most_threads[0] = 1
@@ -112,10 +112,10 @@ if hasattr(os, "register_at_fork"):  # Windows does not fork
 
 
 def end_on_signals() -> None:
-    """Make SIGTERM (from clusters) and SIGHUP (from terminals) raise KeyboardInterrupt unless ignored (nohup).
+    """Make SIGTERM and SIGHUP raise KeyboardInterrupt unless they are ignored, as under nohup.
 
-    An interruption that is lost in a library (in a callback from C, or while memory is freed) is raised again a moment
-    later.
+    Clusters send SIGTERM, and terminals send SIGHUP. If a library loses an interruption (in a callback from C, or
+    while it frees memory), the interruption is raised again a moment later.
     """
     others = sys.unraisablehook
 
@@ -137,33 +137,33 @@ def end_on_signals() -> None:
 
 
 def pop_lost_interrupt() -> bool:
-    """Return whether an interruption was lost, and clear the flag; the caller must raise the interruption again."""
+    """Return whether an interruption was lost, and clear the flag; the caller must then raise it again."""
     was_lost = _lost.is_set()
     _lost.clear()
     return was_lost
 
 
 def received_signal() -> bool:
-    """Return whether this process has received a signal to end."""
+    """Return whether this process has received a signal to stop."""
     return bool(_received)
 
 
 def interrupted_code() -> int:
-    """Return the exit code of an interrupted process: 128 plus the number of the signal, 130 for Ctrl-C."""
+    """Return the exit code of an interrupted process: 128 plus the signal's number, or 130 after Ctrl-C."""
     return 128 + (_received[-1] if _received else signal.SIGINT)
 
 
 def reraise_signal() -> None:
-    """Raise the cluster's signal that interrupted this process again, so that submitit requeues the job."""
+    """Send the cluster signal that interrupted this process once more, so that submitit requeues the job."""
     if _received and _received[-1] in CLUSTER_SIGNALS:
         signal.raise_signal(_received[-1])
 
 
 @contextmanager
 def interruptible(stop: Callable[[], None], promise: str) -> Iterator[None]:
-    """Call ``stop`` at the first Ctrl-C, SIGTERM or SIGHUP, and log a ``promise`` to end; a second signal ends at once.
+    """Call ``stop`` and log ``promise`` on the first Ctrl-C, SIGTERM or SIGHUP; a second signal acts at once.
 
-    A cluster's signals have the same effect if they have a handler.
+    SIGUSR1 and SIGUSR2, which clusters send, have the same effect if they have a handler.
     """
 
     def finish(signum: int, frame: FrameType | None) -> None:
@@ -192,7 +192,7 @@ def interruptible(stop: Callable[[], None], promise: str) -> Iterator[None]:
 
 @contextmanager
 def delayed_interrupt(promise: str) -> Iterator[None]:
-    """Delay a first Ctrl-C, SIGTERM or SIGHUP: log a ``promise`` to end, and raise KeyboardInterrupt after ``with``."""
+    """Delay the first Ctrl-C, SIGTERM or SIGHUP: log ``promise``, and raise KeyboardInterrupt after the block."""
     pressed = threading.Event()
     with interruptible(pressed.set, promise):
         yield
@@ -201,17 +201,17 @@ def delayed_interrupt(promise: str) -> Iterator[None]:
 
 
 def cores() -> int:
-    """Return the number of cores available to this process."""
+    """Return the number of CPU cores available to this process."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def jobs_at_once(n_jobs: int) -> int:
-    """Return how many jobs run in parallel; negative numbers count back from all cores (-1)."""
+    """Return how many jobs run in parallel; a negative ``n_jobs`` counts back from all cores (-1)."""
     return n_jobs if n_jobs > 0 else max(1, cores() + 1 + n_jobs)
 
 
 def free_memory() -> float:
-    """Return the number of MB that this process may still allocate, if it is known."""
+    """Return how many MB this process may still allocate, or `NO_LIMIT` if that is unknown."""
     limits: list[float] = [NO_LIMIT]
     if resource is not None:
         limits.append(resource.getrlimit(resource.RLIMIT_AS)[0] % 2**64 / 2**20)  # -1 means no limit
@@ -225,7 +225,7 @@ def free_memory() -> float:
 
 
 def check_memory(needed: float, what: str, cure: str) -> None:
-    """Raise a UserError for work that needs more bytes than this process may allocate."""
+    """Raise a UserError if work needs more bytes of memory than this process may still allocate."""
     free = free_memory()
     if needed > free * 2**20:
         gigabytes = f"{needed / 2**30:.1f} GB of memory, but only {free / 1024:.1f} GB are free"
@@ -233,14 +233,14 @@ def check_memory(needed: float, what: str, cure: str) -> None:
 
 
 def forget_peak_memory() -> None:
-    """Reset `peak_memory` for the next job of this process."""
+    """Reset `peak_memory` before this process starts its next job."""
     with suppress(OSError):  # only some systems have this file
         Path("/proc/self/clear_refs").write_text("5")
     _earlier_peak[0] = _peak()
 
 
 def peak_memory() -> float | None:
-    """Return the peak memory of this process in MB; None if an earlier job used more, or if it is unknown."""
+    """Return the peak memory of this process in MB, or None if it is unknown or an earlier job reached it."""
     peak = _peak()
     return peak if peak > _earlier_peak[0] else None
 

@@ -1,6 +1,6 @@
-"""Find files whose names have a different Unicode form: é as one character, or as e with a combining accent.
+"""Find files whose names use a different Unicode form: é as one character, or as e plus a combining accent.
 
-Names from a Mac use combining accents (NFD), typed names do not (NFC); Linux treats them as different.
+File names from a Mac use combining accents (NFD), and typed names do not (NFC). Linux treats the two as different.
 """
 
 import os
@@ -10,9 +10,9 @@ from pathlib import Path
 
 
 def find_spelling(path: str) -> str:
-    r"""Spell a path like the existing folders and files, as far as they exist.
+    r"""Change each part of a path to the Unicode form of the folder or file that exists.
 
-    A part of the path is kept if it exists or has two possible matches.
+    A part is kept if it exists as given, or if no file or several files match it.
 
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:
@@ -33,15 +33,15 @@ def find_spelling(path: str) -> str:
 
 
 def find_path(path: str | os.PathLike[str]) -> Path:
-    """Return a path in the spelling found by `find_spelling`."""
+    """Return a path as spelled by `find_spelling`."""
     return Path(find_spelling(os.fspath(path)))
 
 
 def composed_name(name: str) -> str:
-    """Write a name in composed Unicode form (NFC)."""
+    """Convert a name to composed Unicode form (NFC)."""
     return unicodedata.normalize("NFC", name)
 
 
 def both_forms(name: str) -> set[str]:
-    """List a name as given, in composed (NFC) and in decomposed (NFD) Unicode form."""
+    """Return a name as given, in composed (NFC) and in decomposed (NFD) Unicode form."""
     return {name, composed_name(name), unicodedata.normalize("NFD", name)}

@@ -1,10 +1,10 @@
-"""Define the states of a run for ``status`` in its metrics.json."""
+"""The states of a run, as recorded under ``status`` in its metrics.json."""
 
 from enum import StrEnum
 
 
 class Status(StrEnum):
-    """Progress of a run, and why it ended."""
+    """The state of a run: at work, or the reason why it ended."""
 
     AT_WORK = "at work"  # state of a painting until its timelapse and page are written
     COMPLETED = "completed"

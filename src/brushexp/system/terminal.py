@@ -1,4 +1,4 @@
-"""Show the important messages on the terminal in plain words; run.log has all messages, with dates and numbers."""
+"""A log handler that shows important messages on the terminal; run.log has every message, with dates and numbers."""
 
 import logging
 import os
@@ -16,7 +16,10 @@ HEADS = {logging.WARNING: "note: ", logging.ERROR: "brushexp: ", logging.CRITICA
 
 
 class Terminal(logging.Handler):
-    """Writes messages to the terminal without dates and modules; warnings (each once) and errors go to stderr."""
+    """Writes messages to the terminal without dates or module names.
+
+    Warnings and errors go to stderr, and each warning is shown only once.
+    """
 
     def emit(self, record: logging.LogRecord) -> None:
         try:
@@ -35,6 +38,6 @@ class Terminal(logging.Handler):
 
 
 def as_shown(path: Path) -> str:
-    """Write a path relative to the working folder if it is inside that folder."""
+    """Format a path for messages: relative to the working folder if it is inside that folder."""
     near = os.path.relpath(path)
     return str(path) if near.startswith("..") else near

@@ -1,6 +1,6 @@
-"""Load words and presets from the ``conf`` folders and ``words.toml`` files of the program and of packages.
+"""The vocabulary files (``words.toml``) and ``conf`` folders of the program and its packages.
 
-A vocabulary file has tables of spellings, examples and short forms, so that the core need not mention packages.
+A vocabulary file has tables of spellings, examples and short forms, so that the core does not have to mention packages.
 """
 
 import tomllib
@@ -18,7 +18,7 @@ WORDS_FILE = "words.toml"
 
 @cache
 def conf_folders() -> list[Path]:
-    """List the shipped config folders, with the core's own folder first."""
+    """Return the shipped config folders, the core's own folder first."""
     specs = (find_spec(point.module) for point in published(CONF_POINTS).values())
     places = [place for spec in specs if spec is not None for place in spec.submodule_search_locations or ()]
     return [SHIPPED, *sorted(Path(place) / "conf" for place in places)]
@@ -26,7 +26,7 @@ def conf_folders() -> list[Path]:
 
 @cache
 def _tables() -> dict[str, dict[str, Any]]:
-    """Read the vocabulary files of the core and of packages."""
+    """Read the vocabulary files of the core and the packages, and merge them table by table."""
     tables: dict[str, dict[str, Any]] = {}
     for path in (folder / WORDS_FILE for folder in conf_folders()):
         if path.is_file():
@@ -38,5 +38,5 @@ def _tables() -> dict[str, dict[str, Any]]:
 
 
 def table_of_words(table: str) -> dict[str, Any]:
-    """Return a table of the vocabulary files; ``alone`` maps bare words to their meanings."""
+    """Return a table merged from all vocabulary files; ``alone``, for example, maps bare words to their meanings."""
     return dict(_tables().get(table, {}))

@@ -1,1 +1,1 @@
-"""Tasks are the program's commands, one per module, with keys in config/schema.py; choose one with ``task=paint``."""
+"""The program's commands, called tasks: one per module, chosen with ``task=paint``; config/schema.py has their keys."""

@@ -20,7 +20,7 @@ log = logging.getLogger(__name__)
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Write a catalogue in every format of ``cfg.to``, next to its painting or into the folder of the export."""
+    """Write a catalogue in every format of ``cfg.to``, either next to its painting or into the export's own folder."""
     exporters = {name: take_built(node) for name, node in cfg.to.items()}
     saved, renderer = with_renderer(load_catalogue(Path(cfg.catalogue)), cfg.get("renderer"), cfg.catalogue)
     job = export_job(saved, renderer, take_built(cfg.blend), resolution=cfg.resolution, source=cfg.catalogue)

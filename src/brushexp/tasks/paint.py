@@ -39,13 +39,13 @@ TRACKED_FRAMES = 8  # number of timelapse frames for loggers
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Paint a picture, write everything into the run's folder, and return the metrics."""
+    """Paint a picture, write all results into the run's folder, and return the metrics."""
     cfg, checkpoint = restore_run(cfg)
     return paint_into(folder, cfg, None if checkpoint else start, checkpoint).metrics
 
 
 def paint_picture(cfg: DictConfig, callbacks: Sequence[L.Callback] = ()) -> Finished:
-    """Paint from a checked config in memory."""
+    """Paint from a checked config without writing any files."""
     cfg = changed_settings(cfg)
     metrics, provenance = metrics_of(cfg), provenance_of(cfg)
     fitted = optimise(cfg, callbacks=callbacks)
@@ -60,9 +60,9 @@ def paint_into(
     checkpoint: Path | None = None,
     callbacks: Sequence[L.Callback] = (),
 ) -> Finished:
-    """Paint from a checked config into the folder of a run; the result of a failed fit is also written there.
+    """Paint from a checked config into a run's folder, and write the results even if the fit fails.
 
-    ``start`` is the `time.monotonic` at which the program started, or None for a run resumed from its ``checkpoint``.
+    ``start`` is the `time.monotonic` time when the program started, or None for a run resumed from its ``checkpoint``.
     """
     cfg = changed_settings(cfg)
     if not is_job():
@@ -87,7 +87,7 @@ def paint_into(
 
 @dataclass(frozen=True)
 class Fitted:
-    """A painter after its steps, its timelapse frames, and the error that ended the steps, if any."""
+    """A painter that has taken its steps, its timelapse frames, and the error that ended the fit, if any."""
 
     painter: PaintingModule
     timelapse: Timelapse
@@ -101,9 +101,9 @@ def optimise(
     callbacks: Sequence[L.Callback] = (),
     checkpoint: Path | None = None,
 ) -> Fitted:
-    """Build the painter, callbacks and Trainer of a painting, and take the steps.
+    """Build the painter, callbacks and Trainer of a painting, and run the fit.
 
-    The Trainer writes checkpoints into a ``folder`` and resumes from a ``checkpoint``.
+    If given, ``folder`` receives checkpoints, and the fit resumes from ``checkpoint``.
     """
     heartbeat.say("looking at the picture")
     device = device_of(cfg.device)
@@ -121,7 +121,7 @@ def optimise(
 
 
 class Opening(L.Callback):
-    """Writes the input pictures before the first step (in case the disk is full) and announces slow steps."""
+    """Writes the input pictures before the first step, in case the disk is full, and warns about slow steps."""
 
     def __init__(self, cfg: DictConfig, folder: Path) -> None:
         self.cfg, self.folder = cfg, folder
@@ -137,7 +137,7 @@ class Opening(L.Callback):
         self.write(pl_module)
 
     def write(self, painter: PaintingModule) -> None:
-        """Write the pictures if they have not been written yet."""
+        """Write the input pictures unless they have been written already."""
         if not self.is_written:
             for name, picture in painter.pictures.items():
                 write_picture(self.folder / f"{name}.png", picture)
@@ -152,7 +152,7 @@ def write(
     provenance: Provenance,
     start: float | None,
 ) -> Finished:
-    """Finish a painting and write its files; interruptions wait until the files are written."""
+    """Finish a painting and write its files; interruptions are delayed until the files have been written."""
     if not is_job():
         log.info("writing the page" if cfg.report else "writing the files")
     heartbeat.say("writing")
@@ -163,7 +163,7 @@ def write(
 
 
 def write_page_and_film(folder: Path, finished: Finished, *, page: bool) -> None:
-    """Write the timelapse and, in parallel, the page, because encoding releases the GIL."""
+    """Write the timelapse and the page in parallel, which works because video encoding releases the GIL."""
     assert finished.timelapse is not None
     with ThreadPoolExecutor(1) as beside:
         film = beside.submit(finished.timelapse.write, folder)
@@ -185,7 +185,7 @@ def report_painting(trackers: Trackers, folder: Path, finished: Finished) -> Non
 
 
 def try_to_write_page(folder: Path, finished: Finished, film: Future[Any] | None = None) -> None:
-    """Write the page of a run with its ``film``; if that fails, log the error and continue the run."""
+    """Write a run's page with its ``film``; a failure is logged and does not end the run."""
     from brushexp.pages.run_page import write_run_page  # noqa: PLC0415  (runs without a page start sooner)
 
     try:
