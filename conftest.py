@@ -4,7 +4,7 @@ import pytest
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Import the fixtures only where tests are run or listed; their plugin also sorts the tests in a fixed order."""
+    """Import the fixtures only where tests are run or listed; the fixtures' plugin also sorts the tests."""
     if config.option.dist == "no" or config.option.collectonly:
         config.pluginmanager.import_plugin("shared_fixtures")
     if getattr(config, "workerinput", {}).get("workerid") == "gw1":

@@ -1,4 +1,4 @@
-"""Run the tests that need no fixtures, on systems on which the fixtures of the other tests cannot be created."""
+"""Run only the tests that need no fixtures, for systems on which the other tests' fixtures cannot be created."""
 
 import sys
 from pathlib import Path

@@ -1,11 +1,11 @@
-"""Measure the time that blending only the top k layers saves (thesis 2020, 6.3), without the rest of a step.
+"""Measure the time saved by blending only the top k layers (thesis 2020, 6.3), excluding the rest of a step.
 
     python benchmarks/blending.py            (a minute on one idle core, 3 GB of memory)
 
-The layers of 384 strokes on 196 x 196 pixels, whose colours vary from pixel to pixel, are blended, and gradients are
-backpropagated, in three ways: all layers; the top k nonempty layers, where k is the largest number of nonempty layers
-at any pixel (eq. 6.8); and the same k layers with the thesis's product over pairs of layers (eq. 6.16 to 6.21). All
-three produce the same picture. The results for five scenes are recorded for ``task=verdicts``.
+The layers are 384 strokes on 196 x 196 pixels, with colours that vary from pixel to pixel. They are blended, and
+gradients are backpropagated, in three ways: all layers; the top k nonempty layers, where k is the largest number of
+nonempty layers at any pixel (eq. 6.8); and the same k layers with the thesis's product over pairs of layers (eq. 6.16
+to 6.21). All three produce the same picture. The results for five scenes are recorded for ``task=verdicts``.
 """
 
 import argparse
@@ -33,7 +33,7 @@ QUESTION = "How much time does it save to blend the uppermost layers alone, apar
 
 
 def layers_of(seed: int) -> tuple[Tensor, Tensor]:
-    """Place short strokes around a lattice; return their alpha (1, N, P) and slightly varied colours (1, N, P, 3)."""
+    """Scatter short strokes around a lattice; return their alpha (1, N, P) and slightly varied colours (1, N, P, 3)."""
     generator = torch.Generator().manual_seed(seed)
     pitch = SIDE / N**0.5
     place = (torch.cartesian_prod(*2 * [torch.arange(20.0)])[:N] + 0.5) * SIDE / 20

@@ -1,4 +1,4 @@
-"""Compare G'MIC's Brushify with brushexp's looks: each whole painting next to a detail of it, enlarged four times.
+"""Compare G'MIC's Brushify with brushexp's looks: show each painting next to a detail enlarged four times.
 
     python benchmarks/brushify.py FIGURE.jpg astronaut@190,60 photo.jpg@20,200
     python benchmarks/brushify.py FIGURE.jpg chelsea@150,90 --looks oil vangogh --folder paintings
@@ -64,7 +64,7 @@ def row(made: list[Image.Image], left: int, top: int) -> Image.Image:
 
 
 def main() -> None:
-    """Write the figure."""
+    """Parse the command line, paint the pictures, and write the figure."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("figure", type=Path)
     parser.add_argument("pictures", nargs="+", metavar="PICTURE@LEFT,TOP")

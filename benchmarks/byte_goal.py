@@ -2,9 +2,10 @@
 
     python benchmarks/byte_goal.py docs/records/byte_goal.csv
 
-Three scikit-image photographs are painted with `look=plain`. The number of strokes is what fits into the file at a
-given number of bits per stroke, after 60 bytes for a file without strokes; the strokes are rounded as finely as the
-size allows. The number of bits per stroke that `bits=` assumes (`brushexp_coding.goal`) was chosen from the table.
+Three scikit-image photographs are painted with `look=plain`. A file without strokes needs 60 bytes; the rest of the
+file size, divided by a given number of bits per stroke, determines the maximum number of strokes. The strokes are
+rounded as finely as the size allows. The number of bits per stroke that `bits=` assumes (`brushexp_coding.goal`) was
+chosen from this table.
 """
 
 import csv

@@ -2,11 +2,11 @@
 
     python benchmarks/canvas.py             (4, 16 and 64 megapixels; about ten minutes on two idle cores)
     python benchmarks/canvas.py --sizes 4 16 64 100
-    python benchmarks/canvas.py --grids 1024 900    errors along tile borders, relative to those of the other grid
+    python benchmarks/canvas.py --grids 1024 900    errors along each grid's tile borders, relative to the other grid
 
 The picture is scikit-image's coffee, repeated by reflection, so that tile borders cross every part of it without
-creating new edges. At 4 megapixels, no two tiles are painted at the same time. Every table is one run: read the ratios,
-not the seconds.
+creating new edges. At 4 megapixels, no two tiles are painted at the same time. Every table comes from a single run:
+compare the ratios, not the seconds.
 """
 
 import argparse

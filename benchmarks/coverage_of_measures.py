@@ -8,9 +8,9 @@
 
 Each combination of kind and seed is one painting; pictures are clean for even seeds, and weathered photographs for odd
 seeds. ``measure`` writes a file for each painting with its true values and the samples from its views. ``fit`` fits
-the recovery errors that ship with the program; ``report`` writes the measured values with and without a correction for
-these errors, and ``show`` prints the coverage of their intervals. True values refer to strokes of which at least 30 %
-of the area and at least 12 pixels are visible, at their full length.
+the recovery errors that ship with the program. ``report`` writes the measured values, with and without a correction for
+these errors, and ``show`` prints the coverage of the confidence intervals. True values count only strokes of which at
+least 30 % of the area and at least 12 pixels are visible, and use their full length.
 """
 
 import argparse
@@ -80,7 +80,7 @@ def measure(folder, kinds, seeds, views):
 
 
 def read(folder):
-    """Read measured paintings; return true values, samples and confidences of strokes by the name of the painting."""
+    """Read measured paintings; map each painting's name to its true values, samples and stroke confidences."""
     paintings = {}
     for path in sorted(folder.glob("*.npz")):
         arrays = read_npz(path)
@@ -121,7 +121,7 @@ def report(folder, path):
 
 
 def holds(rows, of):
-    """Check whether intervals contain the true values; directions that differ by 180 degrees are equal."""
+    """Check whether intervals contain the true values; directions that differ by 180 degrees count as equal."""
     axial = rows["measure"].map(lambda name: MEASURES[name].axial)
     near = rows[of] + (rows["true"] - rows[of] + 90) % 180 - 90
     true = rows["true"].where(~axial, near)

@@ -97,7 +97,7 @@ def color_error(name: str) -> tuple[float, float]:
 
 
 def pigment_error(n: int = 2000, tried: int = 41) -> tuple[float, float]:
-    """Estimate the mean and 99th percentile distance of random colours from the gamut of the original's pigments."""
+    """Estimate the mean and 99th percentile of the distance of random colours from the gamut of Fluid Paint."""
     grid = torch.linspace(0, 1, tried, dtype=torch.float64)
     points = torch.cartesian_prod(grid, grid, grid)
     shown = torch.zeros_like(points)

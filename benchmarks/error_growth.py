@@ -1,4 +1,4 @@
-"""Measure how far float32 kernels deviate from float64 as layers, opacity, pixels, distance and thinness increase.
+"""Measure how float32 kernels deviate from float64 with more layers and pixels, and opaque, distant or thin strokes.
 
     python benchmarks/error_growth.py                       tables (20 s of processor time, 1.4 GB)
     python benchmarks/error_growth.py --plots docs/images   also draw the plots numerics_*.png
@@ -79,7 +79,7 @@ def strokes_of(n: int, *, side: float = 8.0, length: float = 12.0, width: float 
 def painted(
     blend: Blend, renderer: Renderer, strokes: Strokes, size: tuple[int, int], weight: Tensor
 ) -> tuple[Tensor, dict[str, Tensor]]:
-    """Return the picture's last columns, and the gradient of their sum, weighted by ``weight``, for each field."""
+    """Return the picture's last columns, and the gradient of their weighted sum with respect to each field."""
     leaves = strokes.map(lambda value: value.clone().requires_grad_())
     image = blend(renderer(leaves), torch.arange(len(strokes)), size, BACKGROUND.to(strokes.width)).image
     image = image[:, :, -weight.shape[2] :]
@@ -219,7 +219,7 @@ def of_a_stroke(numbers: Tensor) -> float:
 
 
 def save_small(figure: Figure, path: Path) -> None:
-    """Save a figure as a PNG reduced to 64 colours, which needs a third of the bytes."""
+    """Save a figure as a PNG reduced to 64 colours, which takes a third of the space."""
     save_figure(figure, path)
     with Image.open(path) as image:
         few = image.convert("RGB").quantize(64)

@@ -1,7 +1,7 @@
 """Count the faces that `find_faces` finds and misses, and its false positives, by tilt and size.
 
 python benchmarks/faces.py              # two portraits, and pictures without faces, from scikit-image and matplotlib
-python benchmarks/faces.py faces.csv    # your own pictures: lines of picture,x,y,side; without numbers: no face
+python benchmarks/faces.py faces.csv    # your own pictures: lines of picture,x,y,side, or picture if it has no face
 python benchmarks/faces.py faces.csv --sizes 256 512 1024 --tilts 0 30 -30 --least 0.7
 """
 

@@ -74,7 +74,7 @@ def tell_pictures(folder: Path, clip: Path) -> None:
 
 
 def write_sheet(sheet: Path, folder: Path, clip: Path) -> None:
-    """Save the first, middle and next-to-last frames, their paintings, and the changes to the next paintings."""
+    """Save the first, middle and next-to-last frames, their paintings, and how each painting changes to the next."""
     shown = [one.picture for one in timed_pictures(open_clip(clip))]
     paths = sorted((folder / FRAMES).glob("*.h5"))
     painted = [export_job(load_catalogue(path)).picture().astype(int) for path in paths]

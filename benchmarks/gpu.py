@@ -1,4 +1,4 @@
-"""Run everything that needs a GPU with one command: tests, step times, a painting, and a profile.
+"""Run everything that needs a GPU in one command: tests, step times, a painting, and a profile.
 
     python benchmarks/gpu.py kodim03.png    (a few minutes; needs the extras gpu and test)
 
@@ -159,7 +159,7 @@ def tests() -> Iterator[str]:
 
 
 def report(picture: Path | None) -> str:
-    """Return all results as the text of the page's section."""
+    """Return all results as the text for the section in docs/gpu.md."""
     import triton  # noqa: PLC0415  (it may not be there)
 
     card, capability = torch.cuda.get_device_name(), "".join(map(str, torch.cuda.get_device_capability()))
@@ -178,7 +178,7 @@ def report(picture: Path | None) -> str:
 
 
 def main() -> None:
-    """Write the section, or exit with a message if this machine lacks something."""
+    """Write the section in docs/gpu.md, or exit with a message if this machine lacks what the benchmark needs."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("picture", type=Path, nargs="?", help="a picture of 768 x 512 pixels")
     picture = parser.parse_args().picture

@@ -1,4 +1,4 @@
-"""Measure the fraction of pixels with over a tenth of the ground visible, and the median bend, in saved paintings.
+"""Measure, in saved paintings, the fraction of pixels where over a tenth of the ground shows, and the median bend.
 
 python benchmarks/ground.py outputs/a/catalogue.h5 outputs/b/catalogue.h5
 """

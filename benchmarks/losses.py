@@ -3,7 +3,8 @@
     python benchmarks/losses.py                    every loss that needs no file (about two minutes on two idle cores)
     python benchmarks/losses.py lpips perceptual   only these losses
 
-Every table is one run: read the ratios, not the milliseconds. Features of the target are computed in advance.
+Every table comes from a single run: compare the ratios, not the milliseconds. The target's features are computed in
+advance.
 """
 
 import argparse

@@ -7,7 +7,7 @@
     python benchmarks/outputs.py --replay outputs/a   (only how smoothly the page of this run replays)
 
 The default picture is painted twice, with default settings and at 1000 px with 10,000 strokes, and then exported. Each
-export is a separate process, whose time and memory include the imports. Pages are opened in headless Chromium. PSNR
+export runs in a separate process; its time and memory include the imports. Pages are opened in headless Chromium. PSNR
 compares painting.png with the SVG, as rendered by resvg and by Chromium, and with the last frame of the page's replay.
 """
 

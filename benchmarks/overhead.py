@@ -1,4 +1,4 @@
-"""Measure the overhead of painting beyond the steps, for a second picture and for a folder of pictures in one process.
+"""Measure the time spent outside the steps, for a second picture and for a folder of pictures in one process.
 
     python benchmarks/overhead.py second              brushexp.paint at 512 px, after a first call
     python benchmarks/overhead.py folder photos/      brushexp photos/ against brushexp photo for each picture

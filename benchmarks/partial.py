@@ -2,8 +2,8 @@
 
     python benchmarks/partial.py            (about three minutes on two idle cores)
 
-Every table is one run: read the ratios, not the seconds. Each row is measured in a separate process, so that its peak
-memory does not include that of other rows.
+Every table comes from a single run: compare the ratios, not the seconds. Each row is measured in a separate process,
+so that its peak memory does not include that of other rows.
 """
 
 import argparse

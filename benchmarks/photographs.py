@@ -1,6 +1,6 @@
 """Measure the time and memory of default paintings of 1 to 50 megapixels, and how many pixels each stroke needs.
 
-    python benchmarks/photographs.py                     whole runs, relative to 1,024 pixels
+    python benchmarks/photographs.py                     whole runs, relative to a photograph 1,024 pixels wide
     python benchmarks/photographs.py --pixels            PSNR and seconds against working pixels per stroke
 
 The photographs are enlarged scikit-image samples with added grain. Each is painted in a separate process, after an

@@ -2,11 +2,11 @@
 
     python benchmarks/pigments.py        (less than a minute)
 
-The unknowns are the fractions of light that six pure paints reflect in seven bands; white reflects all light. They
-determine the matrix from bands to linear RGB, which reproduces the colour of each paint exactly. The terms of a
-least-squares fit are the differences between mixtures (geometric means) of two paints and the colours in MIXTURES, the
-amounts by which mixtures exceed the display gamut, and the roughness of spectra and matrix. The target colours are
-those that painters expect, not measurements.
+The unknowns are the fractions of light that six pure paints reflect in seven bands; white reflects all light. These
+fractions determine the matrix from bands to linear RGB, which reproduces the colour of each paint exactly. The terms of
+a least-squares fit are the differences between mixtures (geometric means) of two paints and the colours in MIXTURES,
+the amounts by which mixtures exceed the display gamut, and the roughness of the spectra and the matrix. The target
+colours are those that painters expect, not measurements.
 """
 
 import torch
@@ -29,7 +29,7 @@ def color(text: str) -> Tensor:
 
 
 def logarithms(light: Tensor, spectra: Tensor) -> Tensor:
-    """Return the logarithms of the bands' reflectances, before they are scaled."""
+    """Return the logarithms of the reflectances in each band, not scaled to channels."""
     return (paints(light) @ spectra + DEEPEST).log()
 
 

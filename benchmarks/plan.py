@@ -1,4 +1,4 @@
-"""Compare plans painted under the constraints of a table with paintings that are converted to the table afterwards.
+"""Compare plans painted with a table of mixtures and brushes with paintings converted to that table afterwards.
 
     python benchmarks/plan.py        (a minute for each picture and number of mixtures, on one core)
 

@@ -154,7 +154,7 @@ def by_strokes(target: np.ndarray) -> Iterator[tuple[str, str, float, float]]:
 
 
 def paint(records: Path, kodak: Path | None) -> None:
-    """Measure the pictures that are missing in the records, and append their rows."""
+    """Measure the pictures that are missing from the records, and append their rows."""
     done = {(row["set"], row["picture"], row["codec"]) for row in read(records)} if records.exists() else set()
     with records.open("a", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")

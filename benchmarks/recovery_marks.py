@@ -5,8 +5,8 @@
 
 In each weathered painting with known strokes, ``--marks`` random strokes take the place of hand-drawn marks: as with
 ``recover marks=``, they determine the scale and train the region scorers. A row has the recall of the other strokes at
-an IoU of 0.5, before and after training, and the F1 of all regions. Of hand-drawn marks, one half is used for training
-and the other half for testing, and then the halves are swapped.
+an IoU of 0.5, before and after training, and the F1 of all regions. Hand-drawn marks are split in half: one half is
+used for training and the other for testing, and then the halves are swapped.
 """
 
 import argparse

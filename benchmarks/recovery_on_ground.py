@@ -2,8 +2,8 @@
 
     python benchmarks/recovery_on_ground.py --seeds 0 3
 
-Paints the scans that ship with the program in random colours, at random positions and angles, on black, white and brown
-grounds. Prints F1 at an IoU of 0.5 for each ground and number of strokes, pooled over the seeds.
+The script paints the scans that ship with the program in random colours, at random positions and angles, on black,
+white and brown grounds. It prints F1 at an IoU of 0.5 for each ground and number of strokes, pooled over the seeds.
 """
 
 import argparse

@@ -1,11 +1,11 @@
-"""Measure whether recovery recognises bare ground, and photographs that do not show paintings.
+"""Measure how well recovery recognises bare ground, and photographs that do not show paintings.
 
     python benchmarks/recovery_photographs.py camera.png coins.png kodim15.png kodim23.png --side 224
 
-Recovers strokes from photographs, resampled to ``--side`` pixels, and from known paintings of 192 pixels. The row for
-each picture has the number of strokes, their median confidence, the fraction of pixels classified as bare ground, and
-whether `recover` reports that the picture does not look like paint. For the paintings, the precision of bare pixels and
-their recall on the ground that no recovered stroke covers are printed as well.
+The script recovers strokes from photographs, resampled to ``--side`` pixels, and from known paintings of 192 pixels.
+The row for each picture has the number of strokes, their median confidence, the fraction of pixels classified as bare
+ground, and whether `recover` reports that the picture does not look like paint. For the paintings, the precision of
+bare pixels and their recall on the ground that no recovered stroke covers are printed as well.
 """
 
 import argparse

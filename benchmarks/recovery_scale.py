@@ -132,7 +132,7 @@ def measure(options, path, done):
 
 
 def choose_explained(lines):
-    """Choose the scale with enough regions that explains most; keep the present scale if the gain is small."""
+    """Choose the scale with enough regions and the highest ``explained``; keep the present one if the gain is small."""
     enough = [line for line in lines if line["regions"] >= FEWEST_REGIONS] or lines[:1]
     best = max(enough, key=lambda line: line["explained"])
     return best["scale"] if best["explained"] > GAIN * lines[0]["explained"] else lines[0]["scale"]

@@ -1,7 +1,7 @@
 """Compare settings by PSNR and CPU time on several pictures, with records, a table and a figure.
 
     python benchmarks/speed_accuracy.py paint records.csv              # paint all settings, and add to the records
-    python benchmarks/speed_accuracy.py show records.csv figure.png regrets.csv    # print a table, draw, write the rest
+    python benchmarks/speed_accuracy.py show records.csv figure.png regrets.csv    # print a table; write both files
 
 The settings are those of `experiment=speed_accuracy`; the pictures, a development set, are drawn by a script or come
 from scikit-image. One process paints one picture after another with all settings, in a different random order for each

@@ -1,10 +1,10 @@
-"""Measure the time, memory and growth of gradient steps, and compare the compiled blend with eager PyTorch and top-k.
+"""Measure the time and memory of gradient steps, and compare the compiled blend with eager PyTorch and top-k.
 
     python benchmarks/step.py            everything (about four minutes on two idle cores, 10 GB of memory)
     python benchmarks/step.py --quick    without the eager blends
     python benchmarks/step.py --lightning    only the cost of Lightning
 
-Every table is one run: read the ratios, not the seconds.
+Every table comes from a single run: compare the ratios, not the seconds.
 """
 
 import argparse
@@ -211,7 +211,7 @@ def lightning_cost(blocks: int = 12, steps: int = 15) -> None:
 
 
 def bare_step(catalogue: Catalogue, parts: Components, target: torch.Tensor) -> Callable[[], None]:
-    """Make a function that takes one bare step: view, render, blend, loss, backward pass, optimiser, clamp."""
+    """Make a function that takes one bare step: sample, render, blend, compute the loss, backpropagate and update."""
     optimizer = parts.optimizer.over(catalogue.parameters())
     renderer, size = parts.stages[0].renderer, (target.shape[1], target.shape[2])
     order, generator = torch.arange(len(catalogue)), torch.Generator()

@@ -2,9 +2,9 @@
 
     python benchmarks/worth.py
     python benchmarks/worth.py --scenes emblem,horse --side 96
-    python benchmarks/worth.py --prices   (the same price on a logo, a portrait and a street, at 512 px)
+    python benchmarks/worth.py --prices   (the default price per stroke, on a logo, a portrait and a street at 512 px)
 
-The oracle paints repeatedly with `look=plain density=traced_surplus`, a fixed number of strokes and 500 steps. It
+An oracle paints repeatedly with `look=plain density=traced_surplus`, a fixed number of strokes and 500 steps. It
 searches for the smallest sufficient number of strokes, and stops at a number within 4 % of an insufficient number.
 strokes=auto takes at most 1,000 steps. The scenes are drawn by this script or come from scikit-image; they are a
 development set.
@@ -158,7 +158,7 @@ def compare(names: list[str], side: int, psnr: float) -> None:
 
 
 def price(names: list[str], side: int) -> None:
-    """Print the number of strokes that strokes=auto chooses for each scene at the same price."""
+    """Print the number of strokes that strokes=auto chooses for each scene at the default price per stroke."""
     print(f"| scene, {side} px | strokes=auto | PSNR, dB | steps | CPU, s |")
     print("|---|---|---|---|---|", flush=True)
     for name in names:

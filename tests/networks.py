@@ -1,4 +1,4 @@
-"""Classic networks with random weights and the structure and names of torchvision."""
+"""Classic networks with torchvision's structure and names of weights; the weights are random."""
 
 from functools import cache
 from itertools import pairwise

@@ -115,7 +115,7 @@ def ended(cwd: Path, *words: str, kill: Kill | None = None, sent: int = signal.S
 
 
 def disturb_move(name: str, number: int, after: bool, disturb: Callable[[], object]) -> None:
-    """Call ``disturb`` before or after this process moves a certain file into place; see `Program`."""
+    """Call ``disturb`` just before or after the ``number``-th move of a file with the ending ``name`` into place."""
     real, moved = os.replace, 0
 
     def replace(source: Path, target: Path) -> None:

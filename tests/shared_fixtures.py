@@ -69,7 +69,7 @@ def config() -> Callable[..., DictConfig]:
 
 @pytest.fixture
 def run_task(config, tmp_path, monkeypatch) -> Callable[..., dict[str, object]]:
-    """Return a function that runs a task's module in this process and ``tmp_path``; benchmarks use few strokes."""
+    """Return a function that runs a task in this process and in ``tmp_path``, with few strokes in benchmarks."""
 
     def run(module: ModuleType, *overrides: str) -> dict[str, object]:
         monkeypatch.setattr("brushexp_training.evaluation.benchmark.ACROSS", 2)

@@ -35,7 +35,7 @@ def make_grid(folder: Path, axes: dict[str, list[str]], **noted: object) -> None
 
 
 def write_words(run: Path, *words: str) -> None:
-    """Write a run's overrides in the way that Hydra does."""
+    """Write a run's overrides as Hydra does."""
     (run / ".hydra").mkdir(parents=True, exist_ok=True)
     write_json(run / ".hydra" / "overrides.yaml", words)  # JSON is a subset of YAML
 
@@ -47,7 +47,7 @@ def note(folder: Path, number: object, **noted: object) -> None:
 
 
 def collect(folder: Path) -> DataFrame:
-    """Collect the runs of a sweep in the way that its report does."""
+    """Collect the runs of a sweep as its report does."""
     return gather([folder], folder)
 
 

@@ -1,4 +1,4 @@
-"""Tests of the architecture: imports go one way, the map is complete, and plugins use only contracts and libraries."""
+"""Tests of the architecture: imports go one way, the map is complete, and plugins need only contracts and libraries."""
 
 import ast
 import inspect
@@ -43,7 +43,7 @@ def modules() -> dict[str, Path]:
 
 
 def imports_by(room) -> dict[str, set[str]]:
-    """Group modules with ``room``, and return which groups each group imports, in functions and for types as well."""
+    """Group modules by ``room``, and return the groups that each group imports, also in functions and for types."""
     names, found = modules(), {}
     for name, path in names.items():
         inner = {module for module in imports(path) if module in names or f"{module}.__init__" in names}

@@ -1,4 +1,4 @@
-"""Tests of damaged pictures, which must be detected where possible, and of messages that name unreadable formats."""
+"""Tests that damage in pictures is detected where possible, and that messages name the formats that cannot be read."""
 
 import io
 import logging

@@ -1,4 +1,4 @@
-"""Tests that painting does not import torch's compiler, and that optimizers take the same steps without it."""
+"""Tests that painting does not import torch's compiler, and that optimisers take the same steps without it."""
 
 import subprocess
 import sys

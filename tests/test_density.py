@@ -38,7 +38,7 @@ def picture(size=SIZE):
 
 
 def painter_of(density, *, n=60, steps=60, target=None, sampler=None, **options):
-    """Make a painter with a budget of ``n`` strokes, whose target is `picture` unless another is given."""
+    """Make a painter with a budget of ``n`` strokes; its target is `picture` unless ``target`` is given."""
     target = picture() if target is None else target
     strokes = Slic()(target, density.first(n, steps), torch.Generator().manual_seed(0))
     optimizer = TorchOptim(options={"betas": [0.9, 0.99]})

@@ -75,7 +75,7 @@ def first_of(override):
 
 
 def config_of(command, folder):
-    """Compose the config of a command (for a sweep, of its first job) in a folder with two photographs."""
+    """Compose the config of a command, or of a sweep's first job, in a folder with two photographs."""
     for photo in ("a.jpg", "1887/b.jpg"):
         (folder / "photos" / photo).parent.mkdir(parents=True, exist_ok=True)
         (folder / "photos" / photo).touch()

@@ -54,7 +54,7 @@ from brushexp.tasks import paint
 
 @pytest.fixture
 def resumed(config, tmp_path, monkeypatch):
-    """Return a function that resumes a run from a checkpoint, after writing one for a run ``begun`` with some words."""
+    """Return a function that resumes a run; given words in ``begun``, it first writes the checkpoint of such a run."""
     hydra = OmegaConf.create({"overrides": {"task": []}, "runtime": {"output_dir": str(tmp_path)}})
     monkeypatch.setattr(resume, "HydraConfig", SimpleNamespace(get=lambda: hydra))
 
@@ -193,7 +193,7 @@ def test_strokes_stay_as_they_were_before_a_step_that_gives_no_numbers(how, samp
 
 
 class Spoilt(Renderer):
-    """A renderer of analytic strokes, which gives stroke 2 and all later strokes nan as their colour."""
+    """A renderer of analytic strokes that sets the colours of all strokes from index 2 onwards to NaN."""
 
     def forward(self, strokes):
         layers = Analytic()(strokes)

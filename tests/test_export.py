@@ -83,7 +83,7 @@ def exporter(name: str) -> Exporter:
 
 
 def written(name: str, what: ExportJob, folder: Path) -> dict[str, bytes]:
-    """Export a job, check the exporter's contract, and return each file's bytes (for a video, its frames)."""
+    """Export a job, check the exporter's contract, and return the bytes of each file (for a video, of its frames)."""
     folder.mkdir(parents=True)
     paths = exporter(name).write(what, folder)
     assert paths, "the files are told"

@@ -47,7 +47,7 @@ def part_of(image: Tensor, target: Tensor, region: Region, focus: Tensor | None 
 def slopes_of(
     loss: Loss, regions: Iterable[Region], size=SIZE, focus: Tensor | None = None
 ) -> Iterator[tuple[Tensor, Tensor]]:
-    """Yield, for each region, the gradient of the weighted loss on that part alone and on the whole picture."""
+    """Yield two gradients of the weighted loss in each region: from that part alone and from the whole picture."""
     noise, target = torch.rand(2, 3, *size, generator=torch.Generator().manual_seed(7), dtype=torch.float64)
     image = (0.7 * target + 0.3 * noise).requires_grad_()
 
@@ -171,7 +171,7 @@ def step(x: Tensor, convolution: str, norm: str, stride: int = 1) -> Tensor:
 
 
 def unfolded(pictures: Tensor) -> dict[str, Tensor]:
-    """Compute all taps of EfficientNet-Lite0 with unfolded batch norms, in the precision of the input pictures."""
+    """Compute all taps of EfficientNet-Lite0, with separate batch norms, in the precision of ``pictures``."""
     x = functional.relu6(step((pictures * 255 - 127) / 128, "_conv_stem", "_bn0", 2))
     taps = {"stem": x}
     strided = {1, 3, 5, 11}

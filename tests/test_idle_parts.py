@@ -1,4 +1,4 @@
-"""Tests that each part without effect on a painting, and no other part, is reported in one line."""
+"""Tests that the parts that have no effect on a painting, and only those, are reported, each in one line."""
 
 import pytest
 import torch

@@ -19,7 +19,7 @@ SIZE = (24, 32)
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Paint a run that is lit by a lamp, and return its folder with all output files."""
+    """Paint a picture that is lit by a lamp, and return the run's folder with all output files."""
     place = tmp_path_factory.mktemp("runs") / "x"
     brushexp.paint("chelsea", look="impasto", **SMALL, output=place, threads=1)
     return place

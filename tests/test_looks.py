@@ -1,4 +1,4 @@
-"""Tests of looks: typed words override their settings, with any plugin, and quality scales their effort."""
+"""Tests of looks: typed words override a look's settings, whatever plugins they name, and quality scales the effort."""
 
 import re
 import shutil

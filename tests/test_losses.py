@@ -64,7 +64,7 @@ def visible(n: int) -> Strokes:
 
 
 def collinear(n: int, t: float) -> Strokes:
-    """Make strokes whose control point lies on the line through both ends: between them for t in (0, 1), else beyond."""
+    """Make strokes whose control point lies on the line through both ends, and between them if t is in (0, 1)."""
     made = visible(n)
     return replace(made, control=made.start + t * (made.end - made.start))
 

@@ -358,7 +358,7 @@ def test_the_terminal_gets_plain_words_and_leaves_figures_to_the_log(capsys, cap
 
 
 class Screen(StringIO):
-    """A stream that claims to be a terminal or not, as its creator chooses."""
+    """A stream that claims to be a terminal if ``is_terminal`` is true."""
 
     def __init__(self, is_terminal):
         super().__init__()

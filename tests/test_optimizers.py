@@ -116,7 +116,7 @@ def test_the_rate_rises_holds_and_falls(schedule, end):
 @pytest.mark.parametrize("missing", [False, True])
 @every_preset
 def test_steps_without_a_slope_move_nothing(name, missing):
-    """AdamW is the exception: its weight decay shrinks parameters by the preset's rate per step when gradients are 0."""
+    """AdamW is the exception: if gradients are 0, its weight decay shrinks parameters by the preset's rate per step."""
     chosen, steps = preset(name), 200
     catalogue = Catalogue(random_strokes(9, SIZE), chosen.units)
     optimizer = chosen.over(catalogue.parameters())

@@ -1,4 +1,4 @@
-"""Tests that painters run their stages until a goal ends them, and that partial updates match whole ones."""
+"""Tests that painters run their stages until a goal ends them, and that steps on a part match steps on the whole."""
 
 import itertools
 from copy import deepcopy

@@ -157,7 +157,7 @@ def test_strokes_that_do_not_meet_may_come_in_any_order(blend, renderer, seed, r
 
 @over_all(scene=scenes(), right=st.integers(0, 40), down=st.integers(0, 40), tiles=st.booleans())
 def test_a_shift_by_whole_pixels_shifts_the_picture(blend, renderer, scene, right, down, tiles):
-    """Compiled kernels are exact for shifts by multiples of eight pixels; otherwise ``slack`` is the tolerance."""
+    """Compiled kernels are exact for shifts by multiples of eight pixels; other pictures may differ by `slack`."""
     right, down = (8 * (right // 8), 8 * (down // 8)) if tiles else (right, down)
     expected = scene.paint(blend, renderer)
     wide = replace(scene, size=(scene.size[0] + down, scene.size[1] + right))

@@ -134,7 +134,7 @@ def hills(height, width, *, roughness=1.0):
 
 
 def lit_grey(value, height, azimuth, elevation, gloss=0.0):
-    """Shade a grey canvas with the given heights (H, W) under a light."""
+    """Shade a grey canvas with the given heights (H, W) under a light, and return its grey values."""
     color = np.full((3, *height.shape), value, np.float32)
     return shade_picture(color, normals_of(height), Light(azimuth, elevation, gloss=gloss))[0]
 

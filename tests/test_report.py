@@ -227,7 +227,7 @@ def test_large_sheets_stay_within_bounds(count, long):
 
 
 def end_job(folder: Path, number: int, outcome: object, mode: str = "MULTIRUN") -> None:
-    """Call the hook that Hydra calls after a job, with metrics or an exception as its outcome, when a report is due."""
+    """Call the hook that Hydra calls after a job, when a report is due; ``outcome`` is metrics or an exception."""
     sweep_report._next_report = 0.0
     config = OmegaConf.create({"hydra": {"runtime": {"output_dir": str(folder / str(number))}, "mode": RunMode[mode]}})
     status = JobStatus.FAILED if isinstance(outcome, Exception) else JobStatus.COMPLETED

@@ -93,7 +93,7 @@ class Runs(RuleBasedStateMachine):
         shutil.rmtree(self.place, ignore_errors=True)
 
     def step_of(self, name):
-        """Return the step at which a folder's checkpoint would resume, or None without a checkpoint."""
+        """Return the step at which a folder's run would resume, or None if the folder has no checkpoint."""
         path = self.place / name / "checkpoint.ckpt"
         if not path.exists():
             return None

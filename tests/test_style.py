@@ -86,7 +86,7 @@ def test_the_style_picture_itself_costs_nothing(kernel, tmp_path):
     ("kernel", "size"), [("poly", (96, 123)), ("linear", (101, 90)), ("gaussian", (83, 80)), ("meanstd", (77, 98))]
 )
 def test_a_part_counts_as_in_the_whole(kernel, size, monkeypatch):
-    """Several parts of a changing canvas agree with the whole, except for what the network sees beyond their context."""
+    """Parts of a changing canvas agree with the whole, except for what the network sees outside a part's context."""
     monkeypatch.setattr("brushexp.features.base.TILE_PIXELS", 64)
     image, target = pictures(*size)
     loss, whole = Style(kernel=kernel), Style(kernel=kernel)

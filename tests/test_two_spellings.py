@@ -29,7 +29,7 @@ PIXELS = np.zeros((12, 16, 3), np.uint8)
 
 @pytest.fixture(params=SPELLINGS, ids=["there decomposed", "there composed"])
 def names(request, tmp_path, monkeypatch):
-    """Return a name as it is typed and as it is spelled on disk."""
+    """Return two spellings of a name: the typed one, and the one on disk."""
     monkeypatch.chdir(tmp_path)
     return request.param
 

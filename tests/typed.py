@@ -22,7 +22,7 @@ _composed = cache(lambda *words: composed(words))
 
 
 def configured(words: Sequence[str]) -> DictConfig:
-    """Compose the config for words: compose each set of choices once, then set the other values in a copy."""
+    """Compose the config for words; a set of choices is composed only once, and other values are set in a copy."""
     names = {word: word.partition("=")[0].lstrip("+~") for word in words}
     choices = [word for word in words if names[word] in CHOSEN_GROUPS or "/" in names[word]]
     try:
@@ -64,7 +64,7 @@ def members(family: str) -> list[str]:
 
 @cache
 def nodes() -> dict[tuple[str, str], DictConfig]:
-    """Return each choice's options, from configs with one choice per family, or all where several are allowed."""
+    """Return the options of every choice; each config has one choice per family, or all if a family allows several."""
     found = {}
     for task in ("paint", *TASK_OF.values()):
         families = [one for one in FAMILIES if TASK_OF.get(one, "paint") == task]

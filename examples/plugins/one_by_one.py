@@ -10,7 +10,7 @@ from brushexp.contracts.layers import Canvas, Layers, Size, accuracy_of
 
 @register("blend", "one_by_one")
 class OneByOne(Blend):
-    """Composites strokes one by one over the whole canvas, from bottom to top; other blends compute the same faster."""
+    """Composites strokes one by one over the whole canvas, from bottom to top; other blends are faster."""
 
     def __call__(
         self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor | None = None

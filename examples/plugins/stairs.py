@@ -14,7 +14,7 @@ class Stairs(Optimizer):
     """Adam with a learning rate that is halved several times.
 
     Args:
-        lr: learning rate: how far a step moves the points of a stroke, in half-windows.
+        lr: learning rate, the distance that a step moves the points of a stroke, in half-windows.
         stairs: number of times that the learning rate is halved.
     """
 

@@ -99,7 +99,7 @@ class SettingsSweeper(Sweeper):
 
 
 def combinations_of(overrides: Sequence[Override]) -> list[list[str]]:
-    """Return all combinations of the overrides' values; if a key is repeated, its last override counts."""
+    """Return all combinations of the values in overrides; if a key is repeated, its last override counts."""
     from brushexp.errors import UserError  # noqa: PLC0415
 
     choices: dict[str, list[str]] = {}

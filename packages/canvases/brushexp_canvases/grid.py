@@ -73,7 +73,7 @@ class Grid:
         return (other for other in self.around(tile) if other.round < tile.round)
 
     def near_borders(self, tile: Tile, region: Region, distance: int) -> np.ndarray:
-        """Mark the pixels (h, w) in a region around a tile that are within ``distance`` of the tile's inner borders.
+        """Mark the pixels (h, w) in a region around a tile that are within ``distance`` of borders with other tiles.
 
         >>> Grid((4, 6), side=3, margin=1).near_borders(Tile(0, 0), Region(0, 0, 4, 4), 1).astype(int).tolist()
         [[0, 0, 1, 1], [0, 0, 1, 1], [1, 1, 1, 1], [1, 1, 1, 1]]

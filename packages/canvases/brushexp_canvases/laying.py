@@ -1,4 +1,4 @@
-"""Place the initial strokes for a tile: its own strokes, and strokes of its painted and unpainted neighbours."""
+"""Place the initial strokes for a tile: the tile's own strokes, and those of its painted and unpainted neighbours."""
 
 from dataclasses import dataclass
 

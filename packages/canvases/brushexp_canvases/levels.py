@@ -18,7 +18,7 @@ EARLIEST = (1980, 1, 1, 0, 0, 0)  # date of all files in an archive, so that equ
 
 @contextmanager
 def levels_of(job: ExportJob) -> Iterator[dict[str, list[Level]]]:
-    """Yield the levels of the ``painting`` and, if it is lit, of its ``height``.
+    """Yield the levels of the ``painting`` and, if the painting is lit, of its ``height``.
 
     The levels are kept on disk within the ``with`` block. Heights are grey; the thickest paint is white.
     """

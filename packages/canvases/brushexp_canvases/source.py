@@ -34,13 +34,13 @@ class Source(ABC):
         """Read the pixels (3, rows, W), uint8, of a strip; strips must be read in order from the top."""
 
     def strips(self) -> Iterator[tuple[int, np.ndarray]]:
-        """Yield the first row and the pixels (3, h, W), uint8, of each strip, from top to bottom."""
+        """Yield the index of the first row and the pixels (3, h, W), uint8, of each strip, from top to bottom."""
         for top in range(0, self.size[0], STRIP):
             yield top, np.ascontiguousarray(self.read(top, min(STRIP, self.size[0] - top)))
 
 
 def open_source(path: Path, resolution: int | None = None) -> Source:
-    """Open a picture file or an OME-Zarr image; ``resolution``, the longer side in pixels, is for libvips only."""
+    """Open a picture file or an OME-Zarr image; only libvips supports ``resolution``, the longer side in pixels."""
     is_zarr = path.is_dir()
     if not is_zarr:
         with path.open("rb") as file:

@@ -1,4 +1,4 @@
-"""Store a canvas on disk, with its target, painting and strokes, as Zarr arrays in chunks of one tile."""
+"""Store a canvas on disk, with its target, painting and strokes, as Zarr arrays with one chunk per tile."""
 
 import warnings
 from collections.abc import Iterable, Sequence

@@ -133,8 +133,8 @@ def border_weights(focus: Tensor | None, near: np.ndarray) -> Tensor | None:
     """Increase the weights of pixels near borders between tiles, so that more strokes are placed there.
 
     ``focus`` (h, w) contains the weights, or is None for equal weights; ``near`` (h, w) marks the pixels near borders.
-    With equal weights, the error near borders was 1.07 times as large, because each tile's strokes are placed without
-    regard to the strokes of its neighbours.
+    With equal weights, the error near borders was 1.07 times that elsewhere, because each tile's strokes are placed
+    without regard to the strokes of its neighbours.
     """
     if not near.any():
         return focus
@@ -181,7 +181,7 @@ def draw_tile(canvas: Canvas, tile: Tile, *before: object) -> None:
 
 
 def job_of(store: CanvasStore, cfg: DictConfig, region: Region) -> ExportJob:
-    """Return a region of a canvas as a painting with all strokes that reach into it, in pixels from its corner."""
+    """Return a region as a painting, with all strokes that reach into it, in pixels from the region's corner."""
     near = sorted({other for tile in store.grid.tiles_in(region) for other in (tile, *store.grid.around(tile))})
     strokes, depth = store.strokes_of(near)
     seen = reaching(strokes, region, LIGHT_MARGIN)
@@ -194,7 +194,7 @@ def job_of(store: CanvasStore, cfg: DictConfig, region: Region) -> ExportJob:
 
 
 def errors_of(pixels: np.ndarray, target: np.ndarray, near: np.ndarray) -> tuple[float, ...]:
-    """Sum the squared errors between pictures (3, h, w), uint8, scaled to [0, 1], as listed in `SQUARES`.
+    """Sum the squared errors between pictures (3, h, w), uint8, scaled to [0, 1]; return the sums listed in `SQUARES`.
 
     ``near`` (h, w), bool, marks the pixels near borders between tiles.
     """

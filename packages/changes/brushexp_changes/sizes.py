@@ -1,4 +1,4 @@
-"""Keep stroke thickness between that of a smallest and a largest brush during optimisation."""
+"""Keep stroke thickness between the sizes of the smallest and the largest brush during optimisation."""
 
 import math
 import re

@@ -1,4 +1,4 @@
-"""Test that several changes to the same painting all take effect."""
+"""Test that several changes all take effect in the same painting."""
 
 import numpy as np
 import pytest

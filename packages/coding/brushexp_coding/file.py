@@ -104,7 +104,7 @@ def rounded_of(data: bytes) -> tuple[Rounded, tuple[tuple[int, int], torch.Tenso
 
 
 def _coded(rounded: Rounded, present: list[bool]) -> bytes:
-    """Encode the coarseness, the brushes, and the columns of each group with the best prediction for the group."""
+    """Encode the coarseness, the brushes and the columns, using the best prediction for each group of columns."""
     writer, alike = Writer(), np.zeros(len(rounded), np.int64)
     for kind in rounded.coarseness.T:
         writer.write_column(kind, alike)
@@ -150,7 +150,7 @@ def _decoded(data: bytes, count: int, rungs: np.ndarray, present: list[bool], ma
 
 
 def _groups(present: list[bool]) -> list[list[Column]]:
-    """List the columns in each group that are not 0 for all strokes; omit empty groups."""
+    """List the columns in each group; omit columns that are 0 for all strokes, and groups without columns."""
     groups = ([column for column in group if column < len(present) and present[column]] for group in GROUPS)
     return [group for group in groups if group]
 

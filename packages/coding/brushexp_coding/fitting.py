@@ -2,8 +2,8 @@
 
 - The picture's sensitivity to each number is estimated from gradients of random projections (Hutchinson, 1989).
 - Each column has a step size, and each stroke has two coarseness values in octaves, for its shape and for its paint.
-  They are chosen so that rounding any number adds about the same error, which needs the fewest bits for a given error
-  (reverse water-filling).
+  Both are chosen so that rounding any number adds about the same error, because a given total error then needs the
+  fewest bits (reverse water-filling).
 - Strokes that do not overlap are reordered, so that consecutive strokes are neighbours.
 - Columns are rounded group by group. Before each group, a few steps of gradient descent let the remaining columns
   compensate for the columns that are already rounded.
@@ -121,7 +121,7 @@ class _Fit:
         return rounded
 
     def finest(self, size: int, steps: int) -> Rounded:
-        """Round as finely as fits into ``size`` bytes, or at the coarsest scale if nothing fits."""
+        """Round as finely as ``size`` bytes allow, or at the coarsest scale if nothing fits."""
         limits = self._rounding.scale_for(LEAST_ERROR), BOLDEST * self._rounding.scale_for(MOST_ERROR)
         at_once = finest(self._at(0), self._size_of, size, limits[1] / BOLDEST, TRIALS, limits=limits)
         if at_once is None or not steps:
@@ -251,7 +251,7 @@ class _Rounding:
         return torch.where(fixed, values, moving.detach().nan_to_num(0.0) * unit)
 
     def _sensitivity(self) -> Tensor:
-        """Estimate the picture's change (N, C) per unit change in each number, as a root mean square over pixels."""
+        """Estimate the RMS change (N, C) of the picture, over pixels and channels, per unit change in each number."""
         values = self._values.clone().requires_grad_()
         picture = self._canvas.draw(self._template.made_of(values))
         random, squares = torch.Generator().manual_seed(0), torch.zeros_like(self._values)

@@ -21,8 +21,9 @@ class BytesForStrokes(Change):
     """Choose the number of strokes and their rounding so that ``strokes.bits`` has a given size: ``bits=20kB``.
 
     More strokes match the picture more closely, but each stroke must then be rounded more coarsely. The decoded
-    painting matches best at about 85 bits per stroke. The painting therefore has as many strokes as fit at 85 bits, or
-    fewer if you limit their number. The strokes are rounded as finely as the file size allows (``metric=bits``).
+    painting matches best at about 85 bits per stroke. The painting therefore has as many strokes as fit at 85 bits
+    each, or fewer if you limit their number. The strokes are rounded as finely as the file size allows
+    (``metric=bits``).
 
     Args:
         size: maximum size of strokes.bits: 1500B, 20kB, 0.5MB; null = no limit.

@@ -24,7 +24,7 @@ FILE = "strokes.bits"
 class BitsPerPixel(Metric):
     """Bits per pixel of the rounded strokes, coded as a file (strokes.bits).
 
-    Strokes are rounded as coarsely as ``loss`` allows, or as finely as fits into ``size`` bytes; with a size, the run
+    Strokes are rounded as coarsely as ``loss`` allows, or as finely as ``size`` allows; if ``size`` is set, the run
     keeps the file. Compare the bits with ``psnr_decoded``, the PSNR of the painting decoded from the same file. Do not
     compare them with ``psnr``, which is computed before rounding.
 

@@ -18,10 +18,10 @@ class Prediction(IntEnum):
 
 
 def nearest_before(middle: np.ndarray) -> np.ndarray:
-    """Find the nearest (N,) of the `BEFORE` preceding strokes, or the last of them in a tie; 0 for the first stroke.
+    """Find, for each stroke, which (N,) of the `BEFORE` preceding strokes is nearest; return 0 for the first stroke.
 
-    ``middle`` (N, 2) is in pixels. Only differences, squares and a sum are computed, so the result is the same on all
-    machines.
+    In a tie, the later stroke is chosen. ``middle`` (N, 2) contains the strokes' centres in pixels. Only differences,
+    squares and a sum are computed, so the result is the same on all machines.
     """
     count = len(middle)
     best, least = np.zeros(count, np.int64), np.full(count, np.inf)
@@ -51,7 +51,7 @@ def rescale(numbers: np.ndarray, octaves: np.ndarray) -> np.ndarray:
 
 
 def residuals_of(numbers: np.ndarray, octaves: np.ndarray, source: np.ndarray | None) -> np.ndarray:
-    """Subtract the predictions from the numbers (N, K), in each stroke's own steps; the first stroke is kept."""
+    """Subtract the predictions from the numbers (N, K), in each stroke's own steps; the first stroke is not changed."""
     if source is None or len(numbers) < 2:
         return numbers
     residuals = numbers.copy()

@@ -61,7 +61,7 @@ REVERSED = (Column.CHORD_X, Column.CHORD_Y, Column.WIDENING, *DRIFT)
 
 @dataclass(frozen=True)
 class Rounded:
-    """N strokes as integers, bottom to top; a value is its number times the step of its column times 2**coarseness.
+    """N strokes as integers, bottom to top; each value is an integer times its column's step times 2**coarseness.
 
     A stroke has separate coarseness values, in octaves, for its shape and its paint: the effect of errors in its shape
     is proportional to its contrast with the surroundings, and that of errors in its colour to its visible area.
@@ -116,7 +116,7 @@ def rung_near(step: float) -> int:
 
 
 def values_of(strokes: Strokes, *, windows: bool) -> Tensor:
-    """Compute the values (N, C) of the columns, in double precision."""
+    """Compute the values (N, C) of the columns that describe strokes, in double precision."""
     strokes = strokes.map(lambda value: value.detach().cpu().double())
     start, control, end = curve_of(strokes).unbind(1)
     middle = (start + 2 * control + end) / 4

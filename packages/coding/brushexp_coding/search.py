@@ -17,8 +17,8 @@ def coarsest(
 ) -> tuple[Rounded, float]:
     """Find approximately the largest scale at which the loss due to rounding is at most ``allowed``.
 
-    After ``trials`` trials, the largest admissible scale found so far is returned; without an admissible scale, the
-    search continues.
+    After ``trials`` trials, the largest admissible scale found so far is returned; if there is none yet, the search
+    continues.
     """
     best: tuple[Rounded, float] | None = None
     too_coarse = np.inf
@@ -48,8 +48,8 @@ def finest(
 ) -> tuple[Rounded, float] | None:
     """Find approximately the smallest scale within ``limits`` at which the file fits into ``size`` bytes.
 
-    Returns None if no scale fits. The search assumes that each value of a stroke needs about one more bit at half the
-    scale.
+    Returns None if the file is too large at every scale. The search assumes that halving the scale costs about one bit
+    for each value of a stroke.
     """
     best: tuple[Rounded, float] | None = None
     too_fine = 0.0

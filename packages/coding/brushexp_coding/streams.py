@@ -1,4 +1,4 @@
-"""Write and read integers, as bytes for single numbers and with the entropy coder for long columns."""
+"""Write and read integers: single numbers as bytes, and long columns with the entropy coder."""
 
 from dataclasses import dataclass, field
 

@@ -142,7 +142,7 @@ def photo(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def paintings(photo, tmp_path_factory):
-    """Paint a picture with two limits on the file size; return the paintings and their folders by limit."""
+    """Paint a picture with each of two file size limits; return the paintings and their folders by limit."""
     painted = {}
     for size in (300, 900):
         folder = tmp_path_factory.mktemp("run")

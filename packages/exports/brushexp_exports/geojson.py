@@ -18,7 +18,7 @@ class GeoJson(Exporter):
     """Writes ``strokes.geojson``: strokes as polygons with measures, bottom to top, for QGIS, R and GeoPandas.
 
     As on maps, coordinates start at the lower left corner, with x to the right and y upwards. They are in pixels, or in
-    millimetres with ``width_cm``. Unlike in RFC 7946, they are positions on the canvas, not on the earth. Each polygon
+    millimetres with ``width_cm``. Unlike in RFC 7946, they are positions on the canvas, not on the Earth. Each polygon
     has the properties ``stroke``, the number of the stroke in the catalogue; ``order``, which is 0 for the bottom
     stroke; ``length`` from tip to tip; ``width``; ``direction`` in degrees clockwise from horizontal; ``color``; and
     ``opacity``.

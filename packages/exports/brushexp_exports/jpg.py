@@ -23,11 +23,11 @@ MADE = slice(24, 36)  # bytes of an ICC profile that hold its creation time: yea
 class Jpg(SheetExporter):
     """Writes ``painting.jpg``: the picture at any ``resolution``, small enough to send, with an sRGB profile.
 
-    Colours are stored for every pixel (4:4:4), because strokes have sharp edges. Unlike for PNG, the whole picture is
-    held in memory.
+    Colours are stored for every pixel (4:4:4), because strokes have sharp edges. Unlike PNG export, this exporter holds
+    the whole picture in memory.
 
     Args:
-        quality: JPEG quality, from 1 (small) to 100; above 95 files grow with little gain.
+        quality: JPEG quality, from 1 (small) to 100; above 95, files grow with little gain in quality.
     """
 
     quality: Annotated[int, between(1, 100)] = 92

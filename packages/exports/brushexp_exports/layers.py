@@ -54,8 +54,8 @@ def _painted(job: ExportJob, count: int) -> Iterator[Layer]:
 def _drawn(job: ExportJob, number: Tensor) -> np.ndarray:
     """Draw the strokes with indices ``number`` (n,) as RGBA (H, W, 4), uint8, with straight alpha.
 
-    Ground, light and paper are omitted, and paint is mixed in RGB. The result reproduces the strokes on black and on
-    white.
+    Ground, light and paper are omitted, and paint is mixed in RGB. Composited over black or over white, the result
+    looks like the strokes painted there.
     """
     some = replace(job.saved, strokes=job.strokes[number], depth=job.saved.depth[number])
     plain = replace(job.bare(), space=build_named("color", "rgb", {}))

@@ -19,7 +19,7 @@ PREDICTOR = 12  # PDF's code for rows with the PNG filter "up"
 class Pdf(SheetExporter):
     """Writes ``painting.pdf``: one page with the lossless picture at a given size, ``to.pdf.size_cm=60x40``.
 
-    If there is a bleed, the page's trim box excludes it. As for PNG, the picture is painted and compressed in bands.
+    The page's trim box excludes the bleed, if any. As with PNG export, the picture is painted and compressed in bands.
 
     Args:
         compression: compression level, 1 (fast) to 9 (small).

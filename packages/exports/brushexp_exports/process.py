@@ -34,12 +34,12 @@ class Process(Exporter):
     Args:
         seconds: duration of the painting in seconds.
         fps: frames per second.
-        format: format of the film: mp4 (a GIF without PyAV) or gif.
+        format: format of the film: mp4 (replaced by gif if PyAV is not installed) or gif.
         hold: time for which the finished painting is shown, in seconds.
         pace: pace of the strokes: even paints the same number every second; quickening starts slowly, with large
             strokes.
-        growing: whether each stroke grows from start to end, which draws it about seven times, instead of appearing at
-            once; null = yes, unless the renderer is slow.
+        growing: whether each stroke grows from start to end instead of appearing at once; a growing stroke is drawn
+            about seven times. null = yes, unless the renderer is slow.
     """
 
     seconds: Annotated[float, between(0.1, 300)] = 10.0
@@ -61,7 +61,7 @@ class Process(Exporter):
 
 
 def schedule(n: int, frames: int, seconds: float, pace: str, *, growing: bool) -> Iterator[np.ndarray]:
-    """Yield the drawn fraction (n,) of each stroke, 0 to 1 and bottom first, for each frame, from none to all."""
+    """Yield, for each frame, the fraction (n,) of each stroke that is drawn, bottom stroke first, until all are 1."""
     growth = min(GROWTH, 0.5 * seconds)
     share = np.arange(n) / max(n, 1)
     begin = (seconds - growth) * (share if pace == "even" else np.sqrt(share))
@@ -79,9 +79,9 @@ def shrink_to_side(job: ExportJob, side: int) -> ExportJob:
 
 
 def states(job: ExportJob, shares: Iterable[np.ndarray]) -> Iterator[Tensor]:
-    """Yield the canvas (3, H, W) for each array of drawn fractions in ``shares``; use it before requesting the next.
+    """Yield the canvas (3, H, W) for each array of drawn fractions in ``shares``; each one may overwrite the last.
 
-    The canvas shows the painting's paper and light; the heights of strokes are composited as their colours are.
+    The canvas shows the painting's paper and light; the heights of strokes are composited like their colours.
     """
     if not job.blend.layered:
         log.warning("with this blend every frame is drawn from scratch, which is slow; try blend=tiled")

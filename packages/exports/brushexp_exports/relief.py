@@ -60,7 +60,7 @@ class Relief(Exporter):
 
 
 def levels_of(height: np.ndarray) -> np.ndarray:
-    """Quantise heights (H, W) >= 0 to 16 bits, with the highest as white; the input is overwritten to save memory."""
+    """Quantise heights (H, W) >= 0 to 16 bits, so that the highest is white; overwrite the input to save memory."""
     highest = float(height.max())
     height *= WHITE / highest if highest > 1e-6 else 0.0  # lower values are rounding errors
     return np.rint(height, out=height).clip(0, WHITE).astype(np.uint16)

@@ -90,7 +90,7 @@ def _with_ends(curve: torch.Tensor, t: torch.Tensor, half: torch.Tensor) -> tupl
 
 
 def _levels(flat: Array, size: tuple[int, int]) -> Array:
-    """Bound the number (N,) of strokes below each stroke, using grid cells touched by boxes around its parts."""
+    """Compute a level (N,) for each stroke, above those of all lower strokes whose boxes touch the same grid cells."""
     cells = np.floor(flat * (CELLS / max(size))).astype(int).clip(0, CELLS - 1)
     low = np.minimum(cells[:, :-1].min(2), cells[:, 1:].min(2)).tolist()
     high = (np.maximum(cells[:, :-1].max(2), cells[:, 1:].max(2)) + 1).tolist()

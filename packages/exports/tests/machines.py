@@ -34,7 +34,7 @@ def plan_by(job: ExportJob, **options) -> PenPlan:
 
 
 def read_gcode(text: str) -> list[tuple[int, np.ndarray]]:
-    """Return the tool and the points of every drawn line; fail if a command should never reach a machine."""
+    """Return the tool and the points of every drawn line; fail on commands that should never reach a machine."""
     lines, down, place = [], False, 0j
     tool = 0 if "M0" in text else 1  # a plan for one pen begins with that pen in the holder
     blocks = [row for row in text.splitlines() if not row.startswith(";")]

@@ -38,7 +38,7 @@ def painted_at_once(job: ExportJob, share: np.ndarray) -> torch.Tensor:
 
 
 def whole(job: ExportJob, counts: list[int]) -> list[np.ndarray]:
-    """Return, for each count, drawn fractions with the first ``count`` strokes complete and all others absent."""
+    """Return, for each count, the fractions to draw if the first ``count`` strokes are complete and others absent."""
     return [(np.arange(len(job.strokes)) < count).astype(float) for count in counts]
 
 

@@ -42,7 +42,7 @@ class Carrier:
     Where the film changes, strokes follow its motion and are then optimised for the painting's losses. Of these
     strokes, the harmful and the least important are replaced by smaller strokes on top where the error is largest; each
     new stroke takes the row index and the brush of the stroke that it replaces. All other strokes stay bit-identical
-    and keep their order, so that nothing pops up suddenly.
+    and keep their order, so that nothing appears suddenly.
     """
 
     components: Components
@@ -58,8 +58,8 @@ class Carrier:
     def __call__(self, cel: Cel, painted: Tensor, target: Tensor, changed: Tensor, motion: Tensor) -> Cel:
         """Return the strokes for the next ``target`` (3, H, W), which has changed where ``changed`` (H, W) is true.
 
-        ``painted`` (3, H, W) is the previous painting; ``motion`` (2, H, W) is the displacement of each pixel since
-        then.
+        ``painted`` (3, H, W) is the previous painting; ``motion`` (2, H, W) is the displacement of each pixel since the
+        previous target.
         """
         size = (target.shape[1], target.shape[2])
         moves = shares_within(cel.strokes, changed) >= CHANGED_SHARE
@@ -134,7 +134,7 @@ class Carrier:
         return best
 
     def picture(self, target: Tensor, background: Tensor) -> Picture:
-        """Make a canvas that this renderer paints towards ``target`` (3, H, W)."""
+        """Make a canvas on which strokes are optimised towards ``target`` (3, H, W)."""
         picture = Picture(target, None, background, self.components.blend)
         picture.renderer = self.renderer
         return picture
@@ -192,7 +192,7 @@ def shares_within(strokes: Strokes, mask: Tensor) -> Tensor:
 
 @torch.no_grad()
 def advect(strokes: Strokes, which: Tensor, motion: Tensor) -> Strokes:
-    """Move the strokes where ``which`` (N,) is true by the median along each curve of ``motion`` (2, H, W)."""
+    """Move the strokes where ``which`` (N,) is true by the median of ``motion`` (2, H, W) along their curves."""
     median = at(motion, spine_of(strokes)).median(2).values.T
     return replace(strokes, position=torch.where(which[:, None], strokes.position + median, strokes.position))
 

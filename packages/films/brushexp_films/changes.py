@@ -44,7 +44,7 @@ class Changes:
         self._last: Tensor | None = None
 
     def __call__(self, picture: Tensor) -> Tensor:
-        """Return a mask (H, W) of the pixels that have changed in the next picture (3, H, W); after a cut, all have."""
+        """Return a mask (H, W) of the pixels that have changed in the next picture (3, H, W); all after a cut."""
         self.begins = self._last is None or is_cut(self._last, picture)
         self._last = picture
         if self.begins:

@@ -130,10 +130,10 @@ def _rate_of(frames: list[Any]) -> Fraction:
 
 
 def timed_pictures(clip: Clip) -> Iterator[TimedPicture]:
-    """Yield the upright pictures with their times since the beginning, until the film ends or has a defect.
+    """Yield upright pictures, with times relative to the film's beginning, until the film ends or a picture is damaged.
 
-    Each picture is shown until the next. The last picture is shown for as long as the film states, or otherwise for as
-    long as the picture before it.
+    Each picture is shown until the next one begins. The last picture is shown for as long as the film states, or
+    otherwise for as long as the picture before it.
     """
     last: Timed | None = None
     for picture, time, length in _decoded(clip):
@@ -148,7 +148,7 @@ def timed_pictures(clip: Clip) -> Iterator[TimedPicture]:
 
 
 def pictures_between(clip: Clip, start: float, stop: float | None, every: int) -> Iterator[TimedPicture]:
-    """Yield every n-th picture shown between two times in seconds, with display times relative to ``start``."""
+    """Yield one in ``every`` pictures shown between two times in seconds, with display times relative to ``start``."""
     first = Fraction(start).limit_denominator(10**6)
     last = None if stop is None else Fraction(stop).limit_denominator(10**6)
     held: TimedPicture | None = None

@@ -1,4 +1,4 @@
-"""Find the part of a film's pictures that its container marks as visible; FFmpeg leaves cropping to players."""
+"""Find the part of the picture that a film's container marks as visible; FFmpeg leaves cropping to players."""
 
 from collections.abc import Iterator
 from pathlib import Path

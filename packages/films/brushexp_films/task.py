@@ -1,4 +1,4 @@
-"""``task=film``: paint a film frame by frame, write it as it is painted, and collect its metrics."""
+"""``task=film``: paint a film frame by frame, write each frame once it is painted, and collect the film's metrics."""
 
 import logging
 import math

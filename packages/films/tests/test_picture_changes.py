@@ -1,4 +1,4 @@
-"""Test that changes are told from noise and cuts from pans, and that flicker and motion are measured correctly."""
+"""Test that changes are distinguished from noise, and cuts from pans, and that flicker and motion are measured."""
 
 import pytest
 import torch

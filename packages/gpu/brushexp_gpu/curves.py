@@ -1,7 +1,7 @@
 """Locate pixels relative to curves, for several tiles at once, in functions that kernels inline.
 
-Arrays with one value per stroke are (TILES, 1), and those with one value per pixel (TILES, AREA); row k belongs to the
-k-th tile of a program. The formulas are the same as in the modules `nearest` and `texture_places` of
+Arrays with one value per stroke have the shape (TILES, 1), and those with one value per pixel (TILES, AREA); row k
+belongs to the k-th tile of a program. The formulas are the same as in the modules `nearest` and `texture_places` of
 `brushexp.compositing`.
 """
 # mypy: allow-untyped-defs

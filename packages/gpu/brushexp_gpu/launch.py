@@ -7,7 +7,7 @@ import triton
 
 
 def inline(function: Any) -> Any:
-    """Mark a function that kernels call; leave it unmarked for the interpreter, which would have to rewrite it."""
+    """Mark a function for kernels to inline; return it unmarked for the interpreter, which would have to rewrite it."""
     return function if triton.knobs.runtime.interpret else triton.jit(function)
 
 

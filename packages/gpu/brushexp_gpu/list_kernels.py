@@ -18,7 +18,7 @@ HALVINGS = tl.constexpr(32)  # enough bisections for any number of pairs
 
 @inline
 def _box(start, control, end, reach, tiles):
-    """Find the first and last pixel, clamped to the canvas, that a stroke may reach along an axis, and whether it does.
+    """Find the first and last pixel, within the canvas, that a stroke may reach along an axis, and whether any exist.
 
     A quadratic curve is contained in the bounding box of its ends and its midpoint, widened by an eighth of its bend.
     """
@@ -74,8 +74,8 @@ def find_kernel(curve, reach, order, boxes, space, tile, stroke, part, n, pairs,
 
     Whether a curve comes within reach of a tile is decided from points sampled along it: its ends, and points at most
     2.5 px apart. If no point is close enough to the square of the tile's pixel centres, ``tile`` is set to ``tiles``,
-    which means none. A curve has CURVE_PARTS parts; ``part`` encodes the range of parts with all points within reach of
-    the tile, as the first part plus 256 times the part after the last.
+    which means none. A curve has CURVE_PARTS parts; ``part`` encodes a range of parts that contains every point within
+    reach of the tile, as the first part plus 256 times the part after the last.
     """
     pair = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     here = pair < pairs

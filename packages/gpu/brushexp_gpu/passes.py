@@ -1,9 +1,10 @@
 """Passes over the tiles, in which each program composites the strokes of a few tiles, chunk by chunk.
 
-The forward pass stores the nearest points and the light above for each pair of a tile and a stroke, and the colour and
-transmitted light of each chunk in isolation. `behind_pass` turns these into the colour behind each chunk, without
-dividing by nearly vanished light, so the backward pass can visit all chunks in parallel. Each pair writes its
-contribution to a separate row, and `sum_rows` always adds the rows in the same order, without atomics.
+For each pair of a tile and a stroke, the forward pass stores the nearest points and the light that the strokes above
+transmit; for each chunk on its own, it stores the colour and the transmitted light. From these, `behind_pass` computes
+the colour behind each chunk, without dividing by light that has almost vanished, so that the backward pass can visit
+all chunks in parallel. Each pair writes its contribution to a separate row, and `sum_rows` adds the rows in a fixed
+order, without atomics.
 
 The arguments ``strokes`` (N, width), ``begin``, ``cells`` and ``frames`` come from `KernelInput`, and ``first`` (tiles
 + 1,), ``stroke``, ``slot`` and ``part`` (pairs,), and ``chunks`` (tiles + 1,) from `Lists`. ``used`` (tiles,) is the
@@ -42,7 +43,7 @@ def _seek(part, j, sx, sy, fx, fy, bx, by, here):
 
 @inline
 def _look(t, sx, sy, fx, fy, bx, by, strokes, begin, cells, frames, i, at, taper, here, TEXTURED: tl.constexpr):
-    """Compute coverage before opacity (0 unless ``here``), tone, and the texture slopes of both (TILES, AREA)."""
+    """Compute coverage before opacity (0 unless ``here``) and tone (TILES, AREA), each with its two texture slopes."""
     x, y = pixels()
     if TEXTURED:
         scale = load_number(strokes, at, 8, here)
@@ -61,7 +62,7 @@ def _look(t, sx, sy, fx, fy, bx, by, strokes, begin, cells, frames, i, at, taper
 
 @inline
 def _judge(errors, pair, shown, goal, there, alpha, here, C: tl.constexpr, CP: tl.constexpr):
-    """Write the sums of alpha |color - target|^2 and of alpha over each tile's pixels."""
+    """Write two sums over each tile's pixels, one of alpha |color - target|^2 and one of alpha."""
     d = tl.where(there[None] & (tl.arange(0, CP)[:, None, None] < C), shown - goal, 0.0)
     tl.store(errors + 2 * pair, sum_pixels(alpha * tl.sum(d * d, axis=0)), here)
     tl.store(errors + 2 * pair + 1, sum_pixels(tl.where(there, alpha, 0.0)), here)
@@ -85,10 +86,11 @@ def forward_pass(
 ):  # fmt: skip
     """Paint ``image`` (C, H, W), and count the painted chunks in ``used``.
 
-    A tile is finished when, after a chunk, less light than ``opaque`` remains at every pixel. With JUDGE, the pass
-    visits every stroke instead, and writes the sums of alpha |color - target|^2 and of alpha for each slot to
-    ``errors`` (pairs, 2), given a ``target`` (C, H, W). With KEEP, it writes the input of the backward pass: ``near``
-    and ``above`` (pairs, AREA), and ``states`` (chunks, C + 1, AREA), whose last channel is the transmitted light.
+    A tile is finished once, at the end of a chunk, less light than ``opaque`` remains at every pixel. With JUDGE, the
+    pass visits every stroke regardless, compares it with a ``target`` (C, H, W), and writes, for each slot, the sums of
+    alpha |color - target|^2 and of alpha to ``errors`` (pairs, 2). With KEEP, it writes the input of the backward pass:
+    ``near`` and ``above`` (pairs, AREA), and ``states`` (chunks, C + 1, AREA), whose last channel is the transmitted
+    light.
     """
     tile = tl.program_id(0) * TILES + tl.arange(0, TILES)
     inside = tile < tiles
@@ -165,7 +167,7 @@ def behind_pass(
 
 @inline
 def _open_chunks(first, chunks, chunk_tile, tiles, CHUNK: tl.constexpr, TILES: tl.constexpr):
-    """Return a program's chunks (TILES,), their tiles, whether each was painted, its first pair and its pair count."""
+    """Return a program's chunks (TILES,), their tiles, which were painted, and their first pairs and pair counts."""
     chunk = tl.program_id(0) * TILES + tl.arange(0, TILES)
     tile = tl.load(chunk_tile + chunk, chunk < tl.load(chunks + tiles), -1)
     inside = tile >= 0
@@ -187,7 +189,7 @@ def backward_pass(
     The pass follows `behind_pass`, which determines each chunk's ``chunk_tile``. The input ``picture`` is the gradient
     of the image (C, H, W), and the output ``pairs`` (pairs, numbers) is the gradient of the strokes' numbers for each
     slot. With WEIGHS, ``picture`` (C + 1, H, W) is image - target followed by the weight of each pixel, and ``pairs``
-    (pairs, 1) is the increase in the weighted squared error when the stroke is removed.
+    (pairs, 1) is the increase in the weighted squared error that removing the stroke would cause.
     """
     chunk, tile, inside, at, count = _open_chunks(first, chunks, chunk_tile, tiles, CHUNK, TILES)
     place, there, ox, oy = pixel_places(tile, columns, height, width, inside)
@@ -245,7 +247,7 @@ def _pull_color(
     out, cover, ga, given, seen, t, here, C: tl.constexpr, CP: tl.constexpr, TEXTURED: tl.constexpr,
     DRIFTS: tl.constexpr,
 ):  # fmt: skip
-    """Write the gradients of opacity, colour and drift, given the gradient ``ga`` of alpha and the weight ``seen``."""
+    """Write the gradients of opacity, colour and drift, given that of alpha (``ga``) and the visible part ``seen``."""
     tl.store(out + 7, sum_pixels(ga * cover), here)
     store_colors(out + (9 if TEXTURED else 10), given, seen, here, C, CP)
     if DRIFTS:

@@ -43,7 +43,7 @@ def plain_cover(t, sx, sy, fx, fy, bx, by, x, y, half, sharp, widening, taper):
 def plain_pull(out, ga, t, sx, sy, fx, fy, bx, by, x, y, half, opacity, sharp, widening, taper, by_color, here):
     """Write the gradient of a stroke's numbers, except opacity and colour, to ``out`` + 0 to 9.
 
-    The inputs are the gradient ``ga`` of alpha, and the gradient ``by_color`` of the parameter ``t`` through the
+    The inputs are the gradient ``ga`` of alpha, and ``by_color``, the part of the gradient of ``t`` that comes from the
     colour.
     """
     rx, ry = _offset(t, sx, sy, fx, fy, bx, by, x, y)

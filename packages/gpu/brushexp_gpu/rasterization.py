@@ -16,7 +16,7 @@ ROWS = 64  # number of pairs of a stroke summed at once
 
 
 class TritonRasterization:
-    """A picture's kernel settings and tile lists, used like `brushexp.compositing.rasterization.Rasterization`."""
+    """A picture's kernel settings and tile lists; used as `brushexp.compositing.rasterization.Rasterization` is."""
 
     errors: Tensor
 
@@ -62,7 +62,7 @@ class TritonRasterization:
         return (self._sums(self._run_back(grad_image, self._strokes.shape[1])),)
 
     def importance(self, target: Tensor, weight: Tensor) -> Tensor:
-        """Compute the increase (N,) in the squared error, with pixel weights (H, W), when each stroke is removed."""
+        """Compute the increase (N,) in squared error that removing each stroke would cause, with weights (H, W)."""
         error = self.paint(None, keep=True) - target
         return self._sums(self._run_back(torch.cat([error, weight[None]]), 1, weighs=True))[:, 0]
 

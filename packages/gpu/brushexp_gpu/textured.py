@@ -24,9 +24,11 @@ def _size(fx, fy, bx, by):
 
 @inline
 def _direction(t, sx, sy, fx, fy, bx, by, x, y):
-    """Return curve-to-pixel vector, half velocity, its square, whether it moves, unit tangent, 1 / unnormalised length.
+    """Compute the directions of curves at parameters ``t``, and the offsets of the pixels from them.
 
-    Where the velocity is 0, the tangent is perpendicular to the offset; see `brushexp.compositing.frame`.
+    Returns the vector from the curve to the pixel, half the velocity, its square, whether it differs from 0, the unit
+    tangent, and the reciprocal of the tangent's length before normalisation. Where the velocity is 0, the tangent is
+    perpendicular to the vector; see `brushexp.compositing.frame`.
     """
     wx, wy = x - sx - (fx + fx + bx * t) * t, y - sy - (fy + fy + by * t) * t
     dx, dy = fx + t * bx, fy + t * by
@@ -45,7 +47,7 @@ def _load_frame(frames, i, k: tl.constexpr, here):
 
 @inline
 def _place(t, sx, sy, fx, fy, bx, by, x, y, frames, i, scale, here):
-    """Return texture coordinates, as column and row in texels, and the texture's columns and rows (TILES, 1)."""
+    """Return texture coordinates (column and row, in texels), and the texture's size in columns and rows (TILES, 1)."""
     wx, wy, _, _, _, _, tx, ty, _ = _direction(t, sx, sy, fx, fy, bx, by, x, y)
     rows, columns = _load_frame(frames, i, 0, here), _load_frame(frames, i, 1, here)
     origin, body = _load_frame(frames, i, 2, here), _load_frame(frames, i, 3, here)
@@ -88,7 +90,7 @@ def look_up(t, sx, sy, fx, fy, bx, by, x, y, begin, cells, frames, i, scale, her
 
 @inline
 def textured_pull(out, gu, gv, t, sx, sy, fx, fy, bx, by, x, y, frames, i, half, scale, here):
-    """Write the gradient of curve and scale to ``out`` + 0 to 6 and 8, given that of the texture coordinates."""
+    """Write the gradient of curve and scale to ``out`` + 0 to 6 and 8, given the gradient of texture coordinates."""
     wx, wy, dx, dy, speed, moves, tx, ty, one = _direction(t, sx, sy, fx, fy, bx, by, x, y)
     size, beside = _size(fx, fy, bx, by), (t > 0.0) & (t < 1.0)
     along, across = tl.where(beside, 0.0, tx * wx + ty * wy), tx * wy - ty * wx

@@ -1,6 +1,6 @@
 """Compile every kernel to machine code as a painting would, without running it; no GPU is needed.
 
-    python packages/gpu/tests/compiling.py 90    for an H100 or H200; others are 75, 80, 89, 100, 120
+    python packages/gpu/tests/compiling.py 90    for an H100 or H200; other GPUs are 75, 80, 89, 100, 120
     python packages/gpu/tests/compiling.py 90 textured    only kernels for textured strokes in RGB
 
 One line is printed for each kernel: its name, its target, its number of registers, and the bytes spilled to memory.

@@ -21,7 +21,10 @@ def seek_kernel(curve, part, corners, found, n, TILES: tl.constexpr):
 
 
 def nearest_points(curve, reach, corners):
-    """Find, for each curve, the parameters (n, 64) of its points nearest to the pixels of the tile at its corner."""
+    """Find the points on n curves that are nearest to the pixels of n tiles, one tile for each curve.
+
+    ``corners`` (n, 2) holds the tiles' corners, and the result (n, 64) the parameters of the points on their curves.
+    """
     n = len(curve)
     one = torch.ones(n, dtype=torch.int32, device=curve.device)
     order, space = torch.arange(n, device=curve.device), torch.arange(n + 1, device=curve.device)

@@ -45,7 +45,7 @@ OURS = ("plain", "tapered", "textured")  # kinds of layers that have kernels
 
 
 def moved(value, device=DEVICE):
-    """Copy a tensor, or all tensors in a dataclass, differentiably to another device."""
+    """Copy a tensor, or all tensors in a dataclass, to another device, so that gradients flow through the copy."""
     if is_dataclass(value):
         return replace(value, **{f.name: moved(getattr(value, f.name), device) for f in fields(value) if f.init})
     return value.to(device) if isinstance(value, torch.Tensor) else value

@@ -1,4 +1,4 @@
-"""Offer Lightning's own callbacks by name, with their options."""
+"""Make some of Lightning's own callbacks available by name, with their options."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def lightning_callback(name: str, *args: Any, **options: Any) -> L.Callback:
 
 @register("callbacks", "learning_rate_monitor")
 class LearningRate(Callback):
-    """Record the learning rate with the run's curves (Lightning's LearningRateMonitor)."""
+    """Add the learning rate to the run's curves (Lightning's LearningRateMonitor)."""
 
     def open(self, folder: Path) -> L.Callback:
         return lightning_callback("LearningRateMonitor", logging_interval="step")
@@ -51,7 +51,7 @@ class StopOnPlateau(Callback):
 @register("callbacks", "model_checkpoint")
 @dataclass(kw_only=True)
 class BestCheckpoints(Callback):
-    """Save Lightning checkpoints in the run's folder ``checkpoints`` (ModelCheckpoint).
+    """Save Lightning checkpoints in the run's folder ``checkpoints`` (Lightning's ModelCheckpoint).
 
     Args:
         monitor: logged value that ranks the checkpoints; null keeps the last checkpoint, or all with save_top_k=-1.

@@ -42,9 +42,9 @@ class WeightsAndBiases(Logger):
 
     Args:
         project: project to which the runs belong.
-        entity: user or team that owns the project; null = the account's own.
-        mode: mode of logging: auto (online if logged in by WANDB_API_KEY or ``wandb login``, otherwise offline, unless
-            WANDB_MODE says otherwise), online, offline, or disabled (nothing is kept).
+        entity: user or team that owns the project; null = your account's default.
+        mode: logging mode: online, offline, disabled (nothing is kept) or auto, which is online if you are logged in
+            by WANDB_API_KEY or ``wandb login`` and offline if you are not, unless WANDB_MODE selects another mode.
         group: group in which runs are shown together; null = name of the sweep's folder.
         tags: tags for finding runs.
     """

@@ -1,6 +1,7 @@
 """Hydra sweeper ``optuna``: search for settings with hydra-optuna-sweeper, in the direction that the objective needs.
 
-It replaces the original sweeper of this name, which would minimise PSNR by default, and can continue studies.
+It replaces the original sweeper of this name. Unlike the original, it can continue studies, and does not minimise PSNR
+by default.
 """
 
 import logging
@@ -118,7 +119,7 @@ class StudySweeper(Sweeper):
             self.study.sampler.reseed_rng()  # otherwise it would repeat its first proposals
 
     def open_study(self) -> Any:
-        """Create or load the Optuna study, and mark trials as failed that the database still lists as running."""
+        """Create or load the Optuna study, and mark as failed all trials that the database still lists as running."""
         import optuna  # noqa: PLC0415
 
         name = self.study.study_name = self.options["study_name"]
@@ -164,14 +165,14 @@ def frozen_trial(result: dict[str, Any], values: dict[str, Any], space: dict[str
 
 
 def value_in(space: Any, typed: str) -> Any:
-    """Convert the argument of a job to the value that Optuna proposed."""
+    """Convert a job's argument back to the value that Optuna proposed."""
     if hasattr(space, "choices"):
         return next(choice for choice in space.choices if str(choice) == typed)
     return int(typed) if type(space).__name__.startswith("Int") else float(typed)
 
 
 def ends_of(override: Override) -> list[str]:
-    """Return all values of a choice, or the first and last value of a range or interval, from an override."""
+    """Return an override's values: all values of a choice, or the first and last values of a range or interval."""
     if not override.is_sweep_override():
         return [override.get_value_element_as_str()]
     sweep: Any = override.value()

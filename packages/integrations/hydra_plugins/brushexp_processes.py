@@ -29,7 +29,7 @@ class ProcessesLauncherConf:
 
 
 def works_here() -> bool:
-    """Check whether this process may be forked; libraries support forking only on Linux, and CUDA nowhere."""
+    """Check whether this process may be forked; libraries support forks only on Linux, and CUDA never does."""
     from brushexp.contracts.machine import device_of  # noqa: PLC0415  (torch)
 
     return sys.platform == "linux" and device_of("auto").type == "cpu"

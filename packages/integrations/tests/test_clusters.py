@@ -1,4 +1,4 @@
-"""Test that sweeps can use Optuna for searches, and Dask and submitit for jobs, instead of Hydra's own engines."""
+"""Test that sweeps can use Optuna to choose jobs, and Dask and submitit to run them, instead of Hydra's defaults."""
 
 import os
 import re
@@ -72,7 +72,7 @@ def test_a_search_marks_what_fails_and_goes_on(tmp_path):
     ("dask hydra.launcher.n_jobs=1", "distributed", "0,1"), ("submitit_local", "submitit", "0"),
 ])  # fmt: skip
 def test_jobs_of_other_launchers_meet_in_one_table(launcher, library, seeds, tmp_path):
-    """Submitit starts a process that imports everything again for each job, so one job must suffice for this test."""
+    """For each job, submitit starts a process that imports everything again, so it runs only one job in this test."""
     pytest.importorskip(library)
     words = [*TINY, f"seed={seeds}", *f"hydra/launcher={launcher}".split(), "output=s"]
     done = run(*words, cwd=tmp_path, PYTHONPATH=str(ROOT / "src"))

@@ -150,7 +150,7 @@ def test_a_tracker_that_is_not_installed_is_refused_when_it_is_built(name, track
 
 
 class FakeWandb:
-    """A stand-in for wandb without a network, which records how it is called."""
+    """A stand-in for wandb that needs no network, and records how it is called."""
 
     def __init__(self, **settings: object) -> None:
         self.__spec__ = self  # makes the package count as installed
@@ -179,7 +179,7 @@ class FakeWandb:
 
 @pytest.fixture
 def account(monkeypatch, tmp_path):
-    """Return a function that replaces wandb with a fake with the given settings; no user is logged in."""
+    """Return a function that puts a fake with given settings in the place of wandb; no user is logged in."""
     monkeypatch.setenv("NETRC", str(tmp_path / "netrc"))
 
     def known(**settings: object) -> FakeWandb:

@@ -23,7 +23,7 @@ class Direction(Loss):
         weight: factor in the sum of losses; the source's 0.008 applies to other units. On a portrait, the final value
             of this loss was 1.32 with ``mse`` alone, 0.79 with the default weight (at a cost of 0.1 dB), and 1.04 with
             a weight of 0.0001 (less than 0.1 dB).
-        k: number of neighbours per stroke; all other strokes if there are fewer.
+        k: number of neighbours per stroke, or all other strokes if there are fewer.
         every: number of calls between searches for neighbours; a change in the number of strokes also triggers a
             search.
     """

@@ -19,11 +19,11 @@ class Lpips(Loss):
 
     Args:
         weight: factor in the sum of losses. With the default, the gradient with respect to the picture has about the
-            same norm as that of ``mse``, for pictures of 256 pixels blurred by two; alexnet needs 0.0025 for this, and
+            same norm as that of ``mse`` (256-pixel pictures, blurred by two pixels); alexnet needs 0.0025 for this, and
             squeeze 0.0015. Added to ``mse``, the default cost less than 0.1 dB of PSNR and reduced the distance by a
             fifth to a quarter.
-        backbone: feature network: effl0, or alexnet, squeeze or vgg16 (need ``weights``).
-        weights: file with the network's features, under torchvision's names.
+        backbone: feature network: effl0, or one of alexnet, squeeze and vgg16, which need ``weights``.
+        weights: file with the weights of the network's feature layers, under torchvision's names.
     """
 
     weight = 0.0012

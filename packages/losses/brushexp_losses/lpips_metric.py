@@ -15,8 +15,8 @@ class OfficialLpips(Metric):
 
     Args:
         option: key that sets the file, to be named in error messages.
-        backbone: feature network: effl0, or alexnet, squeeze or vgg16 (need ``weights``).
-        weights: file with the network's features, under torchvision's names.
+        backbone: feature network: effl0, or one of alexnet, squeeze and vgg16, which need ``weights``.
+        weights: file with the weights of the network's feature layers, under torchvision's names.
     """
 
     title = "LPIPS"

@@ -21,8 +21,8 @@ MIN_EPSILON = 0.01  # lower bound of the blur, at which exp(-4 / epsilon) stays 
 class Sinkhorn(Loss):
     """Sinkhorn divergence (optimal transport) between painting and target; attracts strokes from far away.
 
-    Each channel of the downsampled pictures is a distribution of mass on the pixel grid; moving mass costs the squared
-    distance, in longer sides of the picture. The value is the debiased Sinkhorn divergence (Feydy et al., 2019,
+    Each channel of the downsampled pictures is a distribution of mass on the pixel grid; the cost of moving mass is the
+    squared distance, in longer sides of the picture. The loss is the debiased Sinkhorn divergence (Feydy et al., 2019,
     arXiv:1810.08278), averaged over channels: 0 for equal pictures, otherwise positive. It compares the distribution of
     light, not its amount, so combine it with ``mse``. It always covers the whole canvas, even in steps that compare
     only a part of it, and ignores the focus.
@@ -32,13 +32,13 @@ class Sinkhorn(Loss):
     debiased cost, and a blur that is halved until it reaches ``epsilon``.
 
     Args:
-        weight: factor in the sum of losses. At 4, the gradient in the picture has the same norm as that of ``mse`` on a
-            canvas in the mean colour; where only details are missing, its norm is a hundred times smaller. Added to
-            ``mse``, the default changed the PSNR by 0.0 and +0.1 dB, a weight of 10 by -0.1 and -0.4 dB (two pictures).
+        weight: factor in the sum of losses. At 4, the gradient for a canvas in the mean colour has the same norm as
+            that of ``mse``; where only details are missing, it is a hundred times smaller. Added to ``mse`` in two
+            pictures, the default changed the PSNR by 0.0 and +0.1 dB, and a weight of 10 by -0.1 and -0.4 dB.
         side: longer side in pixels to which pictures are downsampled by averaging; smaller pictures are unchanged.
         epsilon: blur of the transport, in squared longer sides, at least 0.01.
         iterations: number of iterations with the final blur.
-        floor: mass added to every pixel, so that black pictures have some.
+        floor: mass added to every pixel, so that even black pictures have mass.
     """
 
     weight = 2.0
@@ -97,7 +97,7 @@ class Sinkhorn(Loss):
 
 
 def pooling_weights(first: int, count: int, side: int, small: int) -> Tensor:
-    """Compute the weights (count, small) with which pixels from ``first`` on enter ``small`` means along a side."""
+    """Compute the weights (count, small) of pixels, from ``first`` on, in the ``small`` averages along a ``side``."""
     pixels = functional.pad(torch.eye(count, dtype=torch.float64), (first, side - first - count))
     return functional.adaptive_avg_pool1d(pixels, small)
 

@@ -113,7 +113,7 @@ def chalk(variant: int) -> Tensor:
 
 @lru_cache(maxsize=1)
 def _scans() -> tuple[Tensor, Tensor]:
-    """Read the coverage (M, 1, rows, columns), 0 to 1, of scanned strokes: first with full ends, then with dry ends."""
+    """Read the coverage (M, 1, rows, columns), 0 to 1, of scanned strokes: those with full ends, and with dry ends."""
     scans = torch.from_numpy(read_scans().copy()).double()[:, None] / 255
     inner = scans[:, 0, :, SCAN_COLUMNS // 4 : -SCAN_COLUMNS // 4]
     filled, end = inner.mean((1, 2)), inner[:, SCAN_ROWS // 2 :].mean((1, 2))

@@ -50,8 +50,8 @@ def limited(chroma: Array, most: Array) -> Array:
 def harmonised(ab: Array, hues: int, share: float) -> Array:
     """Shift a* and b* (H, W, 2) towards the nearest of ``hues`` colours, found by k-means, and keep the chroma.
 
-    Colours that are far from all of these, such as small accents, keep their hue. k-means weights areas by their square
-    root, so that few colours are far from all.
+    Colours that are far from all of these, such as small accents, keep their hue. To make such colours rare, k-means
+    weights each colour by the square root of its area.
     """
     cells = (ab.reshape(-1, 2) / BIN).round().astype(np.int64)
     lowest, sides = cells.min(0), np.ptp(cells, 0) + 1
@@ -85,7 +85,7 @@ class Toned(Palette):
         most_chroma: upper limit of chroma, which is lower for the lightest colours unless they are yellow; 0 = none.
         hues: number of colours, found in the picture, towards which hues are shifted; 0 = none.
         harmony: strength with which hues are shifted towards these colours, 0 to 1.
-        values: number of groups of lightness; 0 = not grouped.
+        values: number of groups into which lightness is divided; 0 = none.
         grouping: strength with which lightness is shifted towards its group, 0 to 1.
         flatness: flattening of forms by total variation, in proportion to the size of the picture; 0 = none.
         irradiation: increase in lightness contrast with the surroundings, 0 to 2.
@@ -198,7 +198,7 @@ OUTLINE = (18.0, 6.0, -28.0)  # L*, a*, b* of outlines: Prussian blue
 @register("palette", "picture")
 @dataclass(kw_only=True, eq=False)
 class OfPicture(Palette):
-    """Gives the colours the mean and covariance of another picture's colours.
+    """Gives a picture's colours the mean and the covariance of another picture's colours.
 
     Args:
         image: picture file, or the name of a sample.

@@ -54,7 +54,7 @@ def packed(row: bytes) -> bytes:
 
 
 def sampled(mask: np.ndarray, depth: int = 8, is_packed: bool = False, cut: int = 0) -> bytes:
-    """Encode a Photoshop brush's bounds, which do not begin at 0, depth and pixels; packed rows lack ``cut`` bytes."""
+    """Encode the bounds, depth and pixels of a Photoshop brush, without the last ``cut`` bytes of packed rows."""
     height, width = mask.shape
     pixels = mask if depth == 8 else (mask.astype(np.uint16) * 257).astype(">u2")
     rows = [packed(row.tobytes()) for row in pixels]
@@ -65,7 +65,7 @@ def sampled(mask: np.ndarray, depth: int = 8, is_packed: bool = False, cut: int 
 
 
 def old_abr(masks, version: int, spacing: int = 40, cut: int = 0) -> bytes:
-    """Encode a brush set as Photoshop up to version 6 did, with a formula as its first brush."""
+    """Encode a brush set as Photoshop did up to version 6; its first brush is a formula."""
     formula = struct.pack(">HI", 1, 14) + bytes(14)
     parts = [formula]
     for mask in masks:
@@ -77,7 +77,7 @@ def old_abr(masks, version: int, spacing: int = 40, cut: int = 0) -> bytes:
 
 
 def abr_in_sections(masks, magic: bytes = b"8BIM", minor: int = 2, version: int = 6, depth: int = 8) -> bytes:
-    """Encode a brush set as Photoshop does since version 7, with other sections before and after the brushes."""
+    """Encode a brush set as Photoshop has done since version 7, with other sections before and after the brushes."""
     brushes = b""
     for k, mask in enumerate(masks):
         brush = bytes(37 + {1: 10, 2: 264}[minor]) + sampled(mask, depth, is_packed=bool(k % 2))

@@ -1,4 +1,4 @@
-"""Test that palettes give a picture the colours of a medium, and that losses for dots reward pure hues and the mean."""
+"""Test that palettes give a picture a medium's colours, and that losses for dots reward pure hues and a right mean."""
 
 from pathlib import Path
 

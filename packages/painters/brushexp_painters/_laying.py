@@ -15,7 +15,7 @@ Array = np.ndarray
 
 
 def portions(n: int) -> list[int]:
-    """List the stroke counts of up to `PORTIONS` states in which a painting of n strokes is yielded."""
+    """List the numbers of strokes at which a painting of n strokes is yielded, at most `PORTIONS` times."""
     return sorted({n * k // PORTIONS for k in range(1, PORTIONS + 1)} - {0})
 
 

@@ -28,8 +28,8 @@ class Greedy(Painter):
     """A greedy search: each stroke is the best of random candidates, refined by hill climbing, in its optimal colour.
 
     Source: Fogleman, 2016 (primitive), which follows Haeberli's trial and error (1990) and the evolutionary painters
-    cited in the thesis. Each candidate gets the colour that minimises the squared error over the paint below, in closed
-    form; the stroke that lowers the error most is kept and never changed again.
+    cited in the thesis. Each candidate gets the colour that minimises the squared error over the paint below, computed
+    in closed form; the stroke that lowers the error most is kept and never changed again.
 
     Unlike in the source, shapes are strokes; candidates are sampled in proportion to the error, not uniformly; several
     mutations are tried at a time, and become smaller from round to round; and errors are measured at about 400 pixels

@@ -27,12 +27,13 @@ class Hertzmann(Painter):
     the cell's worst pixel and follows the normals of the luminance gradient in steps of R, smoothed by f_c, until the
     canvas is closer to the picture than the stroke's colour is. The strokes of a layer are painted in random order.
 
-    Unlike in the paper, cubic B-splines are replaced by quadratic Bezier curves, a single curve if it is within
+    Unlike in the paper, each cubic B-spline is replaced by quadratic Bezier curves: one if it stays within
     ``tolerance``, otherwise several that meet; ``strokes`` counts these curves. The number of strokes replaces the
-    threshold: each layer paints its worst cells (``threshold=100`` is the paper's value, still limited by the number of
-    strokes). Bare canvas ends strokes of the first layer as paint does; otherwise, they would all have the maximum
-    length. The paper's styles are presets (`hertzmann_impressionist`) with the same ratios between brushes; with the
-    paper's pixels and thresholds (``scale=1 threshold=100``), a few thousand strokes leave most of a canvas bare.
+    threshold: each layer paints its worst cells (``threshold=100`` restores the paper's value, but the number of
+    strokes still applies). Bare canvas ends strokes of the first layer as paint does; otherwise, they would all have
+    the maximum length. The paper's styles are presets (`hertzmann_impressionist`) with the same ratios between brushes;
+    with the paper's pixels and thresholds (``scale=1 threshold=100``), a few thousand strokes leave most of a canvas
+    bare.
 
     Args:
         radii: radii of the brushes, largest first, in units of ``scale``.
@@ -176,7 +177,7 @@ def fit_curves(points: Array, steps: Array, tolerance: float) -> tuple[Array, Ar
 
 
 def least_squares_curves(points: Array, line: Array, first: Array, last: Array) -> tuple[Array, Array]:
-    """Fit curves (M, 3, 2) to each line from point ``first`` to ``last``, and measure their maximum errors (M,)."""
+    """Fit curves (M, 3, 2) to M lines from point ``first`` to point ``last``, and measure their maximum errors (M,)."""
     number = np.arange(points.shape[1])
     inside = (first[:, None] < number) & (number < last[:, None])
     t = ((number - first[:, None]) / np.maximum(last - first, 1)[:, None]) * inside  # points are evenly spaced

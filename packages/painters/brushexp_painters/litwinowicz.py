@@ -82,7 +82,7 @@ class Litwinowicz(Painter):
         yield from lay(strokes_from_arrays(curves[order], thickness[order], color[order], self.opacity))
 
     def _directions(self, smooth: Array, x: Array, y: Array, grid: tuple[int, int]) -> Array:
-        """Compute angles (n,) normal to the gradient at the nodes of a grid, interpolated where it is weak."""
+        """Compute angles (n,) normal to the gradient at a grid's nodes, interpolated where the gradient is weak."""
         padded = np.pad(255 * smooth, 1, mode="edge")
         slope = np.stack([padded[1:-1, 2:] - padded[1:-1, :-2], padded[2:, 1:-1] - padded[:-2, 1:-1]]) / 2
         gx, gy = sampled_at(slope, x, y)

@@ -25,7 +25,7 @@ class Patches(Sampler):
 
     Args:
         n_active: maximum number of strokes that a step moves.
-        n_ring: number of nearest surrounding strokes, which are drawn but not moved.
+        n_ring: number of surrounding strokes, the nearest ones, that are drawn but not moved.
         patch: side in pixels of the square that a step paints and compares; strokes centred outside do not move.
         steps_per_patch: number of consecutive steps on one patch.
         coverage: choice of patches: fair makes every stroke active in exactly one patch per round; random takes the
@@ -125,7 +125,7 @@ def places(position: Tensor, most: int, side: float, generator: torch.Generator)
 
 
 def nearest_to_box(position: Tensor, among: Tensor, low: Tensor, high: Tensor, n: int) -> Tensor:
-    """Return, in order, the ``n`` strokes in the mask ``among`` (N,) nearest to a box from ``low`` to ``high``."""
+    """Of the strokes in the mask ``among`` (N,), return the ``n`` nearest to a box from ``low`` to ``high``, sorted."""
     outside = (low - position).clamp_min(0) + (position - high).clamp_min(0)
     distance = torch.where(among, outside.square().sum(1), torch.inf)
     return distance.topk(min(n, int(among.sum())), largest=False).indices.sort().values

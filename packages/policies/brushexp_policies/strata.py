@@ -19,7 +19,7 @@ class Strata(Traced):
     New strokes are placed on top; ``order.until=0`` preserves this order from the first step.
 
     Source: Vector Scaffolding (2026), which doubles closed curves in strata. Unlike in the source, new strokes are
-    traced through the error, and the learning rate is the optimiser's.
+    traced through the error, and the learning rate is that of the optimiser.
 
     Args:
         start: initial fraction of the strokes; a sixteenth is doubled four times.
@@ -29,7 +29,7 @@ class Strata(Traced):
         price: minimum ratio of a new stroke's gain to the importance of the stroke that it replaces; below 1, because
             further steps improve the new stroke.
         tolerance: error (root mean square over a pixel, 0 to 1) below which no stroke is added.
-        surplus: must be 0, because the number of strokes only grows.
+        surplus: number of temporary extra strokes; must be 0, because the number of strokes only grows.
     """
 
     start: Annotated[float, between(1e-3, 1)] = 1 / 16

@@ -26,9 +26,9 @@ class Predicted(Initializer):
     the cell; training needs no labels; and colours are fitted by least squares at the end.
 
     Args:
-        checkpoint: trained weights: a .safetensors file, or shipped weights: plain, or brushed for look=oil and similar
-            looks (renderer=textured).
-        temperature: variation in strokes between seeds, in the deviations that the network predicts; 0 = none.
+        checkpoint: trained weights: a .safetensors file, or the name of shipped weights, which is plain, or brushed for
+            look=oil and similar looks (renderer=textured).
+        temperature: variation in strokes between seeds, in units of the deviations that the network predicts; 0 = none.
         color_rounds: number of conjugate-gradient rounds that optimise colours; 0 keeps the predicted colours.
         draft_effort: fraction of a look's steps that ``quality=draft`` takes, starting from these strokes.
     """

@@ -16,9 +16,9 @@ class Predictor(Painter):
     """Place all strokes with a network in a few passes over the picture; see ``init=predicted``.
 
     Args:
-        checkpoint: trained weights: a .safetensors file, or shipped weights: plain, or brushed for look=oil and similar
-            looks (renderer=textured).
-        temperature: variation in strokes between seeds, in the deviations that the network predicts; 0 = none.
+        checkpoint: trained weights: a .safetensors file, or the name of shipped weights, which is plain, or brushed for
+            look=oil and similar looks (renderer=textured).
+        temperature: variation in strokes between seeds, in units of the deviations that the network predicts; 0 = none.
         color_rounds: number of conjugate-gradient rounds that optimise colours; 0 keeps the predicted colours.
     """
 

@@ -51,7 +51,7 @@ def lay_on(windows: StrokeWindows, layout: StrokeLayout, ground: Array, coats: f
 
 
 def bars(angle: float = 0.4) -> KnownPainting:
-    """Paint two crossing straight strokes 20 px wide on 96 x 128 px with the disc engine, the second on top."""
+    """Paint two crossing strokes, 20 px wide, on 96 x 128 px with the disc engine; the second stroke is on top."""
     way = 35 * np.array([np.cos(angle), np.sin(angle)])
     ways, middle = np.array([way, [-way[1], way[0]]]), np.array([60.0, 48.0])
     curve = straight(*((middle - way, middle + way) for way in ways))

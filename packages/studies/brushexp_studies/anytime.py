@@ -1,4 +1,4 @@
-"""Compare the quality that settings reach in equal time, and the time they need for equal quality."""
+"""Compare settings by the quality they reach in equal time, and by the time they need for equal quality."""
 
 import math
 from collections.abc import Mapping
@@ -45,7 +45,7 @@ def quality_at(curve: Curve, seconds: float, *, after_end: bool = False) -> floa
 def time_to(curve: Curve, psnr: float) -> float | None:
     """Interpolate the time, in seconds, at which a PSNR in dB was first reached.
 
-    The time is never earlier than the curve's first point. Returns None if the PSNR was never reached.
+    The result is never earlier than the curve's first point. Returns None if the PSNR was never reached.
     """
     times, best = curve[0], np.maximum.accumulate(curve[1])
     k = int(np.searchsorted(best, psnr))
@@ -95,8 +95,8 @@ def _comparison(curves: Mapping[str, Curve]) -> list[str]:
 def write_curves(folder: Path, frame: DataFrame) -> Path | None:
     """Plot PSNR against time in ``curves.png``, with thin lines for runs and thick lines for means over seeds.
 
-    If there are more than ``MOST_CURVES`` settings, only those that led at some time are coloured. Returns None if
-    there are fewer than two curves.
+    If there are more than ``MOST_CURVES`` settings, only those that were in the lead at some time are coloured. Returns
+    None if there are fewer than two curves.
     """
     images = [(image, curves) for image, curves in curves_by_image(frame).items() if len(curves) > 1][:MOST_IMAGES]
     if not images:

@@ -14,7 +14,7 @@ from brushexp_studies.pareto import write_front
 
 
 def write_comparisons(folder: Path, frame: DataFrame) -> None:
-    """Write all comparisons between a sweep's runs, or only a contact sheet for an album."""
+    """Write all comparisons between a sweep's runs; for an album, write only a contact sheet."""
     if not is_album(frame):
         paired.write_differences(folder, frame)
         write_front_and_curves(folder, frame)

@@ -41,9 +41,9 @@ class SheetCell:
 def write_contact_sheet(folder: Path, frame: DataFrame) -> Path | None:
     """Write ``sheet.png`` with the pictures of a sweep's runs; return None if no run has a picture.
 
-    Thumbnails are twice as large if any picture shows many strokes instead of a painting. If the runs differ in two
-    settings and cover all combinations, they form a matrix, whose rows are the images if the runs differ in their
-    images. Otherwise the runs fill the sheet row by row.
+    Thumbnails are twice as large unless all pictures are named ``painting.png``. If the runs differ in two settings and
+    cover all combinations, they form a matrix; if one of the settings is the image, the matrix has a row per image.
+    Otherwise the runs fill the sheet row by row.
     """
     pictures = frame["run", "picture"].dropna()
     if pictures.empty:
@@ -73,7 +73,7 @@ def _rows(frame: DataFrame) -> list[list[SheetCell]]:
 
 
 def _cells(frame: DataFrame, axes: dict[str, list[str]]) -> list[SheetCell]:
-    """Make a cell for each run and, except in an album, for each target before the first run that painted it."""
+    """Make a cell for each run and, except in an album, one for each target, before the first run that painted it."""
     words = {key: shorten(values) for key, values in axes.items()}
     settings, metrics = frame["setting"].fillna(""), numbers(frame).reindex(columns=list(UNITS))
     cells: list[SheetCell] = []

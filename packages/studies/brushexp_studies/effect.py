@@ -26,7 +26,7 @@ def effects(frame: pd.DataFrame) -> dict[str, pd.DataFrame] | None:
 
     Seeds are averaged. Each table has one row per value, in ascending order if all values are numbers, and the columns
     ("mean", metric) and ("std", metric). Returns None if there is nothing to compare, or if only a few of the
-    combinations were run; `pareto` compares a list of settings.
+    combinations were run; `pareto` compares such a list of settings.
     """
     axes = {k: values for k, values in varying_settings(frame[frame["run", "label"].notna()]).items() if k != "seed"}
     if not axes:
@@ -53,8 +53,8 @@ def effects(frame: pd.DataFrame) -> dict[str, pd.DataFrame] | None:
 def write_effect(folder: Path, frame: pd.DataFrame) -> Path | None:
     """Write ``effect.png`` for a sweep.
 
-    The setting with the most values has its own axis, which is horizontal if the values are numbers; colours
-    distinguish the other settings. Returns None if only the seed varies, or if fewer than two settings have finished.
+    The setting with the most values has its own axis, which is horizontal if the values are numbers; the other
+    settings are distinguished by colour. Returns None if only the seed varies, or if fewer than two settings finished.
     """
     series = effects(frame)
     if series is None:

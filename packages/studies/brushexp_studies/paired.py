@@ -42,7 +42,7 @@ LARGEST_LOGARITHM = 700.0  # upper bound on logarithms of ratios; exp(710) overf
 
 @dataclass(frozen=True)
 class Difference:
-    """Gains of a setting over a reference setting in one metric, for all units ("picture" or "seed") that have both.
+    """Gains of a setting over a reference in one metric, for every unit (picture or seed) that was run with both.
 
     ``gains`` maps each unit to its gain. Gains, ``mean``, ``low`` and ``high`` are positive where the setting is
     better; for ratios, they are natural logarithms.
@@ -83,7 +83,7 @@ class Difference:
 
     @property
     def is_no_worse(self) -> bool:
-        """Whether the interval excludes a loss that matters and the result does not depend on the picture."""
+        """Whether the interval excludes a loss that matters, and the verdict is not ``depends``."""
         allows_none = self.low >= -self.quantity.matters
         return len(self.gains) >= LEAST_UNITS and allows_none and self.verdict != "depends"
 
@@ -160,8 +160,8 @@ def paired_differences(
 ) -> list[Difference]:
     """Compare all settings of a `paired_table` with a reference, by default the first setting.
 
-    Without ``metrics``, all metrics are compared for which higher or lower is known to be better. The intervals are
-    corrected for ``comparisons`` simultaneous comparisons (Bonferroni), by default one for each setting compared.
+    Without ``metrics``, all metrics are compared for which it is known whether higher or lower is better. The intervals
+    are corrected for ``comparisons`` simultaneous comparisons (Bonferroni), by default one for each setting compared.
     """
     if table is None:
         return []
@@ -181,7 +181,7 @@ def paired_differences(
 
 
 def gains_of(values: Any, others: Any, metric: str) -> dict[str, float]:
-    """Compute the gain of ``values`` over ``others`` for each unit, positive where better; see `Difference`."""
+    """Compute the gain of ``values`` over ``others`` for each unit; positive gains are better (see `Difference`)."""
     both = values.notna() & others.notna()
     if quantities()[metric].ratio:
         both &= (values > 0) & (others > 0)
@@ -191,7 +191,7 @@ def gains_of(values: Any, others: Any, metric: str) -> dict[str, float]:
 
 
 def difference_rows(differences: Sequence[Difference]) -> list[dict[str, Any]]:
-    """Return one table row, in words, for each setting and metric."""
+    """Return one table row of formatted texts for each setting and metric."""
     return [
         {
             "setting": one.option,
@@ -206,7 +206,7 @@ def difference_rows(differences: Sequence[Difference]) -> list[dict[str, Any]]:
 
 
 def rule_for(unit: str) -> str:
-    """State the rule that decides a verdict, for pictures or seeds, in words."""
+    """State in words the rule that decides a verdict, for differences over pictures or over seeds."""
     depends = (
         f"a difference *depends on the picture* if at least {LEAST_ODD}, and {LEAST_SHARE:.0%}, of them differ by more "
         "than what matters, where that is known, in each direction; "
@@ -220,7 +220,7 @@ def rule_for(unit: str) -> str:
 
 
 def explain_pairing(differences: Sequence[Difference]) -> str:
-    """State the reference, the unit of pairing and the rule that decides a verdict as Markdown."""
+    """State, in Markdown, the reference, the unit of pairing and the rule that decides a verdict."""
     unit = differences[0].unit
     return f"Against `{differences[0].reference}`, paired by {unit}. {rule_for(unit)}"
 

@@ -1,4 +1,4 @@
-"""Find the settings that are worth their cost: the Pareto fronts of quality metrics against cost."""
+"""Find the settings that are worth their cost, which are on the Pareto fronts of quality metrics against cost."""
 
 import math
 from collections.abc import Sequence
@@ -37,7 +37,7 @@ MOST_LINES, LINE = 20, 42  # maximum number of settings listed beside the panels
 
 @dataclass(frozen=True)
 class Trade:
-    """The names of a cost and of the metrics that are traded against it, with one front for each metric."""
+    """The names of a cost and of the metrics traded against it; each metric has its own front."""
 
     cost: str
     metrics: tuple[str, ...]
@@ -54,9 +54,9 @@ class Trade:
 
 
 def trade_of(frame: pd.DataFrame, cost: str | None = None, metrics: Sequence[str] = ()) -> Trade | None:
-    """Choose a cost and metrics that finished runs have; a given cost or given metrics are kept.
+    """Choose a cost and metrics that finished runs have; a cost or metrics that are given are kept.
 
-    Returns None if the runs have no cost or no metric. Raises UserError for a given quantity that no run has.
+    Returns None if the runs have no cost or no metric. Raises UserError if no run has a given cost or metric.
     """
     known = [key for key, values in frame["metric"].items() if pd.to_numeric(values, errors="coerce").notna().any()]
     for key in filter(None, (cost, *metrics)):
@@ -153,7 +153,7 @@ def remark_on_own_features(frame: pd.DataFrame, metrics: Sequence[str]) -> str:
 
 
 def _on_a_front(points: pd.DataFrame, trade: Trade, column: str) -> list[tuple[int, str]]:
-    """List the settings that are on any front, as pairs of their number and their value in a column."""
+    """List the number, and the value in ``column``, of each setting that is on any front."""
     return list(points.loc[points[trade.flags].any(axis=1), ["number", column]].itertuples(index=False, name=None))
 
 
@@ -182,7 +182,7 @@ def _label(key: str) -> str:
 
 
 def _panel(axes: Axes, points: pd.DataFrame, cost: str, metric: str) -> None:
-    """Plot all settings for one metric, number those on the front, and set the axis limits close to the front."""
+    """Plot all settings by cost and one metric, number those on the front, and fit the vertical axis to the front."""
     plotting.tidy(axes)
     axes.set(xlabel=_label(cost), ylabel=_label(metric))
     points = points.dropna(subset=[metric])

@@ -29,7 +29,7 @@ PICTURES = ("a", "b", "c", "d")
 
 
 def make_study(folder, psnr=(A, B, C), units=PICTURES, key="image", **noted):
-    """Write a sweep with one setting for each row of ``psnr``, over pictures or seeds; None makes a failed job."""
+    """Write a sweep with one setting for each row of ``psnr``, over pictures or seeds; None stands for a failed job."""
     for unit, *values in zip(units, *psnr, strict=True):
         for k, value in enumerate(values):
             numbers = {"psnr": value, "seconds": 2.0 + k} if value is not None else {"status": "failed"}

@@ -1,4 +1,4 @@
-"""Test that the published speed and accuracy figures agree with their records, and how regrets are computed."""
+"""Test that published speed and accuracy figures agree with their records, and that regrets are computed correctly."""
 
 import sys
 from pathlib import Path

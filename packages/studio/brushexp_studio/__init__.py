@@ -1,7 +1,10 @@
 """``task=studio``: serve a page on this machine for painting photographs; needs the extra ``studio``.
 
-photos (the user's files) -> wishes (choices as command-line overrides) -> works (paintings, one at a time); tab
-(controls next to an easel, made of elements, for one visit) -> server (for this machine only)
+- `photos` stores the user's files, `wishes` converts choices to command-line overrides, and `works` paints one
+  painting at a time.
+- `tab` builds the page of one `visit`: `controls` next to an `easel`, both made of `elements`.
+- `server` serves the page to this machine only.
 
-``task=view`` shows finished pages and does not need the extra: view -> serving (to this machine only).
+``task=view`` shows finished pages and does not need the extra: `view` serves them through `serving`, also to this
+machine only.
 """

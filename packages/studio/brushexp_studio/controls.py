@@ -97,13 +97,13 @@ class Controls:
                 button.press(other == key)
 
     def show_drafts(self) -> None:
-        """Replace each look's sample with the finished draft of the photograph in that look."""
+        """Show, for each look, the finished draft of the photograph or, until there is one, a sample of the look."""
         for look, sample in self.samples.items():
             address = self.visit.drafts.address(self.visit.wishes.photo, look)
             sample.set(src=address or f"/looks/{look}.webp")
 
     def _thumbs(self, name: str, chosen: Photo | None, take: Callable[[Photo], None]) -> dict[str, Button]:
-        """Add thumbnails of the sample pictures or styles and of the visitor's own picture; return them by key."""
+        """Add thumbnails of the sample pictures or styles, and one of the visitor's own picture; return them by key."""
         none = Button("None", lambda: self._take_style(None), classes="drop") if name == "style" else None
         whole = name == "picture"  # accepts a file dropped anywhere on the page
         own = {"name": f"Your own {name}", "text": "Your own", "address": "/photos", "whole": whole}
@@ -158,7 +158,7 @@ class Controls:
     async def _take_tubes(self, tubes: str) -> None:
         """Choose a set of paints.
 
-        A set of paints also selects the look that uses it; without one, this look is replaced by the first look.
+        Choosing a set also selects the look that uses real paints; choosing none replaces this look with the first one.
         """
         wishes = self.visit.wishes
         wishes.tubes = tubes

@@ -1,4 +1,4 @@
-"""Create a painting's slow files, such as prints and layered files, in threads, and report their progress."""
+"""Create, in threads, files of a painting that take time, such as prints and layered files, and report progress."""
 
 import zipfile
 from collections.abc import Callable
@@ -60,7 +60,7 @@ FORMS = {
 
 
 def possible_forms(work: Painted) -> dict[str, Form]:
-    """Return the kinds of files that can be made from a painting: PSD needs an extra, and a plan needs tubes."""
+    """Return the kinds of files that can be made from a painting; PSD needs an extra, and a plan needs real paints."""
     missing = {"psd"} if find_spec("psd_tools") is None else set()
     if not work.has_tubes:
         missing.add("plan")

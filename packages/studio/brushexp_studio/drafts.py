@@ -23,7 +23,7 @@ NICENESS = 10  # niceness of the thread on systems with niceness per thread
 
 
 class Drafts:
-    """Drafts by photograph and look, painted one at a time while no painting is in progress or waiting."""
+    """Drafts of photographs in different looks, painted one at a time while no painting is in progress or waiting."""
 
     def __init__(self, works: Works) -> None:
         self.works = works

@@ -70,7 +70,7 @@ class Easel:
         self.renew()
 
     def renew(self) -> None:
-        """Show the latest picture of the painting; redraw everything if anything else has changed."""
+        """Show the latest picture of the painting; redraw the whole easel if anything else has changed."""
         work, works = self.visit.work, self.visit.works
         made = tuple((key, download.status) for key, download in work.downloads.items()) if work else ()
         state = (len(works.all), work and (work.number, work.status), bool(work and work.frames))
@@ -251,7 +251,7 @@ class Easel:
                 chips("Difficulty of the plan", DIFFICULTIES, self.visit.plan.difficulty, self._take_difficulty)
 
     def _choice_for(self, key: str) -> Print | Plan | None:
-        """Return the visitor's choice of print size or plan difficulty for a kind of file; None for other kinds."""
+        """Return the visitor's choice of print size or plan difficulty, or None if a kind of file offers no choice."""
         if FORMS[key].is_print:
             return self.visit.paper
         return self.visit.plan if key == "plan" else None

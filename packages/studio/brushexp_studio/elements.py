@@ -27,7 +27,7 @@ class Tag(TextElement):
 
 
 class Button(Tag):
-    """A button that calls ``do`` when clicked; ``pressed`` is its state if it represents a choice."""
+    """A button that calls ``do`` when clicked; if it represents a choice, ``pressed`` tells whether it is chosen."""
 
     def __init__(
         self, text: str, do: Callable[[], Any], *, pressed: bool | None = None, classes: str = "button"
@@ -62,7 +62,7 @@ class Wipe(Scripted, component="web/wipe.js"):
 
 
 class Frames(Scripted, component="web/frames.js"):
-    """A replay of pictures in sequence, given by their addresses ``frames`` and their ``captions``."""
+    """A replay of pictures in sequence; ``frames`` lists their addresses, and ``captions`` their captions."""
 
 
 class Blend(Scripted, component="web/blend.js"):
@@ -89,7 +89,7 @@ class Slide(Scripted, component="web/slide.js"):
 
 
 def chips(name: str, choices: dict[Any, str], chosen: Any, choose: Callable[[Any], Any]) -> dict[Any, Button]:
-    """Add a group of buttons of which one is pressed, and return them by key; ``choose`` receives the clicked key."""
+    """Add a group of buttons, one of which is pressed, and return them by key; ``choose`` receives the clicked key."""
     buttons: dict[Any, Button] = {}
 
     def press(key: Any) -> Any:

@@ -37,7 +37,7 @@ class PrintControls:
             self.files = Tag("ul", "downloads")
 
     def show(self, work: Work | None) -> None:
-        """Show the print size of a painting, or hide the controls if there is no painting."""
+        """Show the controls and the print size of a painting, or hide the controls if there is no painting."""
         self.work = work
         self.place.set_visibility(work is not None)
         self.fits.set_visibility(self.visit.paper.paper in PAPERS)

@@ -27,7 +27,7 @@ class Print:
 
     @property
     def is_cropped(self) -> bool:
-        """Whether the picture is cropped to the paper: always on square paper, never at its own proportions."""
+        """Whether the picture is cropped to the paper: always on square paper, never if `OWN` size is chosen."""
         return self.paper == SQUARE or (self.paper in PAPERS and self.fill)
 
     def box(self, ratio: float) -> tuple[float, float]:

@@ -47,7 +47,7 @@ def add_page(app: FastAPI, photos: Photos, works: Works, drafts: Drafts) -> None
 
 
 def by_popularity(look: str) -> tuple[int, str]:
-    """Return the sort key of a look: by popularity, with the user's own looks last, in alphabetical order."""
+    """Return a sort key that puts popular looks first, and the user's own looks last in alphabetical order."""
     return (LIKELY.index(look) if look in LIKELY else len(LIKELY)), look
 
 
@@ -132,7 +132,7 @@ class Tab:
             self.complain(work.trouble)
 
     def describe(self) -> str:
-        """Return the status line, which says what the studio is currently doing."""
+        """Return the text of the status line, which says what the studio is currently doing."""
         current = self.works.current
         if current is None:
             return "" if self.visit.wishes.photo else "Choose a picture first."

@@ -32,8 +32,8 @@ def lay_fresh_strokes(painting: Any, touch: Touch, seed: int, path: Path) -> Non
     """Replace the strokes in an area of a painting with new strokes in the same look, and write a catalogue.
 
     A stroke belongs to the area if both end points and the midpoint of its curve are inside the mask. ``touch.how``
-    determines the number of new strokes, which are placed above all others, smaller ones over larger ones; optimising
-    them is left to the caller. Raises UserError if the area is too small.
+    determines the number of new strokes. They are placed above all other strokes, the smaller ones over the larger
+    ones, and are not optimised here. Raises UserError if the area is too small.
     """
     saved = painting.finished.job.saved
     mask = load_mask(str(touch.mask), saved.size, "region") >= 0.5

@@ -53,7 +53,7 @@ class Visit:
         self.notify()
 
     def stoppable(self) -> Work | None:
-        """Return the painting that Stop ends: this tab's own, or the displayed one if its tab has been closed."""
+        """Return the painting that Stop ends: this tab's own, or the displayed one if its own tab has been closed."""
         shown = self.work if self.work and not getattr(self.work.owner, "is_there", False) else None
         return next((work for work in (self.begun, shown) if work and work.is_open), None)
 
@@ -65,7 +65,7 @@ class Visit:
         self.notify()
 
     def arrive(self, tab: str | None) -> None:
-        """Connect to a browser tab; after a reload, the tab's own painting is shown again."""
+        """Connect this visit to a browser tab; after a reload, show the latest painting that the tab began."""
         self.is_there, self.tab = True, tab
         mine = [work for work in self.works.all if tab is not None and getattr(work.owner, "tab", None) == tab]
         for work in mine:
@@ -76,7 +76,7 @@ class Visit:
             self.look_at(mine[-1])
 
     def join(self) -> None:
-        """Show the latest painting, even one started by another tab, if this tab does not show any yet."""
+        """Show the latest painting, even if another tab began it, unless this tab already shows one."""
         if self.work is None and self.works.all:
             self.wishes.photo = self.wishes.photo or self.works.all[-1].wishes.photo
             self.look_at(self.works.all[-1])

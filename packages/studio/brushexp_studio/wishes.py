@@ -110,7 +110,7 @@ class Wishes:
         return {key: value for key, value in self.overrides().items() if key != "seconds"} | {"quality": "glance"}
 
     def command(self) -> str:
-        """Return the equivalent command line, which refers to the user's file by its name."""
+        """Return the equivalent command line, in which the user's files appear by name only."""
         words = {"image": self.subject.name} | self.overrides()
         del words["frames"]
         if self.mask and words.get("focus") == str(self.mask):

@@ -33,7 +33,7 @@ WAITING, PAINTING, FINISHING, DONE, FAILED = "waiting", "painting", "finishing",
 
 @dataclass
 class Work:
-    """A painting with its choices, state, files, and intermediate pictures (JPEGs with captions)."""
+    """A painting with its choices, its state, its files, and its intermediate pictures (JPEGs with captions)."""
 
     number: int
     wishes: Wishes
@@ -109,7 +109,7 @@ class Work:
         return frames[min(later, default=number)][0]
 
     def add_frame(self, image: Any, caption: str, number: int | None = None) -> None:
-        """Add a picture (H, W, 3), uint8, as ``number``, or as the next number if it is None."""
+        """Add a picture (H, W, 3), uint8, under the given ``number``, or under the next number if None is given."""
         number = self.last + 1 if number is None else number
         self.frames[number] = encode(Image.fromarray(image), FRAME_SIDE, **JPEG), caption
         if len(self.frames) > MOST_FRAMES:
@@ -118,7 +118,7 @@ class Work:
 
 
 class Works:
-    """All paintings of a session, stored in a folder; ``options`` are overrides that apply to each of them."""
+    """All paintings of a session, stored in a folder; ``options`` are overrides that apply to every painting."""
 
     def __init__(self, folder: Path, options: dict[str, Any]) -> None:
         self.folder, self.options = folder, options
@@ -138,7 +138,7 @@ class Works:
         return next((work for work in self.all if work.is_open), None)
 
     def before(self, work: Work) -> int:
-        """Count the unfinished paintings that were started before this one."""
+        """Count the unfinished paintings that were queued before this one."""
         return sum(other.is_open and other.number < work.number for other in self.all)
 
     def __getitem__(self, number: int) -> Work:
@@ -146,7 +146,7 @@ class Works:
         return {work.number: work for work in self.all}[number]
 
     def warm_up(self) -> None:
-        """Import and compile what the first painting needs, in a background thread."""
+        """Import and compile, in a background thread, the code that the first painting needs."""
         self._thread = Thread(target=self._warm, name="warm-up", daemon=True)
         self._thread.start()
 
@@ -190,7 +190,7 @@ class Works:
         return download
 
     def close(self) -> None:
-        """Stop all paintings and wait for their threads to end."""
+        """Stop all paintings and all files that are being made, and wait for their threads to end."""
         self._closing.set()
         for work in [work for work in self.all if work.is_open]:
             self.stop(work)
@@ -281,7 +281,7 @@ class Works:
 
 
 def progress_of(step: int, steps: int, spent: float, limit: float | None) -> tuple[float, float | None]:
-    """Return the finished fraction of a painting and the remaining seconds, which are None before the first step.
+    """Return the finished fraction of a painting, and the remaining seconds or, if they are not yet known, None.
 
     >>> progress_of(10, 40, 5.0, None), progress_of(10, 0, 5.0, 20.0), progress_of(0, 40, 0.1, None)
     ((0.25, 15.0), (0.25, 15.0), (0.0, None))

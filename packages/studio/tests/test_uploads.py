@@ -65,7 +65,7 @@ def encoded_as(kind, picture=None):
 
 
 def claiming(kind, place, size):
-    """Encode a picture whose header is overwritten at byte ``place`` with a different size."""
+    """Encode a picture, and overwrite its header at byte ``place`` with a different size."""
     data = encoded_as(kind)
     return data[:place] + size + data[place + len(size) :]
 

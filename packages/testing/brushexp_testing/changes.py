@@ -50,7 +50,7 @@ def begin_change(make: Make) -> tuple[Any, Strokes]:
 
 
 def keeps_shapes_of_target_and_ground(make: Make) -> None:
-    """Check that targets stay in [0, 1] and grounds finite at every step, and that both keep their shapes."""
+    """Check that at every step targets stay in [0, 1], grounds stay finite, and both keep their shapes."""
     change, strokes = begin_change(make)
     for step in (0, 1, 50, STEPS):
         state = painting_at(step, strokes)
@@ -83,7 +83,7 @@ def limits_strokes_once(make: Make) -> None:
 
 
 def keeps_strokes_at_the_end(make: Make) -> None:
-    """Check that the final strokes begin with the original N strokes, and that the order covers all of them."""
+    """Check that the final strokes begin with the original N strokes, and that the order lists each stroke once."""
     for n in (0, 1, N):
         change, strokes = make(), some_strokes(n, SIZE)
         state = painting_at(STEPS, strokes, is_over=True)
@@ -96,7 +96,7 @@ def keeps_strokes_at_the_end(make: Make) -> None:
 
 
 def resumes_identically(make: Make) -> None:
-    """Check that a change that is restored from a saved state continues identically."""
+    """Check that a change restored from a saved state continues identically."""
     change, strokes = begin_change(make)
     state = painting_at(50, strokes)
     change.aim(state.target, state.ground, state)

@@ -47,7 +47,7 @@ def _is_simulated(parameters: Tensor, simulated: Simulated) -> None:
 
 
 def returns_pictures_and_heights(make: Make) -> None:
-    """Check that each stroke leaves paint, but none in a corner of the window.
+    """Check that each stroke leaves paint, but no paint in the top left corner of its window.
 
     Pixels without paint must have the stroke's own colour.
     """
@@ -67,7 +67,7 @@ def returns_pictures_and_heights(make: Make) -> None:
 
 
 def is_independent_of_batch(make: Make) -> None:
-    """Check that simulating part of a set gives the same strokes as simulating the whole set."""
+    """Check that a stroke's result is the same whether a whole set or only part of it is simulated."""
     engine, parameters = make(window=WINDOW), _valid(6)
     whole = engine(parameters, seed=3, first=5)
     for start, stop in ((0, 1), (2, 3), (2, 6)):

@@ -122,7 +122,7 @@ def gives_every_stroke_a_depth(make: Make) -> None:
 
 
 def is_finite_differentiable_and_zero_at_best(make: Make) -> None:
-    """Check that a loss is finite even without strokes, that its gradients are finite, and that its minimum is 0."""
+    """Check that a loss is finite even without strokes, has finite gradients, and is 0 for equal pictures."""
     loss = make()
     assert loss.weight > 0
     image, strokes = torch.rand(3, *SIZE, requires_grad=True), with_gradients(some_strokes(6, SIZE, bend=0.05))
@@ -176,7 +176,7 @@ def stays_within_budget(make: Make) -> None:
 
 
 def stays_on_the_canvas(make: Make) -> None:
-    """Check that a sampler's region is within the picture, and that its strokes exist and are distinct."""
+    """Check that a sampler's region is within the picture, and that the strokes it selects exist and are distinct."""
     sampler = make()
     for step in range(20):
         view = sampler(some_strokes(9, SIZE), SIZE, step, torch.Generator().manual_seed(step))
@@ -225,7 +225,7 @@ def writes_into_the_folder_of_the_run(make: Make) -> None:
 
 
 def paints_within_stroke_budget(make: Make) -> None:
-    """Check that a painter yields valid strokes within the budget, with increasing step numbers, that leave paint.
+    """Check that a painter's strokes are valid, stay within the budget and leave paint, and that step numbers increase.
 
     The result must depend only on the seed. The check includes a tiny picture and a picture of a single colour.
     """

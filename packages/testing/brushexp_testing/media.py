@@ -23,7 +23,7 @@ def keeps_size_and_range(make: Make) -> None:
 
 
 def is_one_paper_in_bands(make: Make) -> None:
-    """Check that a paper and its relief are the same whether computed in bands of rows or at once.
+    """Check that a paper and its relief are the same whether computed in bands of rows or all at once.
 
     Ground without paint must stay unchanged.
     """

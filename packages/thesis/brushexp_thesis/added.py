@@ -42,7 +42,7 @@ def add_paintings(
 
 
 def draw_added(path: Path, shape: tuple[int, ...]) -> tuple[np.ndarray, dict[str, int]]:
-    """Load a picture or draw a catalogue, as an unlit painting (H, W, 3), uint8, of the given ``shape``.
+    """Load a picture, or draw a catalogue without light and paper, as uint8 of the given ``shape`` (H, W, 3).
 
     Returns the picture and, for a catalogue, its number of strokes. Raises UserError if the picture has another size.
     """

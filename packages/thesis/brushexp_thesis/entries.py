@@ -1,4 +1,4 @@
-"""Read YAML entries as dataclasses, and raise a UserError that names the entry and key if one is invalid."""
+"""Read YAML entries as dataclasses; for an invalid entry, raise a UserError that names the entry and its key."""
 
 from dataclasses import fields
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Measure a painting's quality separately where its target is flat and where its target is detailed."""
+"""Measure a painting's quality separately in the flat half and in the detailed half of its target."""
 
 import torch
 from torch import Tensor
@@ -11,10 +11,7 @@ WINDOWS = 16  # number of windows along the shorter side of a picture
 
 
 def variation(target: Tensor) -> Tensor:
-    """Compute the local standard deviation (H, W) of the colours of a ``target`` (3, H, W).
-
-    It is computed in a square around each pixel.
-    """
+    """Compute the standard deviation (H, W) of the colours of a ``target`` (3, H, W) in a square around each pixel."""
     from scipy.ndimage import uniform_filter  # noqa: PLC0415  (--help does not need it)
 
     side = max(3, min(target.shape[1:]) // WINDOWS)
@@ -24,7 +21,7 @@ def variation(target: Tensor) -> Tensor:
 
 
 class Half(Metric):
-    """PSNR of the half of the pixels around which the target varies most, or least."""
+    """PSNR over half of the pixels: either those around which the target varies most or those where it varies least."""
 
     unit, digits = "dB", 2
     higher_is_better = True
@@ -40,13 +37,13 @@ class Half(Metric):
 
 @register("metric", "psnr_flat")
 class FlatHalf(Half):
-    """PSNR of the half of the pixels around which the target varies least."""
+    """PSNR over the half of the pixels around which the target varies least."""
 
     title, busy = "PSNR of the flat half", False
 
 
 @register("metric", "psnr_busy")
 class BusyHalf(Half):
-    """PSNR of the half of the pixels around which the target varies most."""
+    """PSNR over the half of the pixels around which the target varies most."""
 
     title, busy = "PSNR of the busy half", True

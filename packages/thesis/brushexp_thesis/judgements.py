@@ -26,9 +26,9 @@ LEAST_RANKED = 6  # minimum number of units at which ranks can be significant
 class Judgement:
     """A claim, its verdict and the evidence for it.
 
-    ``difference`` decides the claim; it is None if there is no study. ``p`` is the p-value of the verdict's statement
-    or, if the verdict is undecided, of the claim, corrected for all claims on the page. ``p_ranks`` is the uncorrected
-    p-value by signed ranks. ``alone`` is the verdict before the correction.
+    ``difference`` decides the claim; it is None if there is no study. ``p`` is the p-value of what the verdict states
+    or, if the verdict is undecided, of the claim; it is corrected for the number of claims on the page. ``alone`` is
+    the verdict before this correction. ``p_ranks`` is the uncorrected p-value of the signed-rank test.
     """
 
     claim: Claim
@@ -40,7 +40,7 @@ class Judgement:
 
     @property
     def effect(self) -> str:
-        """The measured mean with its interval, and the counts if the answer depends on the picture."""
+        """The measured mean with its interval; if the verdict depends on the picture, also the counts of both cases."""
         assert self.difference is not None
         one = self.difference
         if one.verdict != "depends":
@@ -78,7 +78,10 @@ class Judgement:
         return self.claim.remark and f"{self.claim.remark}."
 
     def _word_of_ranks(self) -> str:
-        """Return a note if signed ranks and Student's t disagree on whether the claim is decided, and otherwise ""."""
+        """Return a note if the signed-rank test and Student's t-test disagree on whether the claim is decided.
+
+        Returns "" if they agree.
+        """
         if self.p_ranks is None or self.difference is None or len(self.difference.gains) < LEAST_RANKED:
             return ""
         differ = (self.p_ranks < 1 - CONFIDENCE) != (self.alone != NOT_DECIDED)
@@ -86,14 +89,14 @@ class Judgement:
 
 
 def judge(claims: Iterable[Claim], studies: Mapping[str, Study]) -> list[Judgement]:
-    """Judge every claim, and correct the p-values for all claims together (Holm)."""
+    """Judge every claim, and correct the p-values for the number of claims by Holm's method."""
     single = [_judge_alone(claim, studies) for claim in claims]
     corrected = iter(holm([one.p for one in single if one.p is not None]))
     return [one if one.p is None else _correct(one, next(corrected)) for one in single]
 
 
 def _correct(one: Judgement, p: float) -> Judgement:
-    """Replace a claim's p-value by the corrected one, which may make its verdict undecided."""
+    """Replace a claim's p-value by the corrected one; if this is too large, the verdict becomes undecided."""
     is_doubtful = p >= 1 - CONFIDENCE and one.verdict != NOT_DECIDED
     return replace(one, p=p, verdict=NOT_DECIDED if is_doubtful else one.verdict)
 
@@ -111,9 +114,10 @@ def _judge_alone(claim: Claim, studies: Mapping[str, Study]) -> Judgement:
 
 
 def evidence_row(judgement: Judgement, paintings: Collection[str]) -> dict[str, str]:
-    """Return a table row with a claim's measurements: mean, median, counts and the p-value by ranks.
+    """Return a table row with the measurements behind a claim.
 
-    The mean is also given separately for photographs and for paintings.
+    These are the mean, the median, the numbers of pictures or seeds that got better and worse, and the p-value of the
+    signed-rank test. The mean is also given separately for photographs and for paintings.
     """
     claim, one = judgement.claim, judgement.difference
     assert one is not None

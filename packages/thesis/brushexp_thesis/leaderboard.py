@@ -31,7 +31,7 @@ TEMPLATES = Path(__file__).with_name("templates")
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Write a page and tables that compare the runs in ``cfg.runs`` and the added paintings."""
+    """Write a page and tables that compare the runs in ``cfg.runs`` and the paintings in ``cfg.add``."""
     published = read_published(Path(cfg.published) if cfg.published else SHIPPED_FIGURES)
     folders = [Path(path) for path in cfg.runs]
     if cfg.add is not None:
@@ -67,7 +67,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 def write_leaderboard_page(
     folder: Path, sections: Sequence[Section], elsewhere: Sequence[PublishedFigures], note: str = ""
 ) -> Path:
-    """Write ``report.html`` with its plot; each picture is shown in the first section that contains it."""
+    """Write ``report.html``, which includes the plot and shows each picture in the first section that contains it."""
     home = {target: section for section in reversed(sections) for target in section.pictures}
     side = side_for(sum((1 + len(section.rows)) for section in home.values()))
     html = page(
@@ -120,9 +120,9 @@ def _painting(folder: Path, row: Row, k: int, side: int) -> dict[str, Any]:
 
 
 def write_standings_plot(folder: Path, sections: Sequence[Section]) -> Path | None:
-    """Plot PSNR against time in ``anytime.png``, for up to four sections.
+    """Plot PSNR against time in ``anytime.png`` for the first four sections in which at least two rows have curves.
 
-    Returns None if no section has two rows with curves.
+    Returns None, and writes no plot, if there is no such section.
     """
     compared = [section for section in sections if section.times][:4]
     if not compared:

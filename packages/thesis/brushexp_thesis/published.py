@@ -1,4 +1,4 @@
-"""Read figures published by others, which a leaderboard shows next to figures measured here."""
+"""Read figures published by others, which a leaderboard lists beside its own measurements."""
 
 import math
 from dataclasses import dataclass, field
@@ -42,12 +42,12 @@ class PublishedFigures:
 
     @property
     def figures(self) -> dict[str, float]:
-        """The figures that were published, by their names in `FIGURES`."""
+        """The figures that were published, keyed by their names in `FIGURES`."""
         return {name: value for name in FIGURES if (value := getattr(self, name)) is not None}
 
 
 def read_published(path: Path = SHIPPED_FIGURES) -> list[PublishedFigures]:
-    """Read a YAML file with named ``sets`` of pictures, and ``figures``, each of which refers to a ``set``."""
+    """Read a YAML file that lists named ``sets`` of pictures and ``figures``, each of which refers to one ``set``."""
     try:
         data = read_plain_yaml(path, "give a file of published figures")
         if data.keys() != {"sets", "figures"} or not isinstance(data["sets"], dict):

@@ -22,7 +22,7 @@ class DeparturesTask(Task):
 
 @dataclass
 class VerdictsTask(Task):
-    """Judge the thesis's claims by finished studies, on one page with verdicts, tables and plots."""
+    """Judge the thesis's claims by finished studies, and write one page of verdicts, tables and plots."""
 
     is_research = True
     module = "brushexp_thesis.verdicts"
@@ -39,7 +39,7 @@ class VerdictsTask(Task):
 
 @dataclass
 class LeaderboardTask(Task):
-    """Compare painters by means with intervals: finished runs, other people's paintings, and published figures."""
+    """Compare finished runs, other people's paintings and published figures by their means with intervals."""
 
     is_research = True
     module = "brushexp_thesis.leaderboard"

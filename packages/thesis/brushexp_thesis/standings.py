@@ -44,7 +44,9 @@ IGNORED_KEYS = {
 
 
 def credited(painter: str) -> str:
-    """Add the author of a re-implemented painter; a preset's name begins with its painter's name.
+    """Append the original author to the name of a re-implemented painter, or of a preset of such a painter.
+
+    A preset's name begins with its painter's name.
 
     >>> credited("hertzmann_wash"), credited("gradient"), credited("gone")
     ('hertzmann_wash (after Hertzmann)', 'gradient', 'gone')
@@ -91,7 +93,7 @@ class Row:
     def psnr_at(self, seconds: float) -> list[float]:
         """Return each picture's PSNR in dB after ``seconds``, or its final PSNR if the painting ended earlier.
 
-        The list is empty until the curves of all pictures have begun.
+        The list is empty if any picture's curve starts later than that.
         """
         psnr = [quality_at(curve, seconds, after_end=True) for curve in self.curves]
         return [] if None in psnr else psnr  # type: ignore[return-value]
@@ -128,9 +130,9 @@ class Section:
         return [time for time in TIMES if start <= time <= end][-7:]
 
     def against_best(self, row: Row) -> tuple[float, float, float] | None:
-        """Compute the mean PSNR difference from the best row with the same number of strokes, with its bounds.
+        """Compute the mean PSNR difference, with its bounds, from the best row with the same number of strokes.
 
-        Returns None for the best row itself, and if the number of strokes is unknown.
+        Returns None if this is the best row itself, or if its PSNR or number of strokes is unknown.
         """
         rivals = [one for one in self.rows if one.strokes == row.strokes and "psnr" in one.numbers]
         best = max(rivals, key=lambda one: one.numbers["psnr"].mean(), default=row)
@@ -156,7 +158,10 @@ def stem_of(name: str) -> str:
 
 
 def entries_of(frame: DataFrame) -> list[Entry]:
-    """List the finished paintings whose targets exist, among the runs in a frame; see `brushexp.results.runs`."""
+    """List the finished paintings among the runs in a frame from `brushexp.results.runs`.
+
+    Paintings without a target.png are left out.
+    """
     runs = [
         (run, metrics)
         for name, run in frame["run"].iterrows()
@@ -187,7 +192,10 @@ def _entry(run: Any, metrics: Mapping[str, Any], settings: tuple[str, ...]) -> E
 
 
 def sections_of(entries: Sequence[Entry], published: Sequence[PublishedFigures] = ()) -> list[Section]:
-    """Make a section for every set of pictures painted by any painter, with large and published sets first."""
+    """Make a section for every set of pictures that some painter painted.
+
+    Larger sets come first; among sets of equal size, those with published figures come first.
+    """
     by_painter: dict[Any, dict[str, list[Entry]]] = {}
     for entry in entries:
         by_painter.setdefault(entry.key, {}).setdefault(entry.target, []).append(entry)
@@ -206,7 +214,7 @@ def sections_of(entries: Sequence[Entry], published: Sequence[PublishedFigures] 
 def _row(
     key: tuple[str, tuple[str, ...], int | None], alike: Sequence[Sequence[Entry]], common: Collection[str]
 ) -> Row:
-    """Average a painter's paintings of each picture over seeds.
+    """Average the figures of a painter's paintings of each picture over seeds.
 
     Settings that are ``common`` to all rows are left out of the row's label.
     """

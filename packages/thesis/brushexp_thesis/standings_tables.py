@@ -1,7 +1,7 @@
 """Write a leaderboard as Markdown, CSV and LaTeX.
 
-The Markdown file has a table for each section. The CSV files have every metric, the PSNR of every picture, and the PSNR
-after equal times.
+The Markdown file has a table for each section. The CSV files contain every metric, the PSNR of every picture, and the
+PSNR after equal times.
 """
 
 import math
@@ -52,7 +52,7 @@ def write_leaderboard_tables(
 
 
 def table_cells(section: Section) -> list[dict[str, str]]:
-    """Return a section's table: measured rows, whose ``pictures`` are "these", then published rows."""
+    """Return a section's table: first the measured rows, whose ``pictures`` are "these", then the published ones."""
     rows = []
     for row in section.rows:
         means = {metric.name: _mean(row.numbers.get(key, ()), metric.digits) for key, metric in COLUMNS.items()}
@@ -63,7 +63,7 @@ def table_cells(section: Section) -> list[dict[str, str]]:
 
 
 def published_cells(figures: PublishedFigures, pictures: str) -> dict[str, str]:
-    """Return a row of published figures, whose ``settings`` name the source."""
+    """Return a table row of published figures, with their source in the column ``settings``."""
     size = " at {} x {}".format(*figures.of.size) if len(figures.of.size) == 2 else ""
     machine = f", on {figures.machine}" if figures.machine else ""
     strokes = f"{count_of(figures.primitives)} {figures.what}" if figures.primitives else MISSING
@@ -82,7 +82,7 @@ def _with_interval(bounds: tuple[float, float, float], digits: int) -> str:
 
 
 def at_equal_seconds(section: Section) -> list[dict[str, str]]:
-    """Compute each row's mean PSNR, with its interval, at the section's times; rows without curves are skipped."""
+    """Compute each row's mean PSNR, with its interval, at the section's times; skip rows without curves."""
     rows = [row for row in section.rows if row.curves and section.times]
     return [row.words | {f"{time:g} s": _mean(row.psnr_at(time), 2) for time in section.times} for row in rows]
 

@@ -1,8 +1,8 @@
 """Read finished studies, which are sweeps of a named experiment, from their folders or their records.
 
-A record is a CSV file whose first line is JSON after ``# `` (command, numbers of runs, cost), followed by one row of
-metrics for each setting and picture (or seed). With records, a page can be rewritten after the large run folders have
-been deleted. Other programs can also write records; their first line contains the program's command and question.
+A record is a CSV file. Its first line is ``# `` followed by JSON (command, numbers of runs, cost); below it, there is
+one row of metrics for each setting and picture (or seed). With records, a page can be rewritten after the large run
+folders have been deleted. Other programs can also write records; these name the program's command and question.
 """
 
 import json
@@ -31,13 +31,13 @@ OMITTED = ("hydra.sweeper.lenient=", "hydra.searchpath=", "hydra/launcher=", "hy
 
 @dataclass(frozen=True)
 class Study:
-    """A finished sweep of a named experiment.
+    """A sweep of a named experiment, with the results of its runs.
 
-    ``words`` is its command line without machine-specific folders. The command line of another program begins with
-    ``python``, and its record contains the ``question``.
+    ``words`` is its command line without machine-specific folders. If the record was written by another program, the
+    command line begins with ``python``, and the record contains the ``question``.
 
-    ``table`` is the `paired_table` of its runs. A complete study has ``n_jobs`` runs; of the ``n_runs`` that were
-    started, ``n_finished`` have finished. ``cost`` is their total cost in words.
+    ``table`` is the `paired_table` of the runs. A complete study has ``n_jobs`` runs; of the ``n_runs`` that were
+    started, ``n_finished`` have finished. ``cost`` states the total cost of the finished runs in words.
     """
 
     name: str
@@ -69,8 +69,8 @@ class Study:
     def difference(self, claim: Claim) -> Difference | None:
         """Compute the difference that decides a claim; return None if one of the claim's settings was not run.
 
-        The interval is corrected for all comparisons with the study's reference setting or, if the claim compares two
-        other settings, for all pairs of settings.
+        The interval is corrected for the number of comparisons with the study's reference setting or, if the claim
+        compares two other settings, for the number of pairs of settings.
         """
         options = list(dict.fromkeys(self.table.index.get_level_values(0)))
         if not {claim.setting, claim.against} <= set(options):
@@ -88,10 +88,10 @@ class Study:
 
 
 def studies_in(folders: Sequence[Path], into: Path) -> dict[str, Study]:
-    """Read the studies in folders, by name.
+    """Read the studies in folders, and return them by name.
 
-    If there are several studies of one experiment, the largest is kept, and the last one read if they are equally
-    large; records are read before sweeps. Raises UserError if there is no study.
+    Of several studies of one experiment, the largest is kept; if they are equally large, the one read last. Records are
+    read before sweeps. Raises UserError if there is no study.
     """
     studies: dict[str, Study] = {}
     for one in (*_read_records(folders), *_read_sweeps(folders, into)):
@@ -133,9 +133,10 @@ def _read_sweeps(folders: Sequence[Path], into: Path) -> Iterator[Study]:
 
 
 def rename_options(table: pd.DataFrame, jobs: Sequence[Sequence[str]]) -> pd.DataFrame:
-    """Rename the options of a `paired_table` to the study's settings, which are each job's arguments after the picture.
+    """Rename the options of a `paired_table` to the study's settings.
 
-    The table's own options leave out the arguments that all jobs share, and are in a different order.
+    A setting consists of a job's arguments after the picture. The table's own options leave out the arguments that all
+    jobs share, and list the others in a different order.
     """
     places = [next((k for k, word in enumerate(job) if word.startswith(PICTURE_WORD)), len(job)) for job in jobs]
     listed = list(dict.fromkeys(tuple(job[place + 1 :]) for job, place in zip(jobs, places, strict=True)))
@@ -159,8 +160,8 @@ def _cost(metrics: pd.DataFrame) -> str:
 def _short(words: Sequence[str]) -> list[str]:
     """Shorten the paths on a command line.
 
-    Paths below the current folder become relative, and all others are reduced to their file names. A part that contains
-    a comma keeps its quotes.
+    Paths below the current folder become relative, and all others are reduced to their file names. Quotes are kept only
+    around text that contains a comma.
     """
     plain = [re.sub(r'"([^",]*)"', r"\1", word) for word in words if not word.startswith(OMITTED)]
     plain = [re.sub(r'^hydra\.sweeper\.pictures=\[([^"]*)\]$', r"pictures=\1", word) for word in plain]

@@ -101,7 +101,7 @@ def verdict_row(one: Judgement) -> dict[str, str]:
 
 
 def verdict_numbers(one: Judgement, paintings: Collection[str]) -> dict[str, str]:
-    """Return a claim's row in verdicts.csv, with all measurements."""
+    """Return a claim's row in verdicts.csv, which also lists the measurements behind the claim."""
     words = {"study": one.claim.study, "section": one.claim.section, "verdict": one.verdict, "note": one.note}
     p = "" if one.p is None else format_p(one.p)
     return words | evidence_row(one, paintings) | {"power": one.power, "p": p}
@@ -115,7 +115,7 @@ def _open_row(one: Judgement) -> dict[str, str]:
 
 
 def _explanation(claims: Mapping[str, list[Claim]]) -> list[str]:
-    """Fill in the template for the paragraphs that explain the page and the rules behind its verdicts."""
+    """Return the paragraphs that explain the page and the rules behind its verdicts, filled in from a template."""
     named = [claim.metric for listed in claims.values() for claim in listed if claim.metric]
     metrics = [quantities()[key] for key in dict.fromkeys([*paired.PANELS, *named])]
     matters = "; ".join(f"{metric.name}: {metric.matters:g}" for metric in metrics if metric.matters)
@@ -167,7 +167,8 @@ def _extent(study: Study, paintings: Collection[str]) -> str:
 def numbers_of_settings(study: Study, differences: Sequence[paired.Difference]) -> list[dict[str, str]]:
     """Return a row for each metric and setting: the mean, the change from the reference, and how many units improved.
 
-    Means are over the pictures for which every setting was run. A change is a difference or, for ratios, a ratio.
+    Means are taken over the pictures or seeds for which every setting was run. A change is a difference or, for metrics
+    that are compared by ratio, a ratio.
     """
     by_cell = {(one.metric, one.option): one for one in differences}
     rows: list[dict[str, str]] = []

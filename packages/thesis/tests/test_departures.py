@@ -1,4 +1,4 @@
-"""Test that the list of departures has all the settings that differ from the thesis, and only those."""
+"""Test that the list of departures contains exactly those settings that differ from the thesis."""
 
 from brushexp_thesis import departures as departures_task
 from brushexp_thesis.departures import THESIS, departures

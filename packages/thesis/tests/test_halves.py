@@ -1,4 +1,4 @@
-"""Test that the flat half of a picture consists of the pixels around which the target varies least."""
+"""Test that the flat half of a painting consists of the pixels around which the target varies least."""
 
 import math
 

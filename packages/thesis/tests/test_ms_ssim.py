@@ -11,7 +11,7 @@ WEIGHTS = 0.0448, 0.2856, 0.3001, 0.2363, 0.1333  # weights of the scales, fines
 
 
 def by_definition(image, target):
-    """Multiply contrast and structure at all scales, and luminance at the last, over windows within the picture."""
+    """Compute MS-SSIM without padding: contrast and structure at every scale, times the luminance at the last scale."""
     places = torch.arange(-5, 6, dtype=torch.float64)
     window = torch.exp(-(places[:, None] ** 2 + places**2) / (2 * 1.5**2))
     window = (window / window.sum())[None, None].expand(3, 1, 11, 11)

@@ -113,9 +113,9 @@ def study_of(gains, unit="picture", name="s"):
 
 
 def test_claims_of_a_page_are_corrected_together():
-    """Test that claims on one page are corrected together.
+    """Test that p-values are corrected for the number of claims on a page.
 
-    Each of eight claims with a p-value of 0.013 is decided on its own, but none is decided beside seven others.
+    A single claim with a p-value of 0.013 is decided, but none of eight such claims on one page is.
     """
     studies = {"s": study_of(dict(zip("abcd", (0.3, 0.6, 0.9, 0.5), strict=True)))}
     one = claim("better", study="s", setting="x=1", against="y=1")

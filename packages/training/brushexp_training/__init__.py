@@ -1,4 +1,5 @@
-"""Train renderers on simulated strokes; the modules below are listed in the order of the data flow.
+"""Train renderers on simulated strokes.
 
+The modules, in the order in which data flows through them, are:
 schema (with rules, functions, tasks) -> engine -> stroke_sets -> fitting (with renderers, discriminator) -> evaluation
 """

@@ -1,4 +1,4 @@
-"""Check, before training starts, that its strokes, network and limits are consistent."""
+"""Check, before a training run starts, that its strokes, network and limits are consistent."""
 
 from collections.abc import Sequence
 from pathlib import Path

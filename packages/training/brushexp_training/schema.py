@@ -22,7 +22,7 @@ LIMIT = "number of training strokes to use, starting with the first; null = all"
 
 @dataclass
 class NetworkTrainerOptions(TrainerOptions):
-    """Config keys below ``trainer`` for tasks that train networks, which have epochs and validations."""
+    """Config keys below ``trainer`` for tasks that train networks and therefore have epochs and validations."""
 
     max_epochs: int | None = key(
         -1, "maximum number of epochs; -1 = no limit (tasks have their own limits)", at_least(-1)
@@ -122,7 +122,7 @@ class NetworkTask(Task):
 
 @dataclass
 class EvaluateTask(Task):
-    """Measure a renderer on new strokes; -m renderer=analytic,neural data=FOLDER other_data=true compares several."""
+    """Measure a renderer on new strokes (several: -m renderer=analytic,neural data=FOLDER other_data=true)."""
 
     is_research = True
     module = "brushexp_training.tasks.evaluate"

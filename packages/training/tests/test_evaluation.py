@@ -48,7 +48,7 @@ TINY = ("renderer=neural", "renderer.width=4", "renderer.dense=16", "renderer.co
 
 
 def distance(count: int = 5) -> FeatureDistance:
-    """Return a feature distance whose features are the top left pixels of a picture."""
+    """Return a feature distance whose features are the first ``count`` values of a picture."""
     return FeatureDistance("mine", lambda pictures: pictures.flatten(1)[:, :count], count)
 
 
@@ -129,7 +129,7 @@ def test_bristle_energy_is_the_share_of_fine_detail_that_is_drawn_and_strokes_wi
 
 
 class Bytes(torch.nn.Module):
-    """A stand-in for the published network."""
+    """A stand-in for the published Inception network, which takes pictures as bytes."""
 
     def __init__(self, count: int) -> None:
         super().__init__()

@@ -36,7 +36,7 @@ class Killed(BaseException):
 
 
 class Breaking(Spot):
-    """An engine that is killed at a given stroke."""
+    """An engine that raises `Killed` from stroke ``last`` on."""
 
     def __init__(self, last: int) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""Test that the task trains a renderer, writes it with its figures, and logs a command that paints with it."""
+"""Test that ``task=train`` trains a renderer, writes it with its figures, and logs a command that paints with it."""
 
 import json
 import logging

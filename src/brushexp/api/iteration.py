@@ -51,7 +51,7 @@ class State:
 
 
 class Handover(L.Callback):
-    """Pass states to another thread, at most one ahead of it; the painter's clock is paused while it waits."""
+    """Pass states to another thread; the painter stays at most one state ahead, and its clock stops while it waits."""
 
     def __init__(self, every: int, every_seconds: float) -> None:
         self.every, self.every_seconds = every, every_seconds
@@ -76,7 +76,7 @@ class Handover(L.Callback):
             painter.schedule.start()
 
     def _is_due(self, before: int) -> bool:
-        """Check whether the last steps passed a multiple of ``every`` and ``every_seconds`` have elapsed."""
+        """Check whether a multiple of ``every`` was reached since ``before``, and ``every_seconds`` have passed."""
         is_next = self.step // self.every > before // self.every
         return is_next and time.monotonic() - self.last >= self.every_seconds
 

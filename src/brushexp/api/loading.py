@@ -30,7 +30,7 @@ def load(source: str | PathLike[str]) -> Painting:
 
     Args:
         source: the folder of a run, a ``catalogue.h5``, ``strokes.json`` or ``strokes.bits``, or the name of a
-            shipped catalogue. A catalogue without the other files of its run has no ``target`` and no ``metrics``.
+            shipped catalogue. A painting loaded without the other files of its run has no ``target`` or ``metrics``.
 
     Raises:
         UserError: if a file is damaged or needs a plugin that is missing.

@@ -92,7 +92,7 @@ class Painting:
             return self.finished.metrics
 
     def render(self, size: int | None = None, *, light: bool = True) -> np.ndarray:
-        """Render the painting as (H, W, 3) uint8, sharp at any ``size`` of the longer side; ``light`` adds its lamp."""
+        """Render the painting as (H, W, 3) uint8, sharp at any ``size`` (longer side); ``light`` turns on its lamp."""
         job = _sized(self.finished.job, size)
         with undisturbed():
             return (job if light else replace(job, light=UNLIT)).picture()

@@ -46,7 +46,7 @@ def expand_jobs(words: Sequence[str], pictures: int = 0) -> list[str]:
 
 
 def launcher() -> str:
-    """Choose the launcher for parallel jobs: a package's if it works on this machine, otherwise Hydra's joblib."""
+    """Choose the launcher for parallel jobs: a package's own if it works on this machine, otherwise Hydra's joblib."""
     suiting = (name for name, works_here in published(LAUNCHERS).items() if works_here.load()())
     return next(suiting, "joblib")
 
@@ -64,7 +64,7 @@ def parallel_limit(pictures: int) -> int:
 
 
 def expand_pictures(words: Sequence[str], is_sweep: bool) -> list[str]:
-    """Turn a command line with several pictures into a sweep, which repeating the command resumes."""
+    """Turn a command line with several pictures into a sweep; repeating the command resumes the sweep."""
     named = [word.removeprefix(PICTURE) for word in words if word.startswith(PICTURE)]
     sets = [_without_brackets(word.removeprefix(SETS)) for word in words if word.startswith(SETS)]
     if not sets and len(named) < 2 and not any(map(is_several, named)):

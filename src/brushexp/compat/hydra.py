@@ -23,7 +23,7 @@ _lock = Lock()  # Hydra's state is global to the process
 
 
 def parse_arguments(words: Sequence[str]) -> tuple[Namespace, list[str]]:
-    """Parse a command line as Hydra does, into flags and overrides, and the arguments that Hydra does not recognise.
+    """Parse a command line as Hydra does; return flags and overrides, and the arguments that Hydra does not recognise.
 
     Raises a UserError that explains a wrong flag, such as ``-help`` or ``-o x``.
     """

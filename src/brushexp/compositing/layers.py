@@ -31,10 +31,10 @@ class TileKernel:
         temporary: number of scratch rows for use within a part.
         curved: whether to find the nearest points first. The first six numbers of a stroke are then the coordinates of
             its control points in pixels: x and y of start, control and end.
-        columns: number of columns that ``pull`` writes; None for one per number of a stroke.
-        gather: function that computes gradients from the output of ``pull``, called with pairs, there, the lists' row,
-            order, the picture's gradient, strokes and data. With None, the output is summed per stroke to give the
-            gradient of the strokes' numbers.
+        columns: number of columns that ``pull`` writes; None for one column for each of a stroke's numbers.
+        gather: function that computes gradients from the output of ``pull``. Its arguments are ``pairs``, ``there``,
+            ``row`` and ``order`` (of the tile lists), the picture's gradient, the strokes' numbers and ``data``. If it
+            is None, the output is summed per stroke, which gives the gradient of the strokes' numbers.
         constants: global variables of the parts, by name.
     """
 

@@ -18,8 +18,9 @@ TIE = F(3e-7)  # fraction of the curve's length; within it, two legs of a fold a
 def _part_near(reach, bx, by, fx, fy, mx, my):
     """Compute a range of t that contains all curve points within ``reach`` of the tile.
 
-    (mx, my) is the start of the curve relative to the tile's centre. In t, every point on the curve is within 1/32 of
-    one of the 16 sampled parameters, and every pixel centre is within half a diagonal of the tile's centre.
+    (mx, my) is the start of the curve relative to the tile's centre. It suffices to compare 16 sampled points with this
+    centre, because every t is within 1/32 of a sampled one, and every pixel centre is within half a diagonal of the
+    tile's centre.
     """
     fastest = max(fx * fx + fy * fy, (fx + bx) * (fx + bx) + (fy + by) * (fy + by))
     far = reach + HALF_DIAGONAL + np.sqrt(fastest) * F(1.01 / 16)
@@ -112,7 +113,7 @@ def _four(a, b, c0, t, step):
 
 @inline
 def _best_of_four(t, step, bend, forward, shared):
-    """Return a quarter of |B(t) - p|^2 - |P0 - p|^2 at the best of four parameters, and that parameter."""
+    """Return (|B(t) - p|^2 - |P0 - p|^2) / 4 at the best of four parameters t, and that parameter."""
     u, v, w = t + step, t + F(2) * step, t + F(3) * step
     at_t, at_u = (bend * t + forward + shared[0]) * t, (bend * u + forward + shared[1]) * u
     at_v, at_w = (bend * v + forward + shared[2]) * v, (bend * w + forward + shared[3]) * w
@@ -158,8 +159,8 @@ def _find_from_ends(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own):
     """Find both minima of the distance by Halley's method, starting from each end, and choose the nearer one.
 
     The derivative of the squared distance is a cubic with a positive leading coefficient. Its outermost zeros are the
-    minima, one on each side of its inflection point. On each side, its curvature is such that there is no zero between
-    the end and the minimum.
+    minima, one on each side of its inflection point. Between an end of the range and the minimum on that side, the
+    cubic has no other zero, and the sign of its curvature does not change.
     """
     size = a + abs(b) + c0 + F(1e-20)
     unit = F(1) / size  # keeps squares from overflowing
@@ -187,8 +188,8 @@ def _find_from_ends(a, b, c0, bx, by, fx, fy, sx, sy, low, high, own):
 def find_nearest(p, i, reach, ox, oy, own, near, j, keep):
     """Part `seek`: write to row NEAREST the parameter of the point on stroke ``i`` nearest to each pixel of the tile.
 
-    A copy for the backward pass is quantised in steps of 1/65535; it takes a quarter of the memory that alpha, t and
-    distance would need.
+    If ``keep``, a copy for the backward pass is stored in 16 bits, in steps of 1/65535; alpha, t and distance in 32
+    bits would take six times as much memory.
     """
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
@@ -215,8 +216,9 @@ def find_nearest(p, i, reach, ox, oy, own, near, j, keep):
 def recall_nearest(p, i, ox, oy, own, near, j):
     """Part `recall`: restore the parameters stored by `find_nearest`, and reduce their rounding error by a Newton step.
 
-    Two Newton iterations compute 1 / slope from its lower bound, so that the result is never too large. A negative
-    slope is treated as 0, because the nearest point is then an end of the curve; all slopes in a tile may be negative.
+    Two Newton iterations compute 1 / slope, starting from a lower bound, so that the result is never too large. A
+    negative slope is treated as 0, because the nearest point is then an end of the curve; all slopes in a tile may be
+    negative.
     """
     row = near[j]
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy

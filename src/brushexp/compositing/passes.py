@@ -94,8 +94,9 @@ def _lay(look, own, buf, opaque):
 def _add_color(look, seen, own, q, light, buf):
     """Add a stroke's visible colour to a pixel.
 
-    As with the other loops over channels, this is a separate function: within the loop over pixels it would carry `c`
-    from one pixel to the next, and the compiler would peel off the first pixel, which would misalign the others.
+    Like the other loops over channels, this one has a function of its own: written inside the loop over pixels, it
+    would carry `c` from one pixel to the next, and the compiler would peel off the first pixel, which would misalign
+    the others.
     """
     for c in range(CHANNELS):
         buf[c * AREA + q] += light * tone(look, seen, own, q, c)
@@ -127,10 +128,10 @@ def forward_pass(
     finished when no pixel transmits more than the fraction ``opaque`` of the light. With a ``target`` (C, H, W),
     however, every stroke is evaluated; ``target`` is (C, 0, 0) if there is none.
 
-    Writes ``image`` (C, H, W); ``used`` (tiles,), how many strokes of its list each tile used; by slot, ``there``
-    (pairs,), initially False, whether a stroke covers the tile; ``near`` (pairs, 64) uint16 for `recall`, or (0, 64) if
-    it is not needed; and, with a target, ``errors`` (pairs, 2) by slot, the sums of alpha |color - target|^2 and of
-    alpha.
+    Writes ``image`` (C, H, W); ``used`` (tiles,), the number of strokes that each tile used of its list; ``there``
+    (pairs,), by slot and initially False, which tells whether a stroke covers the tile; ``near`` (pairs, 64) uint16 for
+    `recall`, or (0, 64) if it is not needed; and, with a target, ``errors`` (pairs, 2), by slot, the sums of alpha
+    |color - target|^2 and of alpha.
     """
     judge, keep = target.shape[1] > 0, len(near) > 0
     buf, own, temporary = np.empty(SCRATCH * AREA, F), np.empty(ROWS * AREA, F), np.empty(TEMPORARY * AREA, F)
@@ -180,7 +181,7 @@ def _replay(p, data, order, stroke, slot, there, near, at, n, ox, oy, buf, kept,
 
 @inline
 def _begin_behind(background, weighs, buf):
-    """Set up the canvas behind the last stroke: its colour or, for `_step_back`, the product with the gradient."""
+    """Set up what is behind the last stroke: the canvas colour or, for `_step_back`, its product with the gradient."""
     buf[: CHANNELS * AREA] = F(0)
     for c in range(CHANNELS):
         for q in range(AREA):
@@ -214,7 +215,7 @@ def _product(look, seen, own, q, buf):
 
 @inline
 def _miss(look, own, buf):
-    """Compute how much removing a stroke increases a tile's weighted squared error; add its colour to that behind."""
+    """Compute how much removing a stroke increases a tile's weighted squared error, then composite it over the rest."""
     total = F(0)
     for q in range(AREA):
         seen, light, grown = shade(look, own, q), own[ABOVE * AREA + q], F(0)

@@ -254,7 +254,7 @@ def _of_all(color, own, buf, q):
 
 @inline
 def _add_change(p, i, ox, oy, taper, own, of_t, out):
-    """Add to the curve's gradient the effect of the control points, through t, on thickness and colour."""
+    """Add to the curve's gradient the effect that the control points have on thickness and colour by changing t."""
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
     size = bx * bx + by * by + F(3) * abs(bx * fx + by * fy) + F(2) * (fx * fx + fy * fy)

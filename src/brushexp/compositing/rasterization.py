@@ -14,7 +14,7 @@ from brushexp.system.runtime import share
 
 
 class Rasterizer(Protocol):
-    """Interface for one pass of kernels over the layers given at construction; `paint` stores the data for `gradient`.
+    """Interface for one pass of kernels over the layers given at construction; `paint` stores what `gradient` needs.
 
     ``errors`` (N, 2) are the sums of alpha |color - target|^2 and of alpha; `paint` sets them if it gets a target.
     """
@@ -109,7 +109,7 @@ class Painted(torch.autograd.Function):
 
 
 class DifferentiatedOnce(torch.autograd.Function):
-    """First derivatives that raise a UserError if differentiated again, whether by the gradient or by the inputs."""
+    """First derivatives that raise a UserError if they are differentiated again with respect to any tensor."""
 
     @staticmethod
     def forward(ctx: Any, count: int, *tensors: Tensor) -> tuple[Tensor, ...]:

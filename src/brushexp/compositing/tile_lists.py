@@ -124,9 +124,9 @@ def _touches(points, reach, x, y):
 def _sample(curve, reach, xs, ys):
     """Sample a curve relative to its start, at 16 points per 40 px and at most 64, and return the number of points.
 
-    Also returns a squared distance: any point within ``reach`` of the curve is within this distance of a sampled point.
-    The offset from the nearest point on the curve is perpendicular to the curve, or that point is an end, and the ends
-    are sampled.
+    Also returns the square of a distance within which every point that ``reach`` covers has a sampled point. This bound
+    uses that the offset of a point from the nearest point on the curve is perpendicular to the curve, unless the latter
+    is an end; the ends are sampled.
     """
     sx, sy, cx, cy, ex, ey = curve
     fx, fy, bx, by = 2 * (cx - sx), 2 * (cy - sy), sx - 2 * cx + ex, sy - 2 * cy + ey

@@ -89,7 +89,7 @@ class Windows(Layers):
     def _boxes(self) -> tuple[Tensor, Tensor]:
         """Compute the bounding box of the visible part of each window, as a line (N, 3, 2) and a half thickness (N,).
 
-        Where an image is fully transparent, neither its alpha nor the network that drew it gets a gradient.
+        As a consequence, no gradient reaches the fully transparent margin of an image or the network that drew it.
         """
         side = self.images.shape[-1]
         shows = self.images[:, -1] > 0
@@ -108,8 +108,8 @@ class Windows(Layers):
 def _axis(centre, scale, side, origin, index, weight, inside):
     """Find the texels before and after each of eight pixels along one axis, starting at ``origin``.
 
-    Writes arrays (16,) of the texels' indices, their weights, and whether they exist; the eight texels before the
-    pixels come first.
+    Writes arrays (16,) with the indices and weights of the texels, and with 1 if a texel exists or 0 if not; the eight
+    texels before the pixels come first.
     """
     per_pixel = F(side) / scale
     for q in range(TILE):

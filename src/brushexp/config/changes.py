@@ -64,7 +64,7 @@ def expand_changes(words: Sequence[str], beside: Sequence[str] = (), *, sweep: b
 
 
 def with_list_of_look(words: Sequence[str], beside: Sequence[str]) -> list[str]:
-    """Add the look's list of changes to the arguments, unless they name several looks or a study, or add to a list.
+    """Add the look's list of changes to the arguments, unless they name several looks or a study, or use ``+change``.
 
     Hydra composes members that are added by ``+change`` before it composes the look, but the options of some members
     depend on the look.
@@ -103,7 +103,7 @@ def merge(words: Iterable[str]) -> list[str]:
 
 
 def keep_added(words: Sequence[str], beside: Iterable[str]) -> list[str]:
-    """Add changes from the other arguments, ``beside``, to a setting's own list, which would otherwise replace them."""
+    """Add changes from the other arguments, ``beside``, to a setting's own list, which would otherwise drop them."""
     added = [name for word in beside if word.startswith(f"+{GROUP}=") for name in names_in(word)]
     has_list = any(word.startswith((f"{GROUP}=", f"+{GROUP}=")) for word in words)
     return choose(words, added) if has_list else [*words]

@@ -41,7 +41,7 @@ def check_stand_ins(name: str, values: Mapping[str, Any]) -> None:
 
 
 def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
-    """Check a composed config, and keep the plugins built for the run; errors name the override to correct."""
+    """Check a composed config; errors name the override to correct. Plugins that this builds are kept for the run."""
     schema = TASKS[cfg.task]
     check_stand_ins(cfg.task, cfg)
     for family in MULTI_SELECT:

@@ -22,7 +22,7 @@ GLOBAL = "# @package _global_\n"  # first line of global config files
 
 
 def folders_of(root: Path, words: Sequence[str] = ()) -> list[Path]:
-    """List the config folders: those that are shipped, and the user's folder, ``--config-dir`` or ``root/conf``.
+    """List the config folders: those that are shipped, and the user's own (``--config-dir`` or else ``root/conf``).
 
     Raises a UserError if the folder given by ``--config-dir`` does not exist.
     """

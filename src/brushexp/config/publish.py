@@ -110,7 +110,8 @@ def offer_presets(family: str, paths: Mapping[str, Path]) -> None:
 def offer_sweepers() -> None:
     """Replace Hydra's basic sweeper with the program's own, and publish the sweepers of installed packages.
 
-    The name stays the same because a default in config.yaml would override a study that chooses another sweeper.
+    The program's sweeper takes over the name ``basic``: if it were chosen by a default in config.yaml instead, that
+    default would override a study that chooses another sweeper.
     """
     Plugins.instance()  # publishes Hydra's own sweepers at first use
     ConfigStore.instance().store(group="hydra/sweeper", name="basic", node=SettingsSweeperConf, provider=PUBLISHER)

@@ -71,9 +71,9 @@ def _crop(features: Tensor, frame: Region, tile: Region) -> Tensor:
 
 
 def _positions(first: int, length: int, side: int, n: int) -> slice:
-    """Find which of ``n`` positions along a side of ``side`` pixels are within a span.
+    """Find which of ``n`` positions along a side of ``side`` pixels are within the ``length`` pixels from ``first``.
 
-    The stride of the positions is a power of two that divides the start of the span, and also its end unless the span
+    The stride of the positions is a power of two that divides the start of this span, and also its end unless the span
     ends where the side ends.
     """
     stride = 2 ** round(math.log2(side / n))

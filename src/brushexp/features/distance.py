@@ -44,7 +44,7 @@ class Distance(nn.Module):
     def compare(
         self, ours: Sequence[Tensor], theirs: Sequence[Tensor], focus: Sequence[Tensor | None] | None = None
     ) -> Tensor:
-        """Compute the distance from two pictures' vectors; each tap's ``focus`` (h, w) weights its positions."""
+        """Compute the distance between two pictures from their vectors; ``focus`` (h, w) weights a tap's positions."""
         taps = zip(ours, theirs, self.buffers(recurse=False), focus or [None] * len(ours), strict=True)
         return torch.stack([(mean_squares(a, b, at) * weight).sum() for a, b, weight, at in taps]).sum()
 

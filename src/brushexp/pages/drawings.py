@@ -110,11 +110,11 @@ def swatches_of(colors: np.ndarray, weights: np.ndarray) -> list[dict[str, Any]]
 
 
 def error_map(painting: np.ndarray, target: np.ndarray) -> dict[str, Any]:
-    """Map the absolute difference between two pictures (H, W, 3) uint8, averaged over channels, from 0 to 255 levels.
+    """Map the absolute difference between two pictures (H, W, 3) uint8, averaged over channels, in levels (0 to 255).
 
     ``pixels`` (H, W, 3) uint8 shows the map in the colours of ``scale``, which ends at ``top`` levels. ``above`` is the
-    fraction of pixels above ``top``, and ``mean`` is the mean difference in levels. ``below`` pairs fractions of the
-    pixels, in words, with the level that these pixels do not exceed.
+    fraction of pixels above ``top``, and ``mean`` is the mean difference in levels. Each pair in ``below`` gives a
+    fraction of the pixels in words ("half", "90 %", ...) and the level that they do not exceed.
     """
     difference = np.abs(painting.astype(np.int16) - target).sum(2)  # thirds of a level, 0 to 765
     shares = (0.5, 0.9, 0.99, 1.0, SHARE_ON_SCALE)

@@ -47,7 +47,7 @@ def _environment(folder: Path) -> Environment:
 
 
 def readable_number(value: object, digits: int = 0) -> str:
-    """Format a number as in 12,345.6; infinity becomes its symbol, and anything that is not a number becomes a dash."""
+    """Format a number like 12,345.6; infinity becomes ∞, and anything that is not a number becomes a dash."""
     if not isinstance(value, int | float) or math.isnan(value):
         return "–"
     return f"{value:,.{digits}f}" if math.isfinite(value) else "∞" if value > 0 else "−∞"
@@ -62,7 +62,7 @@ def encode(picture: Image.Image, largest: int, **options: Any) -> bytes:
 
 
 def embed(picture: Image.Image, largest: int, **options: Any) -> dict[str, Any]:
-    """Return a picture's ``source``, ``width`` and ``height`` for templates, as PNG unless ``options`` are given."""
+    """Embed a picture as a PNG, or as ``options`` specify; return its ``source``, ``width`` and ``height``."""
     options = options or PNG
     letters = base64.b64encode(encode(picture, largest, **options)).decode()
     source = f"data:image/{options['format'].lower()};base64,{letters}"

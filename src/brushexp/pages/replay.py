@@ -54,8 +54,9 @@ def pack_strokes(job: ExportJob, about: Columns | None = None, looks: np.ndarray
     per stroke, lowest and highest value) as fractions of its range (uint16). ``points`` are the control points, and
     ``half`` is half the width. Strokes drawn as a `Profile` also have ``softness`` in pixels, ``widening`` and
     ``drift``; a column that is 0 for all strokes is omitted. Textured strokes have ``thick`` and ``strength``, the half
-    width and opacity at which they are rendered, and ``texture_of``: the texture, the repeats of its loop, and whether
-    it is flipped. A texture's number is its position in the sorted ``looks``, or in all textures if that is None.
+    width and opacity at which they are rendered, and ``texture_of``: the number of the texture, how often its loop is
+    repeated, and whether it is flipped. Textures are numbered by their positions in the sorted ``looks``, or among all
+    textures if ``looks`` is None.
     """
     count, saved, (height, width) = len(job.strokes), job.saved, job.size
     textured = textured_of(job)
@@ -129,7 +130,7 @@ def pack_textures(sheets: Sheets, looks: np.ndarray) -> dict[str, Any]:
 
 @torch.no_grad()
 def textured_of(job: ExportJob) -> TexturedProfile | None:
-    """Compute the layout of textures along the strokes; return None for slow renderers and those without textures."""
+    """Lay out the textures along the strokes; return None if the renderer is slow or does not use textures."""
     layers = None if job.renderer.warm_up else job.renderer(job.strokes)
     return layers if isinstance(layers, TexturedProfile) else None
 

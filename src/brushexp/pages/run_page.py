@@ -58,7 +58,7 @@ FIRST_NUMBERS = (  # shown before the metrics: key in metrics.json, name, unit, 
 
 
 def write_run_page(folder: Path, finished: Finished, film: Future[Any] | None = None) -> Path:
-    """Write ``report.html`` to a run's folder after ``film`` has been written, and return its path."""
+    """Wait for ``film`` to be written, write ``report.html`` to a run's folder, and return the page's path."""
     write_text(folder / PAGE_NAME, page_in(folder, finished, film))
     return folder / PAGE_NAME
 
@@ -103,8 +103,8 @@ def run_page(
     """Build a painting's page as self-contained HTML; sections without data are omitted.
 
     ``name`` is the page's title, and ``look`` is the name of a look. ``curves`` maps names (``step``, ``psnr``,
-    ``loss/...``) to columns. ``files`` comes from `files_in`. ``beside`` says whether painting.png is in the folder of
-    the page.
+    ``loss/...``) to columns. ``files`` comes from `files_in`. ``beside`` says whether painting.png is in the same
+    folder as the page.
     """
     job, metrics, pictures = finished.job, finished.metrics, finished.pictures
     saved, config = job.saved, config_of(job.saved)
@@ -176,9 +176,9 @@ def _error(painting: np.ndarray | None, target: np.ndarray | None) -> dict[str, 
 def _curves(curves: Mapping[str, Sequence[float]], metrics: Mapping[str, Any]) -> list[dict[str, Any]]:
     """Return charts of PSNR against steps, seconds and strokes, and of each loss against steps.
 
-    PSNR is plotted against strokes only if a density policy chose the number of strokes. That curve shows the PSNR
-    right after the least important strokes were removed, before the others adapt, and right after a hundred strokes
-    were added, before further steps improve them.
+    PSNR is plotted against strokes only if a density policy chose the number of strokes. That curve shows what the PSNR
+    would be right after the least important strokes were removed, before the others adapt, and right after a hundred
+    strokes were added, before further steps improve them.
     """
     steps = curves.get("step", ())
     times, psnr = curve_from(metrics.get("anytime")) or ((), ())

@@ -56,7 +56,7 @@ def sweep_page(folder: Path, frame: DataFrame) -> str:
 
 
 def _summary(frame: DataFrame) -> str:
-    """Say how many runs, or paintings of different pictures, there are and how many failed."""
+    """Say how many runs there are (or paintings, if only the picture varies) and how many failed."""
     if not tables.is_album(frame):
         return tables.run_count(frame)
     failed = int((frame["run", "status"] == Status.FAILED).sum())
@@ -122,8 +122,8 @@ def _rows(frame: DataFrame, targets: list[str], groups: dict[tuple[str, str], in
 def _groups(frame: DataFrame) -> tuple[list[dict[str, Any]], list[str]]:
     """List the compared settings and the names of the painted pictures.
 
-    Each setting has the index of its ``picture``, and ``ahead_from``: the time in seconds when the setting last took
-    the lead, or None if it never led.
+    Each setting has the index of its ``picture``, and ``ahead_from``: the time, in seconds, at which the setting last
+    took the lead, or None if it never led.
     """
     keys = list(tables.over_seeds(frame).index)
     pictures = list(dict.fromkeys(image for image, _ in keys))
@@ -137,7 +137,7 @@ def _groups(frame: DataFrame) -> tuple[list[dict[str, Any]], list[str]]:
 
 
 def _means(frame: DataFrame) -> DataFrame | None:
-    """Tabulate means over seeds; combine the settings in one column if more than ``MOST_COLUMNS`` settings vary."""
+    """Tabulate means over seeds; if more than ``MOST_COLUMNS`` settings vary, combine them in a single column."""
     means = tables.means_table(frame)
     if means is None:
         return None
@@ -201,7 +201,7 @@ def _script_data(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def side_for(count: int) -> int:
-    """Return the largest of ``SIDES`` at which ``count`` pictures fit in ``AREA``, or the smallest if none fits."""
+    """Return the largest of ``SIDES`` at which ``count`` pictures fit in ``AREA``, or else the smallest."""
     return next((side for side in SIDES if count * side**2 <= AREA), SIDES[-1])
 
 

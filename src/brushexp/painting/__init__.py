@@ -1,4 +1,4 @@
-"""Turn a target picture into a painting; the modules are listed below in the order of the data flow.
+"""Turn a target picture into a painting; the modules below are listed in the order in which data flow through them.
 
 build (with working_size, changes, change, components, idle_parts, faces, init)
 -> painting_module (with schedule, picture) -> other_painter (with painter), stroke_optimizer (with sampler,

@@ -34,7 +34,8 @@ log = logging.getLogger(__name__)
 def build_painter(cfg: DictConfig, target: Tensor | None = None) -> PaintingModule:
     """Build, on the CPU, the painter for a checked config of ``task=paint``; seed PyTorch's generators before calling.
 
-    ``target`` (3, H, W) in [0, 1], if given, replaces the picture named by ``image``; its size and colours are kept.
+    If given, ``target`` (3, H, W) in [0, 1] replaces the picture named by ``image``, and is neither resized nor reduced
+    to the palette.
     """
     sizes = sizes_of(cfg) if target is None else None
     picture = _load(cfg, resolution_of(cfg)) if target is None else target
@@ -69,8 +70,8 @@ def _in_palette(cfg: DictConfig, picture: Tensor, features: Sequence[Feature] = 
 def faces_of(cfg: DictConfig, picture: Tensor) -> list[Face]:
     """Find the faces in a picture (3, H, W) if the focus or the strokes depend on them.
 
-    A mask adds the faces that it marks. With ``faces=off``, or if all strokes are given and the focus is not automatic,
-    no network is loaded and the list is empty.
+    If ``faces`` is a mask, the faces that it marks are added. With ``faces=off``, or if the strokes come from a
+    catalogue and the focus is not automatic, no network is loaded and the list is empty.
     """
     return faces_and_eyes_of(cfg, picture)[0]
 
@@ -90,7 +91,10 @@ def faces_and_eyes_of(cfg: DictConfig, picture: Tensor) -> tuple[list[Face], lis
 
 
 def _seeks_spots(cfg: DictConfig) -> bool:
-    """Check whether spots get strokes: not if the user sets their number, because spots are less certain than faces."""
+    """Check whether to add strokes for spots, which are less certain than faces.
+
+    This is the case only if the focus is automatic and the user sets neither the number of strokes nor a catalogue.
+    """
     return bool(cfg.faces != OFF and cfg.focus == AUTO and cfg.strokes is None and cfg.catalogue is None)
 
 
@@ -173,7 +177,7 @@ def clip_of(cfg: DictConfig) -> GradientClip | None:
 
 
 def compute_focus(cfg: DictConfig, target: Tensor, faces: Sequence[Face] = ()) -> tuple[Tensor | None, Tensor | None]:
-    """Compute the pixel weights (H, W), with mean 1, and the focus map from which they derive, if ``focus`` is set."""
+    """Compute the pixel weights (H, W), with mean 1, and their focus map; both are None if ``focus`` is not set."""
     if cfg.focus is None:
         return None, None
     attended = focus_map(cfg.focus, target, faces)

@@ -24,7 +24,7 @@ class CanvasMemory:
     """Paints the region that a step compares with the target, and keeps the whole picture up to date.
 
     Where a region contains strokes that the view neither moves nor draws, its pixels are taken from the last whole
-    picture. The thesis instead omits these strokes and hides the gap behind the ring.
+    picture. The thesis instead omits these strokes, and relies on the view's ring of strokes to hide the gap.
     """
 
     picture: Tensor  # (3, H, W) the whole painting, changed in place; the other fields are those of `Picture`
@@ -90,11 +90,11 @@ class CanvasMemory:
 
 
 class PatchCache:
-    """Caches a network's pictures of the surrounding strokes: the render image catalogue (thesis 2020, 6.3).
+    """Caches a network's pictures of the surrounding strokes.
 
     It holds up to ``most_bytes`` bytes of pictures as 16-bit floats, with errors of at most 1/4096, and discards the
-    oldest pictures first. Renderers that draw profiles do not need a cache. The thesis keeps all pictures and updates
-    them at every step.
+    oldest pictures first. Renderers that draw profiles do not need a cache. In the thesis (2020, 6.3), the cache is
+    called the render image catalogue, holds all pictures, and is updated at every step.
     """
 
     def __init__(self, renderer: Renderer, most_bytes: int = MAX_CACHE_BYTES) -> None:
@@ -133,14 +133,14 @@ def sum_of_squares(first: Tensor, second: Tensor) -> Tensor:
 
 @torch.no_grad()
 def boxes_of(strokes: Strokes, edge: float) -> tuple[Tensor, Tensor]:
-    """Compute opposite corners (N, 2) of the boxes of pixels that strokes may cover; ``edge`` is `Renderer.edge`."""
+    """Compute two opposite corners (N, 2) of the box of pixels that each stroke may cover; see `Renderer.edge`."""
     curve, reach = curve_of(strokes), reach_of(strokes, edge)[:, None]
     return curve.amin(1) - reach, curve.amax(1) + reach
 
 
 @torch.no_grad()
 def find_reaching(strokes: Strokes, region: Region, edge: float) -> Tensor:
-    """Mark the pixels of a region, (h, w) bool, that are in the bounding box (`boxes_of`) of any of N strokes."""
+    """Mark the pixels of a region, as (h, w) bool, that lie in the bounding box (`boxes_of`) of at least one stroke."""
     left_top, right_bottom = boxes_of(strokes, edge)
     device = left_top.device
     size = torch.tensor([region.width, region.height], device=device)

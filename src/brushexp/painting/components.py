@@ -1,4 +1,4 @@
-"""Build the components of a painting: a member of each family that gradient steps need, and the initial strokes."""
+"""Build the components of a painting: a member of every family that gradient steps need, and the initial strokes."""
 
 import logging
 import math
@@ -74,7 +74,7 @@ def standard_components(
     renderer: Renderer | None = None, *, steps: int = 500, blend: Blend | None = None, color: ColorSpace | None = None,
     **chosen: Any,
 ) -> Components:  # fmt: skip
-    """Build the default components of ``task=paint``, replaced by those in ``chosen`` where it has any."""
+    """Build the default components of ``task=paint``; those in ``chosen`` replace them."""
     renderer = renderer or Analytic()
     stages = [Stage(type(renderer).__name__.lower(), renderer, steps)]
     compositor = Compositor(blend or Tiled(), color or Rgb())
@@ -107,7 +107,7 @@ def build_losses(cfg: DictConfig) -> dict[str, Loss]:
 
 
 def check_losses(cfg: DictConfig) -> None:
-    """Raise a UserError for two losses with the same name, and for a loss whose reference painting is missing."""
+    """Raise a UserError if two losses have the same name, or if a loss lacks its reference painting."""
     for key, name in (("image", STYLE), ("brushwork", BRUSHWORK)):
         if cfg.style[key] is not None and name in cfg.loss:
             raise UserError(f"style.{key}={cfg.style[key]} adds the loss {name} itself; drop {name} from loss=...")
@@ -173,11 +173,12 @@ def first_strokes(
     *,
     painted: tuple[int, int] | None = None,
 ) -> tuple[Strokes, int]:
-    """Load the strokes in ``catalogue``, or create them by ``init`` and ``style.brushwork``; also return the budget.
+    """Load the strokes in ``catalogue``, or create them; return them and the final number of strokes.
 
-    Small strokes for ``features`` come last. These, and the strokes that are restored to ``faces`` after abstraction,
-    are added to the look's own number of strokes, but count towards ``strokes`` if the user sets it. ``painted`` is the
-    size (H, W) of the painting if the target is smaller.
+    Strokes are created by ``init`` and shaped by ``style.brushwork``. Small strokes for ``features`` come last. If the
+    user sets ``strokes``, these count towards that number; otherwise, they and the strokes that are restored to
+    ``faces`` after abstraction are added to the look's own number. ``painted`` is the size (H, W) of the painting if
+    the target is smaller.
     """
     _, height, width = target.shape
     painted = painted or (height, width)
@@ -210,7 +211,7 @@ def first_strokes(
 
 
 def planned_steps(cfg: DictConfig) -> int:
-    """Return the minimum number of steps for a painting."""
+    """Return a lower bound for the number of steps of a painting."""
     return cfg.steps if cfg.steps_per_stroke is None else round(cfg.steps_per_stroke)
 
 

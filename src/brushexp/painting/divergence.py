@@ -13,9 +13,9 @@ from brushexp.strokes.catalogue import Strokes
 
 @torch.enable_grad()
 def find_non_finite(painter: Any, strokes: Strokes, wrong: str | None) -> str:
-    """Repeat the last step with its N ``strokes``; state the first non-finite result and the plugin that produced it.
+    """Repeat the last step with its N ``strokes``; name the first result that is not finite, and the plugin behind it.
 
-    ``wrong`` is the name of the loss that was not finite in that step, or None.
+    ``wrong`` is the name of the loss that was not finite in the last step, or None.
     """
     picture, losses = painter.picture, painter.components.losses
     renderer, blend = name_member("renderer", picture.renderer), name_member("blend", picture.blend.blend)

@@ -1,4 +1,4 @@
-"""Create strokes for faces: small strokes for eyes and mouths, and some of those that abstraction would remove."""
+"""Create strokes for faces: small ones for eyes and mouths, and some of those that abstraction removed."""
 
 import math
 from collections.abc import Sequence
@@ -91,9 +91,9 @@ def draw_features(
 ) -> Strokes:
     """Create small strokes for features of a target (3, H, W) that have fewer small strokes than their floor.
 
-    The new strokes, to be placed on top of all others, number at most ``limit``, shared in proportion to the floors. An
-    initialiser with details of its own draws only features that are certain, because elsewhere the strokes would be
-    blots.
+    At most ``limit`` strokes, to be placed on top of all others, are divided among the features in proportion to their
+    floors. If the initialiser has its own `details`, only features that are certain get strokes, because elsewhere
+    these would look like blots.
     """
     width, only_certain = 2 * half_width_of(strokes), initializer.details() is not None
     sought = [feature for feature in features if feature.is_certain or not only_certain]

@@ -79,7 +79,7 @@ class Finished:
         return self.pictures["painting"].shape[:2] == self.job.size
 
     def write(self, folder: Path, names: Collection[str] = ("painting", "flat")) -> None:
-        """Write the catalogue, the pictures ``names``, the SVG, the metrics' files, and finally ``metrics.json``."""
+        """Write the catalogue, the pictures in ``names``, the SVG, the metrics' files, and finally ``metrics.json``."""
         (folder / METRICS_FILE).unlink(missing_ok=True)  # the old metrics describe the painting that is being replaced
         save_catalogue(folder / "catalogue.h5", self.job.saved)  # first, because all other files can be made from it
         about = credits_of(self.job.source)
@@ -109,8 +109,8 @@ def finish(
 ) -> Finished:  # fmt: skip
     """Finish a painting; its lamp affects the pictures and ``psnr_lit``, but not the catalogue or other metrics.
 
-    ``provenance`` is added to the metrics. ``start`` is the `time.monotonic` at which the program started, or None for
-    a resumed run.
+    ``provenance`` is added to the metrics. ``start`` is the value of `time.monotonic` at the start of the program, or
+    None for a resumed run.
     """
     painter.schedule.pause()
     painter.hand_over()

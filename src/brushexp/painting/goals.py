@@ -23,8 +23,8 @@ RECENT_SECONDS = 0.25  # shortest time over which speed is measured
 class NoMoreGain(EarlyStopping):
     """Ends a stage when 100 evaluations improve PSNR by less than ``gain`` dB (Lightning's EarlyStopping).
 
-    It counts evaluations, not epochs, because an L-BFGS step has several, and ignores coarse steps and steps with
-    surplus strokes.
+    Evaluations are counted instead of epochs, because an L-BFGS step takes several. Coarse steps and steps with surplus
+    strokes do not count.
     """
 
     def __init__(self, gain: float) -> None:
@@ -55,7 +55,7 @@ class NoMoreGain(EarlyStopping):
 
 
 class Quality(L.Callback):
-    """Ends the run when the 8-bit picture before the last step, drawn by the last renderer, reaches ``psnr`` dB."""
+    """Ends the run when the picture before a step, drawn by the last renderer in 8 bits, reaches ``psnr`` dB."""
 
     def __init__(self, psnr: float) -> None:
         self.psnr = psnr
@@ -145,7 +145,7 @@ def goals_of(
 ) -> list[L.Callback]:
     """Create the goals of a run, one for each value that is not None.
 
-    If the painter does not plan its steps (``has_plan``), their number is not adapted to ``seconds``.
+    The number of steps is adapted to ``seconds`` only if the painter plans its steps (``has_plan``).
     """
     goals = ((NoMoreGain, early_stop), (Quality, psnr), (TimeBudget if has_plan else SecondsLimit, seconds))
     return [goal(value) for goal, value in goals if value is not None]

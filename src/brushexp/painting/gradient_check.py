@@ -15,7 +15,7 @@ log = logging.getLogger(__name__)
 
 
 def check_dependence(losses: Mapping[str, Loss], terms: Mapping[str, Tensor], *, shapes_move: bool) -> None:
-    """Raise a UserError if no loss depends on a moving stroke; otherwise warn of each loss that does not.
+    """Raise a UserError if no loss depends on a moving stroke; otherwise, log a warning for each loss that does not.
 
     ``terms`` are the values of the losses for a painting in which some strokes move. Unless ``shapes_move``, a loss
     that looks only at strokes is not reported, because it may depend on fields that the optimiser does not move.
@@ -30,7 +30,7 @@ def check_dependence(losses: Mapping[str, Loss], terms: Mapping[str, Tensor], *,
 
 
 def check_slope(losses: Mapping[str, Loss], loss: Tensor, parameters: Iterable[nn.Parameter]) -> None:
-    """Warn, after ``backward``, if the objective is nonzero but its gradient is 0, for example because of rounding."""
+    """Warn, after ``backward``, if the objective is not 0 but its gradient is, for example because of rounding."""
     slopes = [parameter.grad for parameter in parameters if parameter.grad is not None and len(parameter)]
     if slopes and bool(loss.detach()) and not any(bool(slope.any()) for slope in slopes):
         names = ", ".join(name_member("loss", one, name) for name, one in losses.items())

@@ -1,4 +1,4 @@
-"""Report components without effect on a painting, and second stages that take more steps than the first."""
+"""Report components that have no effect on a painting, and second stages with more steps than the first."""
 
 import logging
 
@@ -11,7 +11,10 @@ log = logging.getLogger(__name__)
 
 
 def log_idle_parts(parts: Components, strokes: Strokes, size: tuple[int, int]) -> None:
-    """Log components without effect for ``strokes`` on a canvas of ``size`` (H, W), and longer second stages."""
+    """Log a warning for each component without effect, and for a second stage with more steps than the first.
+
+    ``strokes`` are on a canvas of ``size`` (H, W).
+    """
     steps = sum(stage.steps for stage in parts.stages)
     if steps and (reason := parts.density.idle_reason(steps)):
         log.warning("%s %s", name_member("density", parts.density), reason)

@@ -30,8 +30,8 @@ UNFOUNDED = ".*your dataloader is not resumable|.*checkpoint will contain the mo
 class PaintingModule(L.LightningModule):
     """Base module of all painters: counts steps, draws the picture, logs losses and PSNR, and records why a run ended.
 
-    A batch is just a number, because each step chooses what to compare, depending on the previous step. The painter's
-    own state contains everything that is needed to resume.
+    A batch is just a number, because each step itself chooses what to compare, depending on the previous step. The
+    painter's own state contains everything that is needed to resume.
     """
 
     painted: tuple[int, int] | None = None  # height and width of the painting if the target is smaller
@@ -107,7 +107,7 @@ class PaintingModule(L.LightningModule):
         return self.picture.draw(self.strokes(), self.front_to_back)
 
     def latest(self, zoom: float = 1.0) -> Tensor:
-        """Return the last whole picture that the steps painted, or draw it if no step has been taken.
+        """Return the last whole picture painted by a step, or draw the picture if no step has been taken.
 
         With ``zoom`` below 1, the last step must have painted the picture at that size.
         """
@@ -117,7 +117,7 @@ class PaintingModule(L.LightningModule):
         """Convert the strokes to the form in which the run saves them."""
 
     def now(self, **about: bool) -> PaintingState:
-        """Return the state of the painting for changes; ``about`` contains further fields of `PaintingState`."""
+        """Return the painting's state, as changes receive it; ``about`` sets further fields of `PaintingState`."""
         order = self.components.order
         return PaintingState(
             target=self.picture.target,
@@ -169,7 +169,7 @@ class PaintingModule(L.LightningModule):
         return range(STEPS_PER_EPOCH)
 
     def publish(self) -> None:
-        """Publish losses, seconds, and the PSNR of the picture from before the step to callbacks.
+        """Pass the losses, the seconds, and the PSNR of the picture before the step to callbacks.
 
         The values are stored in ``trainer.callback_metrics``; `on_train_batch_end` passes some of them to loggers.
         """

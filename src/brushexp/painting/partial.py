@@ -20,11 +20,12 @@ STEP_COUNT = "step"  # name under which optimisers store their step count
 def partial_update(
     catalogue: Catalogue, optimizer: optim.Optimizer, rows: Tensor | None, visits: Tensor
 ) -> Iterator[Catalogue]:
-    """Give an optimiser only the strokes with indices ``rows`` (A,), as a separate catalogue; None for all strokes.
+    """Restrict an optimiser to the strokes with indices ``rows`` (A,), yielded as a separate catalogue.
 
-    Otherwise the optimiser's running averages would move strokes whose gradient is 0. The optimiser's state for a
-    stroke is kept if it has one number per parameter; any other state (the history of L-BFGS) is reset. ``visits`` (N,)
-    counts the steps of each stroke; its median over ``rows`` becomes the optimiser's step count.
+    If ``rows`` is None, it optimises all strokes. With the whole catalogue, the optimiser's running averages would also
+    move strokes whose gradient is 0. The optimiser's state for a stroke is kept if it has one number per parameter; any
+    other state (such as the history of L-BFGS) is reset. ``visits`` (N,) counts the steps of each stroke; its median
+    over ``rows`` becomes the optimiser's step count.
     """
     if rows is None:
         yield catalogue

@@ -22,7 +22,7 @@ from brushexp.system.precision import at_least_single
 
 
 class Picture(nn.Module):
-    """Paints the picture or part that a step compares with the target, and keeps the last whole picture and its error.
+    """Paints what a step compares with the target, and keeps the last whole picture and its error.
 
     For some steps, `aim` may replace the painting's own target and ground.
     """
@@ -71,7 +71,7 @@ class Picture(nn.Module):
 
     @property
     def error(self) -> float:
-        """Mean squared error of the last whole picture; pixels of a reduced picture are treated as uniform squares."""
+        """Mean squared error of the last whole picture; each pixel of a reduced picture counts as a uniform square."""
         if self.memory is not None:
             return self.memory.error
         if self._error is None:
@@ -96,10 +96,10 @@ class Picture(nn.Module):
         return interpolate(picture[None], self.size, mode="bilinear", align_corners=False)[0]
 
     def _goal(self, zoom: float) -> tuple[Tensor, Tensor | None, float]:
-        """Return target and focus, averaged to ``zoom`` times their size, and the target's variance within the squares.
+        """Return target and focus, averaged to ``zoom`` times their size, and the variance that averaging removes.
 
-        The sum of this variance and the error of a reduced picture is the error of the corresponding picture of uniform
-        squares.
+        This variance of the target plus the error of a reduced picture is the error of the whole picture if each pixel
+        of the reduced picture is enlarged to a uniform square.
         """
         if zoom == 1:
             return self.target, self.focus, 0.0
@@ -114,7 +114,7 @@ class Picture(nn.Module):
     def at(self, zoom: float) -> "Picture":
         """Return a `Picture` with the same target and focus, averaged to ``zoom`` times their size.
 
-        It keeps the last painted picture if that had the same size.
+        The new object also has the last painted picture, if that has the same size.
         """
         if zoom == 1:
             return self
@@ -140,9 +140,10 @@ class Picture(nn.Module):
     def see(
         self, moving: Strokes, strokes: Strokes, view: View, front_to_back: Tensor, *, accuracy: bool
     ) -> tuple[Canvas, PaintedView]:
-        """Paint the part of the picture in a view, differentiably with respect to the active strokes, ``moving``.
+        """Paint the part of the picture that a view shows, differentiably with respect to its active strokes.
 
-        ``strokes`` are all N strokes. With ``accuracy``, the accuracy of the active strokes is also measured.
+        ``moving`` are the active strokes, and ``strokes`` are all N strokes. If ``accuracy`` is set, the accuracy of
+        the active strokes is measured, too.
         """
         if view.active is None:
             return self._see_whole(moving, front_to_back, view.zoom, accuracy)
@@ -198,7 +199,10 @@ class Depth:
             self.accuracy = torch.cat([self.accuracy[keep], self.accuracy.new_ones(new)])
 
     def needs_accuracy(self, schedule: Schedule, *, partial: bool) -> bool:
-        """Return whether a step must measure accuracy for the order: before reordering, or for any partial update."""
+        """Return whether a step must measure the accuracy that the order needs.
+
+        This is so in the step before the strokes are reordered, and in every partial update.
+        """
         done, steps = schedule.stage_progress
         return self.order.needs_accuracy and (partial or self.order.due(done + 1, steps))
 

@@ -39,7 +39,7 @@ def export_job(
 
 
 def renderer_of(saved: Saved) -> Renderer:
-    """Build a catalogue's renderer from its registered name, because a file must not be able to name code to run."""
+    """Build a catalogue's renderer, which must be registered, because a file must not be able to name code to run."""
     return build_named("renderer", saved.renderer, recorded_settings(saved)["renderer"])
 
 
@@ -91,7 +91,7 @@ def _member_of(saved: Saved, family: str) -> Any:
 
 
 def light_of(saved: Saved) -> Light:
-    """Read the lamp of a catalogue; return one without effect if its settings do not name a lamp."""
+    """Read the lamp of a catalogue; if its settings do not name one, return a lamp that has no effect."""
     options = recorded_settings(saved).get("light") or {}
     if not isinstance(options, dict):
         raise UserError(f"light is {in_short(options)} in the config of the catalogue; write light: {{}} for none")

@@ -13,7 +13,7 @@ Pair = tuple[float, float]  # seconds of optimisation, PSNR in dB
 
 
 class Schedule:
-    """Counts the steps of consecutive stages, whose ends may be shifted by goals.
+    """Counts the steps of consecutive stages; goals may move the ends of the stages.
 
     >>> schedule = Schedule([4, 3])
     >>> schedule.step = 5
@@ -75,7 +75,9 @@ class Schedule:
         return True
 
     def replan(self, steps: int) -> None:
-        """Move the end of the current stage, but not before the present step, so that all stages total ``steps`` steps.
+        """Move the end of the current stage so that all stages together have ``steps`` steps.
+
+        The new end is never before the present step.
 
         >>> schedule = Schedule([100, 10])
         >>> schedule.step = 30

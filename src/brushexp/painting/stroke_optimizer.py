@@ -134,7 +134,7 @@ class StrokeOptimizer(PaintingModule):
 
     @property
     def title(self) -> str:
-        """Label of the progress bar, one per stage."""
+        """Label of the progress bar; if there are several stages, it names the renderer of the current one."""
         stages = self.components.stages
         return f"painting with {stages[self.schedule.stage].name}" if len(stages) > 1 else "painting"
 
@@ -144,7 +144,7 @@ class StrokeOptimizer(PaintingModule):
 
     @torch.no_grad()
     def within_limits(self, strokes: Strokes, before: Strokes | None = None, rows: Tensor | None = None) -> Strokes:
-        """Bring strokes, all or only ``rows``, within the limits of every change; ``before`` has their old values."""
+        """Bring all strokes, or only ``rows``, within the limits of all changes; ``before`` holds their old values."""
         state = self.now(is_over=self.is_handed_over or self.stop is not None)
         for change in self.changes.values():
             strokes = change.limit(strokes, before, rows, state)
@@ -215,7 +215,7 @@ class StrokeOptimizer(PaintingModule):
         self.picture.aim(self.picture.target, self.picture.own_background)  # the ground of the displayed picture
 
     def _aim(self, view: View) -> None:
-        """Set the target and ground of a step to those that the changes request."""
+        """Set the target and the ground of a step to the ones that the changes request."""
         target, ground = self.picture.own_target, self.picture.own_background
         state = self.now(is_whole=view.active is None, is_coarse=view.zoom < 1)
         for change in self.changes.values():
@@ -251,7 +251,7 @@ class StrokeOptimizer(PaintingModule):
         return weighted_sum(self.components.losses, painting)
 
     def _find_trouble(self, moving: Catalogue, before: Strokes) -> str:
-        """Explain which value became non-finite in a step from the strokes ``before``; return "" if none did."""
+        """Explain which value became non-finite in a step that began with strokes ``before``; "" if none did."""
         finite = torch.stack([term.isfinite() for term in self.terms.values()]).tolist() if self.terms else []
         broken = next((name for name, fine in zip(self.terms, finite, strict=True) if not fine), None)
         return "" if broken is None and moving.is_finite() else find_non_finite(self, before, broken)
@@ -264,7 +264,7 @@ class StrokeOptimizer(PaintingModule):
                 self.schedule.replan(update.steps)
 
     def _seen(self, image: Tensor, zoom: float = 1.0) -> DensificationState:
-        """Return the painting's state at ``zoom`` times its size, with its picture ``image``, for a density policy."""
+        """Return the state for a density policy, given ``image``, the picture at ``zoom`` times the canvas size."""
         picture, schedule = self.picture.at(zoom), self.schedule
         return DensificationState(
             image=image,
@@ -297,7 +297,7 @@ class StrokeOptimizer(PaintingModule):
         self.visits = torch.cat([self.visits[keep], visits])
 
     def prepare(self) -> None:
-        """Evaluate the losses once, with gradients, and restore the state, so that compilation is not timed.
+        """Evaluate the losses once, with gradients, so that compilation is not timed; then restore the state.
 
         Logs losses whose gradient does not reach any stroke, and raises a UserError if this is true of all losses.
         """

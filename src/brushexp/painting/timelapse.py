@@ -88,7 +88,7 @@ class Timelapse(L.Callback):
 
 @lru_cache
 def moments(n_frames: int, n_steps: int) -> frozenset[int]:
-    """Choose the steps to capture: frame k is step n_steps * (k / (n_frames - 1))², or the step after frame k - 1."""
+    """Choose the steps to capture: frame k is step n_steps * (k / (n_frames - 1))², or step k if that is later."""
     last = max(n_frames - 1, 1)
     if n_steps <= last:
         return frozenset(range(n_steps + 1))
@@ -96,7 +96,7 @@ def moments(n_frames: int, n_steps: int) -> frozenset[int]:
 
 
 def timing(n_frames: int, seconds: float | None) -> tuple[Fraction, int]:
-    """Compute a film's ticks per second and the duration of each frame in ticks, for ``seconds`` in total."""
+    """Compute the ticks per second and the ticks per frame of a film that lasts ``seconds`` in total."""
     if seconds is None:
         return Fraction(FPS), 1
     ticks = math.ceil(MIN_FPS * seconds / n_frames)

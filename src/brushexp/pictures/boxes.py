@@ -1,4 +1,4 @@
-"""Read the boxes in a file (ISO/IEC 14496-12) and the properties they declare for a picture (ISO/IEC 23008-12)."""
+"""Read the boxes of a file (ISO/IEC 14496-12) and the picture properties declared in them (ISO/IEC 23008-12)."""
 
 import math
 import struct
@@ -58,9 +58,9 @@ def properties_of_film(file: IO[bytes], size: int) -> list[Property]:
 
 
 def clean_aperture_in(properties: list[Property], width: int, height: int) -> Crop | None:
-    """Compute a picture's visible rows and columns from its ``clap`` box (ISO/IEC 14496-12, 12.1.4); None without one.
+    """Compute a picture's visible rows and columns from its ``clap`` box (ISO/IEC 14496-12, 12.1.4).
 
-    A rectangle that extends beyond the ``width`` and ``height`` of the picture is ignored.
+    Returns None if the box is missing or extends beyond the ``width`` and ``height`` of the picture.
     """
     said = next((contents for name, contents in properties if name == b"clap"), b"")
     if len(said) < APERTURE.size:

@@ -49,8 +49,8 @@ def colors_of(picture: Image.Image) -> Colors:
 def exif_of(picture: Image.Image) -> Image.Exif:
     """Read a picture's EXIF data; the result is empty if the data are damaged. Decoder errors are propagated.
 
-    The EXIF data of a PNG may follow its pixels, so Pillow has to decode the picture first. If this raises an error and
-    the picture is loaded again, the result is black.
+    The EXIF data of a PNG may follow its pixels, so Pillow has to decode the picture first. If this raises an error,
+    loading the picture again would yield black pixels.
     """
     if picture.format == "PNG" and "exif" not in picture.info:
         picture.load()
@@ -136,7 +136,7 @@ def _profile_in_jp2(head: bytes) -> bytes | None:
 
 
 def _of_exif(exif: Image.Exif) -> Encoding | None:
-    """Read a camera's colour setting (Exif 2.32 and DCF 2.0), or the primaries and white point in the file."""
+    """Read the camera's colour setting (Exif 2.32 and DCF 2.0), or the recorded primaries and white point."""
     shot = exif.get_ifd(SHOT)
     space, index = shot.get(COLOR_SPACE), str(exif.get_ifd(INTEROPERABILITY).get(INTEROPERABILITY_INDEX, ""))
     if space == ADOBE or (space in (UNCALIBRATED, None) and index.startswith("R03")):

@@ -18,9 +18,9 @@ def recolor(picture: Tensor, like: Tensor) -> Tensor:
 
     Source: Gatys et al. (2016), "Preserving color in neural artistic style transfer", arXiv:1606.05897, "image
     analogies" variant: x -> A (x - mean) + mean_like with A = S_like^(1/2) S^(-1/2), where S and S_like are
-    covariances, so that A S A = S_like. Unlike in the source, variances are at least one grey level in the matrix
-    roots, and no direction is stretched more than 8 times, so that a uniform picture gives a finite result with little
-    noise.
+    covariances, so that A S A = S_like. Unlike in the source, S^(-1/2) uses standard deviations of at least one grey
+    level, and no direction is stretched more than 8 times, so that a uniform picture gives a finite result with
+    little noise.
     """
     mean, covariance = _moments(picture)
     like_mean, like_covariance = _moments(like)

@@ -98,7 +98,7 @@ ADOBE_RGB = Encoding(((0.64, 0.33), (0.21, 0.71), (0.15, 0.06), D65), gamma(563 
 
 
 def encoding_of(primaries: int, transfer: int) -> Encoding:
-    """Return the encoding for two H.273 code points; the default is sRGB, or BT.2020 with HLG and PQ."""
+    """Return the encoding for two H.273 code points; unknown ones become sRGB, or BT.2020 primaries for HLG and PQ."""
     unsaid = BT2020 if transfer in HIGH_RANGE else BT709
     return Encoding(PRIMARIES.get(primaries, unsaid), CURVES.get(transfer, decode_srgb))
 
@@ -106,7 +106,7 @@ def encoding_of(primaries: int, transfer: int) -> Encoding:
 def unless_srgb(encoding: Encoding) -> Encoding | None:
     """Return an encoding, or None if it is sRGB, so that sRGB pictures stay bit-identical.
 
-    The chromaticities of video standards before BT.709 are treated as sRGB, because players show them as sRGB.
+    The chromaticities of video standards before BT.709 count as those of sRGB, because players show them that way.
     """
     near = any(np.allclose(encoding.primaries, known, atol=SAME_WITHIN) for known in (BT709, PRIMARIES[5], SMPTE_C))
     return None if near and encoding.curve is decode_srgb else encoding

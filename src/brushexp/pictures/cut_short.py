@@ -1,4 +1,4 @@
-"""Decode truncated picture files as far as possible, and reject files with too much missing."""
+"""Decode truncated picture files as far as possible, and reject files that lack too much of the picture."""
 
 import io
 from collections.abc import Iterator
@@ -31,7 +31,7 @@ JPEG_FILL = 128  # grey level of the missing part of a JPEG; 0 in other formats
 
 
 def has_end(path: Path) -> bool | None:
-    """Check whether a picture's file is complete; None if neither the format nor the file allows an answer."""
+    """Check whether a picture's file is complete; None if this cannot be determined."""
     size = path.stat().st_size
     with path.open("rb") as file:
         head = file.read(16)
@@ -57,7 +57,7 @@ def _tiff_fits(path: Path, size: int) -> bool | None:
 
 
 def _boxes_fit(file: IO[bytes], size: int) -> bool | None:
-    """Check whether the boxes of a file end within it; None if the last box states no length."""
+    """Check whether the last box of a file ends where the file does; None if this cannot be determined."""
     ends = [end for _, end in boxes(file, size)]
     end = ends[-1] if len(ends) < MOST_BOXES else None
     return None if end is None or end < size else end == size
@@ -95,6 +95,6 @@ def check_missing(picture: Image.Image) -> str:
 
 
 def _run(empty: np.ndarray) -> int:
-    """Count empty pixels at the row ends of a map (H, W), from the bottom row up to the first row without any."""
+    """Count the empty pixels at the right ends of rows, from the bottom of a map (H, W) up to a row without any."""
     runs = np.where(empty.all(1), empty.shape[1], (~empty[:, ::-1]).argmax(1))[::-1]
     return int(runs[: np.argmax(np.append(runs, 0) == 0)].sum())

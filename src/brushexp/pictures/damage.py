@@ -1,4 +1,4 @@
-"""Report damage to picture files that is revealed by checksums or by the decoded pixels."""
+"""Report damage to picture files, as revealed by checksums or by the decoded pixels."""
 
 import zlib
 from collections.abc import Iterable
@@ -68,6 +68,6 @@ def _check_png(path: Path) -> None:
 
 
 def remark_on(pixels: np.ndarray) -> str:
-    """Return a warning if all pixels of a picture (H, W, C) have the same colour; otherwise ""."""
+    """Return a warning if all pixels of a picture (H, W, C) have the same colour; return "" otherwise."""
     is_flat = pixels[:, :, 0].size > 1 and bool((pixels == pixels[0, 0]).all())
     return ONE_COLOR if is_flat else ""

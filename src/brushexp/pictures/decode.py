@@ -153,7 +153,7 @@ def _undecoded(path: Path) -> str:
 
 
 def _unknown(path: Path) -> str:
-    """Explain what type of file no decoder recognised, and how to proceed."""
+    """Describe a file that no decoder recognised, and say what the user can do."""
     if is_raw(str(path)):
         return RAW
     with path.open("rb") as file:
@@ -256,7 +256,7 @@ def _read(path: Path, backdrop: float, side: int | None) -> tuple[np.ndarray, st
 
 
 def _of_several(path: Path, picture: ImageFile) -> str:
-    """Return a remark that a file has several frames or pages; "" if it contains a single picture."""
+    """Return a warning if a file has several frames or pages; "" if it contains a single picture."""
     if isinstance(picture, TiffImageFile):
         count = pages_in(path)
         return PAGES.format(count) if count > 1 else ""
@@ -271,7 +271,7 @@ def _squared(pixels: np.ndarray, aspect: float) -> np.ndarray:
 def _decoded(
     file: Path | IO[bytes], picture: ImageFile, declared: Declared, backdrop: float, side: int | None
 ) -> np.ndarray:
-    """Decode an opened picture using a library that decodes it correctly."""
+    """Decode an opened picture with a library that handles it correctly."""
     colors = declared.colors
     if needs_tifffile(picture):
         return read_tiff(file, backdrop, colors, side)

@@ -27,7 +27,7 @@ ATTENTION_OUTSIDE_FACES = 0.5  # factor on the attention outside the faces of a 
 
 
 def focus_map(focus: str, target: Tensor, faces: Sequence[Face] = ()) -> Tensor:
-    """Return the importance (H, W), 0 to 1, of a picture's pixels, estimated for ``auto`` or read from a mask file."""
+    """Return the importance (H, W), 0 to 1, of a picture's pixels; it is read from a mask unless ``focus`` is auto."""
     if focus == AUTO:
         return attention(target, faces)
     return load_mask(focus, (target.shape[1], target.shape[2]), "focus", f"{AUTO}, ")

@@ -86,7 +86,7 @@ def _cure_of(name: str, image: str) -> str:
 
 
 def _in_words(names: list[str]) -> str:
-    """Name a few files of a type, or count them by extension."""
+    """Name the files of a type or, if there are many, count them by extension."""
     if len(names) <= NAMED:
         return ", ".join(map(os.path.basename, names))
     counts = Counter("folders" if os.path.isdir(name) else _suffix(name) or "without an extension" for name in names)

@@ -77,7 +77,7 @@ def _named(over: dict[float, np.ndarray]) -> HeldPicture:
 
 
 def pixels_of(name: str, backdrop: float = 1.0) -> np.ndarray | None:
-    """Look up a named picture (H, W, 3) over white (1) or black (0); None if the name is unknown."""
+    """Look up a picture (H, W, 3) by name, over a ``backdrop`` of white (1) or black (0); None for an unknown name."""
     held = _pictures.get(name)
     return None if held is None else held.over[backdrop]
 

@@ -1,4 +1,7 @@
-"""Decode JPEG 2000 files above 8 bits or 100 megapixels with FFmpeg: Pillow wraps whites and reads every pixel."""
+"""Decode JPEG 2000 files above 8 bits or 100 megapixels with FFmpeg.
+
+Pillow would let white overflow in the former, and decode every pixel of the latter.
+"""
 
 import importlib
 from pathlib import Path
@@ -26,7 +29,7 @@ def levels_of(picture: ImageFile) -> int:
 
 
 def bits_of(picture: ImageFile) -> int | None:
-    """Read the bits per colour of a JPEG 2000 that FFmpeg has to decode, not Pillow; None for any other picture."""
+    """Read the bits per colour of a JPEG 2000 that only FFmpeg can decode correctly; None for any other picture."""
     if not isinstance(picture, Jpeg2KImageFile):
         return None
     head = head_of(picture)

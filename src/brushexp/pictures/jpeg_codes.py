@@ -31,9 +31,9 @@ NUMBERS = 64  # numbers per block
 def fits(data, units, kinds, codes, steps):  # type: ignore[no-untyped-def]
     """Check whether padded data hold the codes of exactly ``units`` units with values in the range of 8-bit pixels.
 
-    The data end with `PADDING` extra bytes. ``kinds`` (B,) holds the component of each block in a unit. For the first
-    number and for the other numbers in a block, ``codes`` (C, 2, 65536) maps the next 16 bits to 256 times the code
-    length plus the symbol. ``steps`` (C, 64) are the quantisation steps of the numbers.
+    The data end with `PADDING` extra bytes. ``kinds`` (B,) holds the component of each block in a unit. ``codes``
+    (C, 2, 65536) has one table for the first number in a block and one for the others; it maps the next 16 bits to 256
+    times the code length plus the symbol. ``steps`` (C, 64) are the quantisation steps of the numbers.
     """
     means = np.zeros(len(steps), dtype=np.int64)
     at, end = 0, 8 * (len(data) - PADDING)  # bits
@@ -93,7 +93,7 @@ class Header:
 
 
 def jpeg_fits(data: bytes) -> bool:
-    """Check whether a JPEG's codes match its size; True for any JPEG that is not baseline with a single scan."""
+    """Check whether a JPEG's codes match its size; only baseline files with a single scan can fail this check."""
     try:
         if (header := _header(data)) is None:
             return True
@@ -156,7 +156,7 @@ def _steps(part: bytes) -> Iterator[tuple[int, np.ndarray]]:
 
 
 def _codes(part: bytes) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield each code table with its key, class (`BLOCK` or 0) plus number; bits that are not a code map to 0."""
+    """Yield the key of each table (`BLOCK` or 0, plus its number) and its codes; bits that are no code map to 0."""
     while part:
         counts, codes, at, first = part[1:17], np.zeros(2**LONGEST_CODE, np.int16), 17, 0
         for length, count in enumerate(counts, 1):

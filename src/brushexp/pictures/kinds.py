@@ -79,7 +79,7 @@ DNG_VERSION = 50706  # TIFF tag
 
 
 def what_it_is(head: bytes) -> str:
-    """Explain, from its first bytes, what type of file no decoder recognised, and how to proceed."""
+    """Describe, from its first bytes, a file that no decoder recognised, and say what the user can do."""
     tellers = (_by_start, _kind_of_psd, _kind_of_jpeg, _kind_of_container, _kind_of_text)
     words = (tell(head) for tell in tellers)
     return next(filter(None, words), UNKNOWN)

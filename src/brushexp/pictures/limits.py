@@ -29,7 +29,10 @@ def open_of_any_size(path: str | Path, formats: tuple[str, ...] | None = None) -
 
 
 def check_pixels(width: int, height: int, kind: str, side: int | None) -> None:
-    """Raise a UserError if a picture in this format is too large to be read at ``side`` pixels, or in full for None."""
+    """Raise a UserError if a picture is too large, given its format ``kind``.
+
+    The picture is to be read at ``side`` pixels on the longer side or, if this is None, in full.
+    """
     if width * height <= MAX_PIXELS:
         return
     largest = MOST_PIXELS if kind in IN_PARTS else MOST_WHOLE if kind in AT_ONCE else MAX_PIXELS
@@ -64,7 +67,7 @@ def halvings(width: int, height: int, side: int, most: int) -> int:
 
 
 def size_of_jxl(head: bytes) -> tuple[int, int]:
-    """Read the width and height of a JPEG XL (ISO/IEC 18181-1, "SizeHeader") before decoding; zeros for other files."""
+    """Read the width and height of a JPEG XL (ISO/IEC 18181-1, "SizeHeader") before decoding; 0 for other files."""
     start = head.find(b"\xff\x0a") + 2
     bits, at = int.from_bytes(head[start : start + 16], "little"), 0
 

@@ -57,7 +57,7 @@ def load_cutout(image: str, resolution: int | None, key: str = "image") -> tuple
 
 
 def planes_of(picture: np.ndarray, resolution: int | None) -> Tensor:
-    """Convert a picture (H, W, 3), uint8 or in [0, 1], to the form that `load_picture` returns."""
+    """Convert a picture (H, W, 3), uint8 or floats in [0, 1], to a tensor, and resample it, as `load_picture` does."""
     if resolution is not None:
         picture = resample(picture, size_at(resolution, *picture.shape[:2]))
     planes = np.ascontiguousarray(np.moveaxis(picture, 2, 0), dtype=np.float32)
@@ -137,7 +137,7 @@ def background_color(spec: str, target: Tensor) -> Tensor:
 def named_color(spec: str, key: str) -> bytes | None:
     """Convert a CSS colour, such as ``ivory`` or ``#rrggbb``, to bytes; raise a UserError for anything else.
 
-    ``mean`` (of the target) and ``transparent`` (over the same mean) become None.
+    ``mean`` and ``transparent``, which both stand for the mean colour of the target here, become None.
     """
     if spec in ("mean", TRANSPARENT):
         return None
@@ -180,7 +180,7 @@ def _path_of(image: str, key: str, also: str = "") -> Path:
 
 
 def nearest_files(image: str, others: Iterable[str] = ()) -> list[str]:
-    """List up to three pictures, from the path's folder and from ``others``, with names similar to that of the path."""
+    """List up to three pictures, in the folder of a path and among ``others``, with names like that of the path."""
     folder, name = os.path.split(image)
     with suppress(OSError):
         beside = [

@@ -1,4 +1,4 @@
-"""Detect damage by counting pixels in compressed data: LZW, run-length coding and JPEG lack a checksum.
+"""Detect damage by counting the pixels in compressed data, because LZW, run-length coding and JPEG have no checksum.
 
 A flipped bit usually changes the length of the data that follow. Decoders do not notice this, because they stop at the
 last pixel and ignore the rest.
@@ -74,7 +74,7 @@ def lzw_length(data: np.ndarray, bits: int, last_bit_first: bool, early: int) ->
 
 
 def remark_on_packing(path: Path) -> str:
-    """Return a warning if a file contains more or fewer pixels than its size implies; otherwise, or if unknown, ""."""
+    """Return a warning if a file contains more or fewer pixels than its header states; "" if not, or if unknown."""
     with path.open("rb") as file:
         head = file.read(18)
     if head[:4] in MAGIC:
@@ -180,7 +180,7 @@ def _blocks(data: bytes, at: int) -> Iterator[bytes]:
 
 
 def _tga_is_whole(data: bytes) -> bool:
-    """Check whether the runs in a TGA produce exactly its pixels and are followed by nothing but a footer."""
+    """Check whether the runs in a TGA produce exactly its pixels, and whether only a footer follows them."""
     entries, bits = int.from_bytes(data[5:7], "little"), data[7]
     pixels = int.from_bytes(data[12:14], "little") * int.from_bytes(data[14:16], "little")
     at, size = TGA_HEAD + data[0] + data[1] * entries * -(-bits // 8), -(-data[16] // 8)

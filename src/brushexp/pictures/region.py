@@ -29,8 +29,8 @@ class Region:
     def widened(self, margin: int, size: tuple[int, int], grid: int = 1) -> Region:
         """Return the region with ``margin`` more pixels on every side, clipped to a canvas of ``size`` (H, W).
 
-        The new region starts at multiples of ``grid``, and its sides have the same remainders modulo ``grid`` as those
-        of the canvas, so that a network with this stride pads the region as it pads the canvas.
+        The new region starts at multiples of ``grid``, and its sides have the same remainders modulo ``grid`` as the
+        sides of the canvas, so that a network with this stride pads both in the same way.
         """
 
         def span(first: int, length: int, side: int) -> tuple[int, int]:

@@ -27,7 +27,7 @@ def remark_of_others(path: Path, kind: str, pixels: int) -> str:
 
 
 def _fails_in_libvips(path: Path, kind: str) -> bool:
-    """Check whether libvips opens a picture but warns or fails when it decodes the pixels."""
+    """Check whether libvips can open a picture, but warns or fails when it decodes the pixels."""
     with suppress(ImportError, OSError):  # OSError means that the library itself is missing
         vips: Any = importlib.import_module("pyvips")
         try:

@@ -103,7 +103,7 @@ DENSITIES: dict[str, Callable[[Any], tuple[Any, Any]]] = {  # readers by format
 
 
 def squared(height: int, width: int, aspect: float) -> tuple[int, int]:
-    """Compute the height and width for square pixels, without shrinking either side."""
+    """Compute the height and width of a picture after conversion to square pixels; neither side shrinks."""
     return (height, round(width * aspect)) if aspect > 1 else (round(height / aspect), width)
 
 

@@ -47,7 +47,7 @@ def dissimilarity(image: Tensor, target: Tensor, mean: Tensor, variance: Tensor)
 
 
 def gaussian_mean(pictures: Tensor) -> Tensor:
-    """Compute the Gaussian-weighted mean around each pixel of pictures (C, H, W), which are mirrored at the border."""
+    """Compute the Gaussian-weighted mean around each pixel of a picture (C, H, W), which is mirrored at the border."""
     count, (down, across) = len(pictures), (min(RADIUS, side - 1) for side in pictures.shape[1:])
     steps = (torch.arange(-r, r + 1).to(pictures) for r in (down, across))
     column, row = ((-((step / SIGMA) ** 2) / 2).softmax(0) for step in steps)

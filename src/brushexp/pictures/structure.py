@@ -35,7 +35,7 @@ class FarStructure:
         self.spectrum = dctn(_products(picture), axes=(1, 2), workers=torch.get_num_threads())
 
     def __call__(self, parts: Iterable[tuple[float, float]]) -> Array:
-        """Return a weighted sum (3, H, W) of smoothed tensors, given each Gaussian's width in pixels and weight."""
+        """Return a weighted sum (3, H, W) of smoothed tensors; ``parts`` are pairs of Gaussian width and weight."""
         from scipy.fft import idctn  # noqa: PLC0415
 
         squares = np.add.outer(*((np.pi * np.arange(n) / n) ** 2 for n in self.spectrum.shape[1:]))
@@ -64,7 +64,10 @@ def sampled_at(picture: Array, x: Array, y: Array) -> Array:
 
 
 def worst_of_cells(difference: Array, side: int) -> tuple[Array, Array, Array]:
-    """Divide a map (H, W) into cells (n, side^2), padded with NaN; also return x and y (n,) of each cell's maximum."""
+    """Divide a map (H, W) into n square cells, and find the maximum of each.
+
+    Returns the cells (n, side^2), padded with NaN, and the x and y (n,) of the maxima.
+    """
     height, width = difference.shape
     rows, columns = -(-height // side), -(-width // side)
     padded = np.pad(difference, ((0, rows * side - height), (0, columns * side - width)), constant_values=np.nan)

@@ -61,7 +61,7 @@ EIGHT_BIT = 256  # a colour map whose numbers are all smaller has 8 bits, as in 
 
 
 def needs_tifffile(picture: ImageFile) -> bool:
-    """Check whether tifffile has to decode a TIFF: Pillow misreads it, or it has too many bits or pixels for Pillow."""
+    """Check whether tifffile has to decode a TIFF, because Pillow misreads it or cannot hold all its bits or pixels."""
     if not isinstance(picture, TiffImageFile):
         return False
     tags = picture.tag_v2
@@ -102,7 +102,7 @@ def is_rarely_packed(picture: ImageFile) -> bool:
 
 
 def restore_byte_order(samples: np.ndarray, picture: Image.Image) -> np.ndarray:
-    """Restore the byte order of a TIFF's floats, which Pillow swaps again after libtiff has corrected it."""
+    """Restore the byte order of a TIFF's floats, because Pillow swaps the bytes again after libtiff has done so."""
     is_exchanged = isinstance(picture, TiffImageFile) and picture.use_load_libtiff and picture.tag_v2.prefix == b"MM"
     return samples.byteswap() if is_exchanged and samples.dtype.kind == "f" else samples
 
@@ -124,7 +124,7 @@ def is_misread(path: Path) -> bool:
 
 
 def mend_palette(picture: Image.Image) -> None:
-    """Correct the palette of a TIFF with an 8-bit colour map, which Pillow reads as a 16-bit map and so as black."""
+    """Correct the palette of a TIFF with an 8-bit colour map, which turns black because Pillow expects 16 bits."""
     if not isinstance(picture, TiffImageFile) or picture.mode not in ("P", "PA"):
         return
     numbers = picture.tag_v2.get(COLOR_MAP, ())
@@ -203,7 +203,7 @@ def read_tiff(file: Path | IO[bytes], backdrop: float, colors: Colors, side: int
 
 
 def _palette_of(page: Any) -> np.ndarray:
-    """Read the palette (N, 3), in [0, 1], that the samples of a page index."""
+    """Read the palette (N, 3), in [0, 1], of a page whose samples are indices into it."""
     numbers = np.asarray(page.colormap)
     levels = numbers if numbers.max() < EIGHT_BIT else numbers >> 8
     return levels.T.astype(np.float32) / 255

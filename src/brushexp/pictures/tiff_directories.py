@@ -89,7 +89,7 @@ def directories_below(path: Path, directory: Directory) -> Iterator[Directory]:
 
 
 def main_directory(path: Path) -> Directory | None:
-    """Find the directory of the main picture, which is the first that is not a smaller copy, or else the largest."""
+    """Find the directory of the main picture: the first that is not a smaller copy or, if all are, the largest."""
     first = first_directory(path)
     if first is None or not first.is_reduced:
         return first
@@ -132,7 +132,7 @@ def _directory(file: IO[bytes], place: int, order: str, is_big: bool) -> tuple[D
 
 
 def _numbers(file: IO[bytes], order: str, form: str | None, length: int, value: bytes) -> tuple[int, ...]:
-    """Read a tag's integers from its entry, or from the offset in the entry; empty for other types."""
+    """Read a tag's integers from its entry, or from where the entry points; empty if the tag has another type."""
     if form is None or not 0 < length <= MOST_VALUES:
         return ()
     whole = struct.Struct(f"{order}{length}{form}")

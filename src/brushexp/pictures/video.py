@@ -46,8 +46,9 @@ def filming(
 
     If the height or width (``size``) of a video is odd, its last row or column is repeated; a GIF is downsampled to at
     most ``GIF_SIDE`` pixels. ``rate`` is in ticks per second, at most ``MOST_FPS``, and a video repeats a frame that
-    lasts several ticks. With a ``usual`` frame rate, the video stores each frame once, with its own time, so that ticks
-    may be much finer. The first frame is shown at tick ``begin``. A UserError is raised if the file cannot be written.
+    lasts several ticks. If a ``usual`` frame rate is given, a video stores each frame only once, with its own duration,
+    so that ticks may be much shorter. A video shows the first frame at tick ``begin``. A UserError is raised if the
+    file cannot be written.
     """
     av = _encoder(kind)
     if av is None and kind != "gif":
@@ -109,7 +110,7 @@ def _mp4(
 
 @contextmanager
 def _gif(path: Path, rate: Fraction) -> Iterator[Show]:
-    """Write a GIF whose frames contain only the changed pixels, which keeps the file small and avoids flicker."""
+    """Write a GIF with only the changed pixels in each frame, which keeps the file small and avoids flicker."""
     frames: list[Image.Image] = []
     begins: list[int] = []  # starts of the frames, in ticks
     now = 0

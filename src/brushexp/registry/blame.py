@@ -40,8 +40,8 @@ def naming_plugins() -> Iterator[None]:
 def mistake_of(error: BaseException) -> str | None:
     """Describe the mistake in a user's plugin that raised ``error``; return None if no such plugin was involved.
 
-    The description names the innermost line of the traceback in a plugin's file. Without such a line, it blames a
-    plugin whose object lacks an attribute, or on whose object an inherited method failed.
+    The description names the innermost line of the traceback that lies in a plugin's file. If there is no such line, it
+    names the plugin whose object lacks an attribute or has an inherited method that failed.
     """
     users = [(place_of(one.cls), one) for one in loaded_plugins() if not one.is_ours]
     frames = [*traceback.walk_tb(error.__traceback__)]

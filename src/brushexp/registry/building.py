@@ -20,9 +20,9 @@ _kept: dict[str, Any] = {}  # config node as YAML -> plugin that a check built f
 def plugin_of(node: DictConfig, family: str = "") -> Plugin:
     """Return the plugin named by a config node's ``_target_``; raise a UserError if it is not registered.
 
-    A target has the form ``family/name``. Files written by brushexp 0.1 hold the class's path instead; a path in
-    brushexp's own ``plugins`` gives the family, otherwise ``family`` or the node's key does. The class may have moved
-    to another module since.
+    A target has the form ``family/name``. Files written by brushexp 0.1 hold the path of the class instead, which may
+    have moved since. The family then follows from the path if the class is one of brushexp's own, and otherwise from
+    ``family`` or the node's key.
     """
     target = str(node._target_)
     if "/" in target:
@@ -69,7 +69,7 @@ def family_of_key(key: str) -> str:
 
 
 def build(node: DictConfig, *runtime: object, family: str = "") -> Any:
-    """Build the plugin that a config node describes; raise a UserError that names an option it does not accept."""
+    """Build the plugin that a config node describes; raise a UserError that names any option it does not accept."""
     plugin = plugin_of(node, family)
     options = options_in(node, plugin.path, family)
     attributes = {name: options.pop(name) for name in getattr(plugin.cls, "tunable", ())}
@@ -88,7 +88,7 @@ def keep_built(node: DictConfig) -> Any:
 
 
 def take_built(node: DictConfig) -> Any:
-    """Return the plugin that a check built for a config node, or build a new one; runs never share an object."""
+    """Return the plugin that a check built for a config node, or else a new one; no object is returned twice."""
     text = OmegaConf.to_yaml(node, resolve=True)
     return _kept.pop(text) if text in _kept else build(node)
 
@@ -121,7 +121,7 @@ def options_in(node: DictConfig, path: str, family: str = "") -> dict[str, Any]:
 
 
 def literal(data: Any) -> Any:
-    """Escape the strings in nested data so that OmegaConf finds no interpolations in them."""
+    """Escape the strings in nested data so that OmegaConf does not interpolate them."""
     if isinstance(data, str):
         return re.sub(r"(\\*)\$\{", r"\1\1\\${", data)
     if isinstance(data, dict):

@@ -1,4 +1,4 @@
-"""Register the plugins that ship with brushexp, those in folders and those in packages."""
+"""Register the plugins that ship with brushexp, the user's plugin files, and the plugins of installed packages."""
 
 import importlib
 import logging
@@ -23,8 +23,8 @@ def load_plugins(directory: Path, *, warns: bool = True) -> list[str]:
     """Announce the plugins of brushexp and of packages, import the user's files, and return those files' names.
 
     The user's files are ``directory/*.py`` and the files in the folders that ``BRUSHEXP_PLUGINS`` lists. A file that
-    cannot be imported is skipped, with a warning if ``warns`` is set; `missing_because` repeats the reason if a name is
-    missing. Plugins of brushexp and of packages are imported when they are first needed.
+    cannot be imported is skipped, with a warning if ``warns`` is set; `missing_because` gives the reasons again when a
+    name is not found. Plugins of brushexp and of packages are imported when they are first needed.
     """
     for family in FAMILIES:
         _announce_core(family)

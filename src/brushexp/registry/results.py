@@ -18,7 +18,7 @@ from brushexp.strokes.catalogue import check_strokes
 
 
 def _describe(value: Any) -> str:
-    """Describe a result briefly by its value if it is short, otherwise by its type and, for a tensor, its shape."""
+    """Describe a result by its value if that is short, otherwise by its type and, for a tensor, its shape."""
     if isinstance(value, Tensor):
         return f"{type(value).__name__} {tuple(value.shape)} of {value.dtype}"
     return repr(value) if isinstance(value, str | Real | None) else type(value).__name__
@@ -202,7 +202,7 @@ def _check_arguments(function: Callable[..., Any], contract: Callable[..., Any],
 
 
 def _checked(function: Callable[..., Any], kind: Any, problem_of: Callable[..., str] | None, who: str) -> Any:
-    """Wrap a method so that a result that is not of type ``kind`` or has a problem raises a UserError."""
+    """Wrap a method to raise a UserError if its result is not of type ``kind`` or has a problem."""
 
     @wraps(function)
     def checked(self: Any, *args: Any, **options: Any) -> Any:
@@ -223,7 +223,7 @@ def _checked(function: Callable[..., Any], kind: Any, problem_of: Callable[..., 
 
 
 def _problem_of_device(result: Any, args: Sequence[object]) -> str:
-    """Describe a tensor that is on a different device from the arguments; return "" if there is no problem."""
+    """Describe the problem if a resulting tensor is on another device than the arguments; otherwise return ""."""
     if not isinstance(result, Tensor):
         return ""
     parts = [part for value in args for part in (value, *getattr(value, "__dict__", {}).values())]

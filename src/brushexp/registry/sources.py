@@ -30,7 +30,7 @@ def place_of(cls: type) -> str:
 
 
 def modules_behind(cls: type) -> list[str]:
-    """Return the modules of a class and its bases in the same package, and the package's loaded ``_modules``."""
+    """Return the modules of a class, of its bases in the same package, and the package's loaded private modules."""
     package = cls.__module__.partition(".")[0]
     bases = [base.__module__ for base in cls.__mro__ if base.__module__.partition(".")[0] == package]
     begin = f"{package}."

@@ -19,7 +19,7 @@ NUMBER = re.compile(rf"([-+]?\d[\d.,e+-]*( ± [\d.e+-]+)?|-?inf|{MISSING}|)")  #
 
 
 def csv_table(rows: Rows, significant: int | None = None) -> str:
-    """Return a table as CSV; missing numbers are empty, and floats have ``significant`` digits, or all if None."""
+    """Return a table as CSV; floats are rounded to ``significant`` digits if it is given; missing numbers are empty."""
     frame = _frame(rows)
     if significant is not None:
         frame = frame.map(lambda x: f"{x:.{significant}g}" if isinstance(x, float) and math.isfinite(x) else x)
@@ -66,7 +66,7 @@ def _format(value: Any, digits: int | None) -> str:
 
 
 def _alignment(texts: DataFrame) -> str:
-    """Return the alignment of the columns, with numbers on the right, such as ``"lrr"``."""
+    """Return the alignment of the columns, such as ``"lrr"``; columns of numbers are aligned on the right."""
     return "".join("r" if all(map(NUMBER.fullmatch, column)) and any(column) else "l" for _, column in texts.items())
 
 

@@ -1,1 +1,1 @@
-"""Collect runs in one table; write plots, tables and a contact sheet of their pictures."""
+"""Collect runs in one table, and write plots, tables and a contact sheet of the paintings."""

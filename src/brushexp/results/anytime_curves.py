@@ -16,7 +16,7 @@ LEAD = 0.1  # dB by which a run must beat the leader to replace it
 
 
 def curve_from(points: Any) -> Curve | None:
-    """Return the curve in the pairs that a run recorded as ``anytime``, or None if it has fewer than two points."""
+    """Return a run's curve from the pairs recorded as ``anytime``, or None if there are fewer than two points."""
     try:
         pairs = np.array(points or [], float).reshape(-1, 2)
     except (TypeError, ValueError, OverflowError):
@@ -27,16 +27,16 @@ def curve_from(points: Any) -> Curve | None:
 
 
 def mean_curve(curves: Sequence[Curve]) -> Curve:
-    """Average the PSNR of several runs from the time when all have a value; a finished run keeps its final value."""
+    """Average the PSNR of several runs once all of them have a value; a finished run keeps its final value."""
     times = np.unique(np.concatenate([seconds for seconds, _ in curves]))
     times = times[times >= max(seconds[0] for seconds, _ in curves)]
     return times, np.mean([np.interp(times, *curve) for curve in curves], axis=0)
 
 
 def leaders(curves: Mapping[str, Curve]) -> list[tuple[float, str]]:
-    """Return each setting that took the lead, and when, in seconds.
+    """Return the settings that took the lead, in order, each after the time in seconds at which it did so.
 
-    A setting leads if its best PSNR so far beats the leader's by ``LEAD``; a finished run keeps its best value.
+    A setting takes the lead when its best PSNR so far beats the leader's by ``LEAD``; a finished run keeps its best.
     """
     times = np.unique(np.concatenate([seconds for seconds, _ in curves.values()]))
     best = [np.interp(times, seconds, np.maximum.accumulate(psnr), left=-math.inf) for seconds, psnr in curves.values()]

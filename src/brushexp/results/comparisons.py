@@ -1,4 +1,4 @@
-"""Comparisons of runs that packages provide, as files next to a sweep's page and tables on the page."""
+"""Let packages compare the runs of a sweep, in files next to the sweep's page and in tables on it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ COMPARISONS = "brushexp.comparisons"  # entry-point group of instances of `RunCo
 
 @dataclass(frozen=True)
 class PageTable:
-    """A section of a sweep's page, with an ``id``, a title, an explanation and at least one row of text."""
+    """A table on a sweep's page, with an ``id``, a title, an explanation and at least one row."""
 
     id: str
     title: str
@@ -29,7 +29,7 @@ class PageTable:
 
 @dataclass(frozen=True)
 class RunComparison:
-    """A comparison of runs in a data frame of `brushexp.results.runs`, as files and optionally a table."""
+    """A way to compare the runs in a data frame of `brushexp.results.runs`: it writes files and may make a table."""
 
     write: Callable[[Path, DataFrame], None]
     table: Callable[[DataFrame], PageTable | None]

@@ -1,4 +1,4 @@
-"""Manage a run's exports: the files next to its painting, and a folder of records in ``exports`` for each export.
+"""Manage a run's exports: the files next to its painting, and the folder in ``exports`` that records each export.
 
 The ``files`` entry in an export's metrics.json maps formats to exported files.
 """
@@ -16,7 +16,7 @@ FOLDER = "exports"  # name of the folder in a run's folder
 
 
 def run_around(catalogue: str) -> Path | None:
-    """Return the run folder for a catalogue.h5 or for the folder itself.
+    """Return the run folder that ``catalogue`` names, either directly or as the catalogue.h5 in it.
 
     Returns None if the folder is not a run's folder or is read-only.
     """
@@ -39,7 +39,7 @@ def exported(run: Path) -> dict[Path, str]:
 
 
 def check_exports(run: Path, kinds: Iterable[str]) -> None:
-    """Raise a UserError if an earlier export in one of these formats left a file next to the painting."""
+    """Raise a UserError if an earlier export wrote a file in one of these formats next to the painting."""
     for path, kind in exported(run).items():
         if kind in kinds:
             raise UserError(

@@ -48,7 +48,7 @@ def differing_parts(records: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _difference(values: Sequence[object], name: str, letters: int | None) -> str:
-    """Return the name of a component with its values if they differ, otherwise ""."""
+    """Return a component's name and values if the values differ, otherwise ""; 0 ``letters`` omit the values."""
     texts = list(dict.fromkeys("none" if value is None else in_short(value)[:letters] for value in values))
     if len(set(map(str, values))) < 2:
         return ""
@@ -63,7 +63,7 @@ def _at(record: Mapping[str, Any], path: Sequence[str]) -> object:
 
 
 def _changed_plugins(records: Sequence[Mapping[str, Any]]) -> list[str]:
-    """List the plugin files of which runs use different versions."""
+    """List the plugin files that differ between runs."""
     digests: dict[str, set[str]] = {}
     for record in records:
         plugins = record.get("plugins")

@@ -1,4 +1,4 @@
-"""Describe the numbers in metrics.json: how tables, plots and pages show them, and which direction is better."""
+"""Describe the numbers in metrics.json: how tables, plots and pages show them, and whether higher is better."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ class Quantity:
 
     @property
     def label(self) -> str:
-        """Return the axis label: the name and which direction is better."""
+        """Return the label for an axis: the name, and whether lower or higher is better."""
         return f"{self.name} ({self.better} is better)"
 
 

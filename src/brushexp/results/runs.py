@@ -78,7 +78,7 @@ def objective_in(result: Mapping[str, Any], name: str) -> float:
 
 
 def frame_of(folder: Path, results: Mapping[str, Result]) -> DataFrame:
-    """Make the data frame that the module describes from results by name; each run is in ``folder / name``."""
+    """Make the data frame described in the module's docstring from ``results``, by the names of runs in ``folder``."""
     import pandas as pd  # noqa: PLC0415
 
     runs = [_run_columns(folder / name, result) for name, result in results.items()]
@@ -120,7 +120,7 @@ def differences(chosen: Sequence[Mapping[str, str]]) -> list[tuple[str, ...]]:
 
 
 def shorten(values: Sequence[str], longest: int = LONGEST_VALUE) -> dict[str, str]:
-    """Shorten the values of a setting but keep them distinct: keep only the ends of paths and of long values."""
+    """Shorten the values of a setting to the ends of paths and of long values, as far as they remain distinct."""
     depths = range(1, 1 + max(value.count("/") for value in values))
     tails = ([_tail(value, depth) for value in values] for depth in depths)
     names = next((names for names in tails if len(set(names)) == len(names)), list(values))
@@ -129,7 +129,7 @@ def shorten(values: Sequence[str], longest: int = LONGEST_VALUE) -> dict[str, st
 
 
 def _tail(value: str, depth: int) -> str:
-    """Return the last ``depth`` parts of a path, after the opening bracket if the value is a list."""
+    """Shorten a path to its last ``depth`` parts; if the value is a list, its opening bracket is kept."""
     path = value.lstrip('["')
     return value.removesuffix(path) + "/".join(path.split("/")[-depth:])
 
@@ -204,7 +204,7 @@ def image_name(run: Any) -> str:
 
 
 def setting_of(run: Any, key: str) -> Any:
-    """Return the value of a key as typed, else from the run's config, else None."""
+    """Return the value of a key as typed; if it was not typed, from the run's config; otherwise None."""
     if key in run["overrides"]:
         return run["overrides"][key]
     with suppress(UserError):

@@ -49,9 +49,9 @@ def measure_strokes(strokes: Strokes, depth: Tensor, size: tuple[int, int], radi
 
     Returns:
         (N,) records of float64: the curve's centre x and y in pixels from the left and the top, and ``MEASURES``.
-        Angles are in radians; orientation is clockwise in [0, pi). Undefined measures are NaN: elongatedness if a
-        stroke has no width; deviation, coherence and homogeneity if it has no neighbours; straightness and orientation
-        if it is a dot, shorter than `ruler.POINT_LENGTH`. The length and curvature of dots are 0.
+        Angles are in radians; orientation is measured clockwise, in [0, pi). Undefined measures are NaN: elongatedness
+        if a stroke has no width; deviation, coherence and homogeneity if it has no neighbours; straightness and
+        orientation if it is a dot, shorter than `ruler.POINT_LENGTH`. The length and curvature of dots are 0.
     """
     fine = strokes.map(Tensor.double)
     curve, width = curve_of(fine), 2 * half_width_of(fine)
@@ -86,7 +86,7 @@ def measure_strokes(strokes: Strokes, depth: Tensor, size: tuple[int, int], radi
 
 
 def _count_within(centre: Tensor, radius: float) -> Tensor:
-    """Count how many (N,) of the other centres (N, 2) lie within a radius of each centre."""
+    """Count, for each centre (N, 2), the other centres within a radius of it; return the counts (N,)."""
     from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
 
     if not len(centre):
@@ -146,7 +146,7 @@ def sizes_set_by(saved: Saved) -> str:
 
 
 def direction_shares(angle: Array, weight: Array | None = None) -> Array:
-    """Compute the weighted share (DIRECTION_BINS,) of directions (n,) in degrees in each bin; bin 0 is centred on 0."""
+    """Compute each bin's weighted share (DIRECTION_BINS,) of directions (n,), in degrees; bin 0 is centred on 0."""
     number = np.floor(angle * DIRECTION_BINS / 180 + 0.5).astype(np.intp) % DIRECTION_BINS
     shares = np.bincount(number, weight, DIRECTION_BINS)
     return shares / (shares.sum() or 1)

@@ -73,7 +73,7 @@ def is_album(frame: DataFrame) -> bool:
 
 
 def numbers(frame: DataFrame) -> DataFrame:
-    """Return the displayed metrics, always with ``psnr`` and ``seconds``, as numbers; NaN if missing or infinite."""
+    """Return the displayed metrics, always including ``psnr`` and ``seconds``; missing or infinite numbers are NaN."""
     import pandas as pd  # noqa: PLC0415
 
     metrics = frame["metric"][[key for key in quantities() if key in frame["metric"]]]

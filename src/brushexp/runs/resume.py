@@ -87,7 +87,7 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[DictConfig, Path]:
 
 
 def _chosen_keys(words: Sequence[str]) -> set[str]:
-    """Return the keys set on the command line; raise a UserError if one changes a setting of the run (``words``)."""
+    """Return the keys set on the command line; raise a UserError if one would change the run's settings, ``words``."""
     chosen = {override.lstrip("+~").partition("=")[0]: override for override in HydraConfig.get().overrides.task}
     for key, override in chosen.items():
         if key not in (*OVERRIDABLE, "task") and override not in words:
@@ -96,7 +96,7 @@ def _chosen_keys(words: Sequence[str]) -> set[str]:
 
 
 def _check_files(path: Path, record: Any, settings: DictConfig) -> None:
-    """Raise a UserError if files differ from the ``record``; make their paths in the settings absolute."""
+    """Raise a UserError if a recorded file is missing or has changed; set the files' absolute paths in the settings."""
     files = {key: (Path(name), digest) for key, (name, digest) in check_plain(record["files"]).items()}
     if not files.keys() <= {key for key, value in leaves(record["settings"]) if isinstance(value, str)}:
         raise UserError(f"{path} lists files that its settings do not name; start a new run")

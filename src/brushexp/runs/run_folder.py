@@ -56,7 +56,7 @@ class RunFolder(Callback):
 
 
 def check_place(cfg: DictConfig) -> None:
-    """Raise a UserError if Hydra would change the working folder, on which paths in the settings depend."""
+    """Raise a UserError if Hydra would change the working folder, because paths in the settings are relative to it."""
     if cfg.hydra.job.chdir:
         raise UserError("hydra.job.chdir=true would break relative paths in the settings; drop it")
 
@@ -70,9 +70,9 @@ def warn_of_launcher(cfg: DictConfig) -> None:
 
 
 def take_name(cfg: DictConfig, folder: Path) -> Path:
-    """Return the folder of a run or sweep; create a default folder, with a number if its name is taken (``x_2``).
+    """Return the folder of a run or sweep; a default folder is created, with a number if its name is taken (``x_2``).
 
-    The default name is the time of the run. Every job of a sweep would read the time again, so the name is fixed here.
+    The default name is the time of the run. Each job of a sweep would compute this time again, so it is fixed here.
     """
     plain: Any = OmegaConf.to_container(cfg, resolve=False)
     if plain["output"] not in (BY_TIME, BESIDE_PAINTING) or folder != Path(cfg.output):
@@ -91,9 +91,9 @@ def take_name(cfg: DictConfig, folder: Path) -> Path:
 def take_folder(folder: Path, cfg: DictConfig, goes_on: bool = False) -> None:
     """Lock a folder until this process ends, remove the files of an aborted or replaced run, and record new files.
 
-    Raises a UserError if another run is at work in the folder. Also raises one if the folder holds a run that is
-    finished or can be resumed, unless this run continues it (``goes_on``, ``resume``, or a task that ``grows``) or
-    replaces it (``overwrite``).
+    Raises a UserError if another run is at work in the folder. Also raises a UserError if the folder holds a run that
+    is finished or can be resumed, unless the new run continues that run (``goes_on``, ``resume``, or a task that
+    ``grows``) or replaces it (``overwrite``).
     """
     lock(folder)
     source = cfg.get("resume")

@@ -33,9 +33,10 @@ log = logging.getLogger(__name__)
 
 
 def check_jobs(loader: Any, config: DictConfig, jobs: Sequence[Words], lenient: bool = False) -> list[str]:
-    """Raise a UserError if any job of a sweep is invalid or, if ``lenient``, only if all of them are.
+    """Check the jobs of a sweep, and return their folders, relative to the sweep's folder.
 
-    No two jobs may share a folder. Returns the folders of the jobs, relative to the sweep's folder.
+    Raises a UserError if a job is invalid or shares its folder with an earlier job. If ``lenient``, each such job
+    causes only a warning, unless every job of the sweep is refused.
     """
     refused, composed, places = [], dict[tuple[str, ...], DictConfig](), list[str]()
     alike = () if "override_dirname" in OmegaConf.to_yaml(config.hydra.sweep) else (PICTURE, SUBFOLDER)
@@ -88,7 +89,10 @@ def _without_output(words: Words) -> list[str]:
 
 
 def check_same(folder: Path, jobs: Sequence[Words], lenient: bool = False) -> None:
-    """Raise a UserError unless a folder has a sweep of these jobs; if ``lenient``, only shared folders must match."""
+    """Raise a UserError unless a folder holds a sweep of these jobs.
+
+    If ``lenient``, a job need not be in the earlier sweep, but it must not differ from the earlier job in its folder.
+    """
     try:
         noted = json_of(read_text(folder / JOBS, ""))
         before, words = [list(map(str, job)) for job in noted["jobs"]], list(map(in_short, noted["typed"]))

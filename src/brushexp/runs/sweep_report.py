@@ -26,9 +26,9 @@ _next_report = time.monotonic() + 30  # seconds; the imports of a report take tw
 
 
 class SweepReport(Callback):
-    """A callback that logs failed jobs, and renews the report of a sweep after a failure and from time to time.
+    """A callback that logs failed jobs, and renews the report of a sweep after each failure and from time to time.
 
-    Hydra 1.3 does not call callbacks at the end of a sweep if a job has failed.
+    It does not wait for the end of the sweep, because Hydra 1.3 calls no callbacks there if a job has failed.
     """
 
     def on_job_end(self, config: DictConfig, job_return: JobReturn, **_: Any) -> None:
@@ -56,7 +56,7 @@ def note_failure(folder: Path, error: BaseException) -> None:
 
 
 def renew_sweep_report(folder: Path) -> None:
-    """Write the report of a sweep from the results of its runs, if there are any, in one process at a time."""
+    """Write the report of a sweep if any of its runs have results; only one process writes at a time."""
     from filelock import FileLock  # noqa: PLC0415
 
     global _next_report  # noqa: PLW0603
@@ -80,7 +80,7 @@ def _write_report(folder: Path) -> None:
 
 
 def _log_failure(folder: Path, error: BaseException, *, everywhere: bool) -> None:
-    """Log an error to the run's file or ``everywhere``, because Hydra prints only the first error of a sweep."""
+    """Log an error to the run's log file or, if ``everywhere``, to all handlers; Hydra prints only the first error."""
     trace = None if isinstance(error, UserError) else (type(error), error, error.__traceback__)
     message = f"run {folder.name} failed: {first_line(error)}"
     record = log.makeRecord(log.name, logging.ERROR, __file__, 0, message, (), trace)

@@ -40,7 +40,7 @@ class Trackers(LightningLogger):
         return self
 
     def log_metrics(self, metrics: dict[str, float], step: int | None = None) -> None:
-        """Collect the values of a step from the module and the callbacks into one row."""
+        """Collect the values that the module and the callbacks log in a step into one row."""
         if step != self.step:
             self._pass_on()
         self.row, self.step = self.row | metrics, step
@@ -94,7 +94,7 @@ class Trackers(LightningLogger):
 
 
 def make_trackers(cfg: DictConfig, folder: Path | None) -> Trackers:
-    """Make the config's trackers for a run, or part of a run, in ``folder``; without a folder, there are none."""
+    """Make the trackers in the config for a run, or a part of one, in ``folder``; without a folder, make none."""
     if folder is None:
         return Trackers({}, Run(Path()))
     settings: Any = OmegaConf.to_container(cfg, resolve=True, enum_to_str=True)

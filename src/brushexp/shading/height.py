@@ -1,8 +1,8 @@
 """Compute the height of a painting's paint.
 
 The thickness of a stroke follows from its coverage or, for plain strokes, from random bristles. Its unit is the film: 1
-is the thickest paint that a brush leaves. In textures, thickness - 1 replaces the tone, because mixing a colour with
-black (0) in this tone yields thickness * colour.
+is the thickest paint that a brush leaves. Textures hold thickness - 1 in place of the tone: a
+negative tone mixes the colour with that share of black (0), which yields thickness * colour.
 """
 
 from collections.abc import Iterator
@@ -113,7 +113,7 @@ class Impasto:
 def body_of(color: Tensor) -> Tensor:
     """Compute the thickness (N,), in films, of paint with colours (N, 3): from LEAN for darks to 1 for lights.
 
-    Paint of equal lightness therefore has equal thickness, and ridges coincide with changes in tone.
+    Thickness therefore depends only on lightness, and ridges coincide with changes in tone.
     """
     luma = color @ color.new_tensor(BRIGHTNESS)
     share = ((luma - LEAN_UNTIL) / (BODY_FROM - LEAN_UNTIL)).clamp(0, 1)

@@ -83,7 +83,8 @@ def shade_picture(color: Array, normals: Array, light: Light) -> Array:
 def overlay(flat: Array, finished: Array) -> Array:
     """Compute the overlay (H, W, 4) of light and bare paper that turns ``flat`` (H, W, 3) into ``finished``, all uint8.
 
-    Each pixel is as transparent as possible: black in the shade, and close to the ground where paint skips the paper.
+    Each pixel of the overlay is as transparent as possible. Its colour is black in the shade, and close to that of the
+    ground where paint skips the paper.
     """
     below, above = flat.astype(np.float32) / 255, finished.astype(np.float32) / 255
     change = above - below

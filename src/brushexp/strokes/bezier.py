@@ -26,7 +26,7 @@ def curve_of(strokes: Strokes) -> Tensor:
 
 
 def shape_of(strokes: Strokes) -> Tensor:
-    """Compute the control points (N, 3, 2) in pixels relative to ``position``, which is exact even for far strokes."""
+    """Compute the control points (N, 3, 2) in pixels relative to ``position``, exactly even for distant strokes."""
     points = torch.stack([strokes.start, strokes.control, strokes.end], dim=1)
     return points * (0.5 * strokes.scale)[:, None, None]
 
@@ -37,7 +37,7 @@ def half_width_of(strokes: Strokes) -> Tensor:
 
 
 def softness_of(strokes: Strokes) -> Tensor:
-    """Compute by how many pixels (N,) the edges of strokes are wider than the renderer's own edge."""
+    """Compute the width (N,), in pixels, that each stroke adds to the renderer's own soft edge."""
     return strokes.softness * strokes.scale
 
 
@@ -48,9 +48,9 @@ def drift_of(strokes: Strokes) -> Tensor:
 
 
 def roomy_window(pitch: Length) -> Length:
-    """Return the side, in pixels, of a window in which strokes spaced a ``pitch`` apart can move.
+    """Return the side, in pixels, of a window that leaves room to move for strokes spaced a ``pitch`` apart.
 
-    A pitch of 10 gives 64 (thesis 2020). A tensor of pitches gives a tensor of sides.
+    A pitch of 10 gives a side of 64 (thesis 2020). A tensor of pitches gives a tensor of sides.
     """
     return (6.4 * pitch).clamp_min(4.0) if isinstance(pitch, Tensor) else max(6.4 * pitch, 4.0)
 
@@ -85,7 +85,7 @@ def strokes_along(
 
 
 def cut_short(strokes: Strokes, share: Tensor) -> Strokes:
-    """Cut strokes off at parameters ``share`` (n,) of their curves (de Casteljau); the part before does not change."""
+    """Cut strokes off at parameters ``share`` (n,) of their curves (de Casteljau); what precedes does not change."""
     t, rest, drift = share[:, None], 1 - share[:, None], drift_of(strokes)
     first, second = rest * strokes.start + t * strokes.control, rest * strokes.control + t * strokes.end
     growth = 1 - (1 - share) * strokes.widening  # thickness in the middle of the part, relative to the whole
@@ -121,7 +121,7 @@ def closest_parameter(curve: Tensor, points: Tensor) -> Tensor:
 
 
 def _refine(cubic: Cubic, t: Tensor, n: int) -> Tensor:
-    """Find the zero of a cubic within one sample interval, 1 / ``n``, of ``t``, or an end of that range."""
+    """Find the zero of a cubic within one sample interval, 1 / ``n``, of ``t``, or else one end of that range."""
     low, high = (t - 1 / n).clamp_min(0), (t + 1 / n).clamp_max(1)
     for _ in range(NEWTON_STEPS - 1):
         slope, bend = cubic_at(cubic, t)
@@ -158,7 +158,7 @@ def _samples_for(curve: Tensor) -> int:
 
 
 def _nearest_samples(cubic: Cubic, n: int) -> tuple[Tensor, Tensor]:
-    """Find the samples nearest to the point before and after the inflection of its cubic."""
+    """Find the two samples of t nearest to the point, before and after the inflection of the distance's cubic."""
     a, b, c, d = cubic
     inflection = -b / (3 * a).clamp_min(torch.finfo(a.dtype).tiny)
     nearest = []
@@ -173,7 +173,7 @@ def _nearest_samples(cubic: Cubic, n: int) -> tuple[Tensor, Tensor]:
 
 
 def _floor(cubic: Cubic) -> Tensor:
-    """Compute a lower bound for the divisor in Newton's method: tiny relative to the squared length, but never 0."""
+    """Compute a lower bound for the divisor in Newton's method: tiny compared with the curve's size, but never 0."""
     a, b, c, _ = cubic
     return 1e-6 * (a + b.abs() + c.abs()) + torch.finfo(a.dtype).tiny
 

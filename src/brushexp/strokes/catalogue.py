@@ -112,7 +112,7 @@ class Strokes:
         return ((name, getattr(self, name)) for name in FIELDS)
 
     def map(self, function: Callable[[Tensor], Tensor]) -> Strokes:
-        """Apply a function to each field; it may change the dtype and device, but a new N raises a UserError."""
+        """Apply a function to each field; it may change dtype and device, but a change of N raises a UserError."""
         changed = {name: function(value) for name, value in self.items()}
         if (count := len(changed["position"])) != len(self):
             cure = "select strokes with strokes[:1], a mask or numbers"
@@ -139,12 +139,12 @@ class Strokes:
         return self
 
     def moved(self, zoom: float = 1.0, shift: tuple[float, float] = (0.0, 0.0)) -> Strokes:
-        """Scale the strokes by ``zoom``, then move them by ``shift`` (x, y) pixels."""
+        """Return the strokes scaled by ``zoom``, then moved by ``shift`` (x, y) pixels."""
         position = self.position * zoom + self.position.new_tensor(shift)
         return replace(self, position=position, scale=self.scale * zoom)
 
     def with_rows(self, rows: Tensor, others: Strokes) -> Strokes:
-        """Replace the strokes at ``rows`` with ``others``; each row keeps its brush."""
+        """Return a copy with ``others`` in place of the strokes at ``rows``; each row keeps its brush."""
         return replace(self, **{name: value.index_copy(0, rows, getattr(others, name)) for name, value in self.items()})
 
     @staticmethod
@@ -270,7 +270,7 @@ class Catalogue(nn.Module):
 
     @torch.no_grad()
     def put(self, rows: Tensor, part: Catalogue) -> None:
-        """Write a changed copy, as made by `part`, back to the strokes at ``rows``."""
+        """Write a changed copy of the strokes at ``rows``, made by `part`, back into this catalogue."""
         for name in FIELDS:
             getattr(self, name)[rows] = getattr(part, name)
 
@@ -278,7 +278,8 @@ class Catalogue(nn.Module):
     def revise(self, keep: Tensor, new: Strokes, optimizer: optim.Optimizer | None = None) -> None:
         """Drop strokes where ``keep`` (N,) is false, and append ``new`` strokes; kept strokes retain optimiser state.
 
-        The state of a field is reset unless it has only counters and one number per parameter; that of L-BFGS is reset.
+        Only state that consists of counters and one number per parameter is retained; other state is reset, such as
+        that of L-BFGS.
         """
         before = {id(getattr(self, name)): name for name in FIELDS}
         self._store(Strokes.join(self()[keep], new))
@@ -293,7 +294,7 @@ class Catalogue(nn.Module):
                 optimizer.state[parameter] = {key: _carry(value, keep, parameter) for key, value in state.items()}
 
     def resize(self, n: int) -> None:
-        """Resize the catalogue to ``n`` blank strokes, so that a state of this size can be loaded next."""
+        """Resize the catalogue to ``n`` blank strokes, so that a state with ``n`` strokes can be loaded."""
         if n != len(self):
             blank = {name: self.scale.new_full(field.shape(n), max(field.low, 0)) for name, field in FIELDS.items()}
             self._store(Strokes(**blank))

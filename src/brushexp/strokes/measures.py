@@ -136,7 +136,7 @@ def nearest_strokes(points: Tensor, centres: Tensor, k: int = NEIGHBOURS, *, exc
 
 
 def neighbours_of(strokes: Strokes, shape: Tensor, k: int = NEIGHBOURS) -> Tensor:
-    """Find the indices (N, k) of each stroke's nearest strokes, by the centres of their curves (`bezier.shape_of`)."""
+    """Find the indices (N, k) of the k strokes nearest to each stroke, by the centres of curves (`bezier.shape_of`)."""
     centre = strokes.position + centre_of(shape)
     return nearest_strokes(centre, centre, k, exclude_self=True)
 
@@ -147,7 +147,7 @@ def with_self(near: Tensor) -> Tensor:
 
 
 def mean_direction(direction: Tensor, near: Tensor) -> Tensor:
-    """Return the mean (Q, 2) of the doubled directions of strokes ``near`` (Q, k), at most 1 long, ignoring points."""
+    """Average the doubled directions of the strokes ``near`` (Q, k), except points; means (Q, 2) are at most 1 long."""
     weight = (direction.square().sum(1, keepdim=True) + torch.finfo(direction.dtype).eps).sqrt()
     # The gradient of `index_select` is faster than that of [].
     table = torch.cat([direction, weight], dim=1).index_select(0, near.flatten())

@@ -112,14 +112,14 @@ def json_lines(saved: Saved) -> Iterator[str]:
 
 
 def fields_in(strokes: Strokes) -> tuple[list[str], int]:
-    """Return the fields to store and the format version, the oldest with every non-zero field of the strokes."""
+    """Return the fields to store, and the oldest format version that has every non-zero field of the strokes."""
     needed = [first for name, first in LATER_FIELDS.items() if bool(getattr(strokes, name).any())]
     version = max(needed, default=VERSION_WITHOUT)
     return [name for name in FIELDS if LATER_FIELDS.get(name, 0) <= version], version
 
 
 def parse(text: str) -> Saved:
-    """Parse the text of `json_lines`; raise a UserError that says where the text deviates from the format."""
+    """Parse text in the format of `json_lines`; raise a UserError that says where the text deviates from it."""
     try:
         data = json_of(text)
     except UserError as error:
@@ -190,7 +190,7 @@ def _strokes(rows: list[Any]) -> tuple[Strokes, Tensor]:
 
 
 def _numbers(data: dict[str, Any], name: str, size: int, where: str = "") -> Any:
-    """Check that a value is a list of ``size`` numbers, or a bare number for size 0, and return it."""
+    """Return a value from ``data`` after checking that it is a list of ``size`` numbers, or one number if size is 0."""
     value = data.get(name)
     numbers = value if size else [value]
     if type(numbers) is not list or len(numbers) != (size or 1) or not {type(x) for x in numbers} <= {int, float}:

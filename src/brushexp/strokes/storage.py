@@ -1,7 +1,7 @@
 """Save and load finished catalogues as HDF5, with everything needed to redraw them (docs/formats.md).
 
-Packages may add catalogue formats, each with its own file extension. Strings have a fixed length, because HDF5 does
-not checksum variable-length strings, where one wrong byte can cause an infinite loop.
+Packages may add catalogue formats, each with its own file extension. Strings have a fixed length: HDF5 computes no
+checksums of variable-length strings, and one wrong byte in such a string can cause an infinite loop.
 """
 
 import io

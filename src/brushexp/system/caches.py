@@ -47,7 +47,7 @@ def settle_caches() -> None:
 
 
 def _settle_typed(variable: str) -> None:
-    """Make the cache folder in an environment variable absolute, or unset the variable if the folder is unusable."""
+    """Make the path of a cache folder in an environment variable absolute; unset it if the folder is unusable."""
     typed = os.environ.pop(variable, "")
     path = os.path.expanduser(typed)
     is_whole = os.path.isabs(path) or (variable == KERNELS and not path.startswith("~"))

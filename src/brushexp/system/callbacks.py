@@ -61,8 +61,8 @@ class ProgressBar(L.Callback):
 class TimedCheckpoint(Checkpoint):
     """A callback that writes checkpoints for exact resumption and, on Ctrl-C, ends the fit after the current step.
 
-    It writes to ``path``, if given, every ``every`` seconds, or only on interruption if ``every`` is None.
-    Lightning calls callbacks of this type after all others, so the file holds their states after the step.
+    If ``path`` is given, a checkpoint is written there every ``every`` seconds, or only on interruption if ``every`` is
+    None. Lightning calls callbacks of this type after all others, so the file holds their states after the step.
     """
 
     def __init__(self, path: Path | None, every: float | None) -> None:

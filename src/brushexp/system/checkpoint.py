@@ -36,8 +36,8 @@ class CheckpointFormat:
     def restore(self, module: nn.Module, name: str, checkpoint: str | None, options: Mapping[str, Any]) -> str:
         """Load trained weights into a plugin's module in ``eval`` mode; call this at the end of ``__init__``.
 
-        A UserError reports ``options`` that differ from the recipe, or a file that is missing, damaged or for another
-        plugin. Returns the hash of the weights; if the checkpoint is None, loads no weights and returns "".
+        Returns the hash of the weights; if ``checkpoint`` is None, loads no weights and returns "". Raises a UserError
+        if ``options`` differ from the recipe, or if a file is missing, damaged or for another plugin.
         """
         module.eval()
         if checkpoint is None:
@@ -64,10 +64,11 @@ class CheckpointFormat:
         return str(recipe["hash"])
 
     def save(self, path: Path, name: str, module: nn.Module, recipe: Mapping[str, Any], *, half: bool = True) -> str:
-        """Write weights to ``path`` (.safetensors) and the recipe beside them; the module gets the stored weights.
+        """Write a module's weights to ``path`` (.safetensors), and the recipe to a file beside it.
 
         The recipe needs ``options`` and may have ``data``, ``training`` and ``figures``. With ``half``, floats are
-        stored in 16 bits unless they overflow. Returns the hash of the weights.
+        stored in 16 bits unless they overflow; the module's own weights are rounded in the same way. Returns the hash
+        of the weights.
         """
         from safetensors.torch import save  # noqa: PLC0415  (--help needs none of it)
 

@@ -61,7 +61,7 @@ def todays_settings(recorded: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def todays_key(key: str, recorded: Mapping[str, Any]) -> str:
-    """Return the current name of a recorded key whose value is a file."""
+    """Return the current name of a key that was recorded with a file as its value."""
     return KEYS.get(key, key) if is_earlier(recorded) else key
 
 

@@ -54,7 +54,7 @@ def code_state() -> dict[str, Any]:
 
 
 def project_state(folder: Path) -> dict[str, Any] | None:
-    """Return the `git_state` of a folder's repository; None if it has none or the repository is brushexp's own."""
+    """Return the `git_state` of a folder's repository; None if there is none or it is brushexp's own repository."""
     top = _git(folder, "rev-parse", "--show-toplevel")
     if top is None or ("commit" in code_state() and top == _git(PACKAGE, "rev-parse", "--show-toplevel")):
         return None

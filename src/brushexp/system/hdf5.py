@@ -1,4 +1,4 @@
-"""Read untrusted HDF5 files piece by piece; raise a UserError that says what is wrong with a file."""
+"""Read untrusted HDF5 files piece by piece; if a file is invalid, raise a UserError that says why."""
 
 import zlib
 from pathlib import Path
@@ -59,7 +59,7 @@ def dataset_of(
 
 
 def _check_storage(name: str, dataset: h5py.Dataset) -> None:
-    """Reject unsupported compression, chunks that are too large, and data larger than its stored bytes can hold."""
+    """Reject unsupported compression, chunks that are too large, and data that its stored bytes could not unpack to."""
     layout, held = dataset.id.get_create_plist(), dataset.id.get_storage_size()
     used = [layout.get_filter(k)[0] for k in range(layout.get_nfilters())]
     if not {GZIP, SHUFFLE, CHECKSUM}.issuperset(used) or used.count(GZIP) > 1:

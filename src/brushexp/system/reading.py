@@ -61,7 +61,7 @@ def check_file(path: Path, cure: str, largest: float = math.inf) -> None:
 
 @contextmanager
 def explaining(path: Path, cure: str) -> Iterator[None]:
-    """Turn any error into a UserError that names the file; add ``cure`` unless the message has one after a ``;``."""
+    """Turn any error into a UserError that names the file and a ``cure``, unless the message has one, after a ``;``."""
     try:
         yield
     except UserError as error:
@@ -94,7 +94,10 @@ def decode_text(data: bytes) -> str:
 
 
 def read_table(path: Path) -> list[dict[str, str]]:
-    """Read the rows of a CSV file with a ``step`` column; missing cells are None, and other files give no rows."""
+    """Read the rows of a CSV file; missing cells are None.
+
+    A file without a ``step`` column, or one that cannot be read, has no rows.
+    """
     try:
         rows = list(csv.DictReader(io.StringIO(read_text(path, ""), newline=""), restkey=""))
     except (UserError, csv.Error):
@@ -165,7 +168,7 @@ def check_yaml(text: str, root: type = dict) -> None:
 
 
 def yaml_of(text: str, root: type = dict) -> Any:
-    """Parse a YAML mapping (or list) of plain values; an empty text gives an empty one, and ``${...}`` stays text."""
+    """Parse a YAML mapping (or list) of plain values; empty text counts as an empty one, and ``${...}`` stays text."""
     return deepcopy(_yaml_of(text, root))
 
 

@@ -52,7 +52,7 @@ def keep_memory(most: int = 2**30) -> None:
 
 
 def give_memory_back() -> None:
-    """Return freed memory to the system, because fragments from one picture do not fit the next, and accumulate."""
+    """Return freed memory to the system; otherwise fragments accumulate, since each picture needs other sizes."""
     if sys.platform == "linux" and hasattr(libc := ctypes.CDLL(None), "malloc_trim"):
         libc.malloc_trim(0)
 
@@ -92,7 +92,7 @@ def _pool() -> ThreadPoolExecutor:
 
 
 def use_threads(n: int) -> None:
-    """Let PyTorch and the kernels use ``n`` threads, but only one in a fork of a multi-threaded process."""
+    """Let PyTorch and the kernels use ``n`` threads, or one thread in a process forked from a multi-threaded one."""
     import torch  # noqa: PLC0415
 
     torch.set_num_threads(min(n, _most_threads[0]))
@@ -206,7 +206,7 @@ def cores() -> int:
 
 
 def jobs_at_once(n_jobs: int) -> int:
-    """Return how many jobs run in parallel; a negative ``n_jobs`` counts back from all cores (-1)."""
+    """Return how many jobs run in parallel; for ``n_jobs``, -1 means one per core, -2 one fewer, and so on."""
     return n_jobs if n_jobs > 0 else max(1, cores() + 1 + n_jobs)
 
 
@@ -240,7 +240,7 @@ def forget_peak_memory() -> None:
 
 
 def peak_memory() -> float | None:
-    """Return the peak memory of this process in MB, or None if it is unknown or an earlier job reached it."""
+    """Return the peak memory of this process in MB; None if it is unknown, or if an earlier job used as much."""
     peak = _peak()
     return peak if peak > _earlier_peak[0] else None
 

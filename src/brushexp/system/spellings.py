@@ -10,9 +10,9 @@ from pathlib import Path
 
 
 def find_spelling(path: str) -> str:
-    r"""Change each part of a path to the Unicode form of the folder or file that exists.
+    r"""Spell each part of a path in the Unicode form of the existing folder or file.
 
-    A part is kept if it exists as given, or if no file or several files match it.
+    A part does not change if it exists as given, or if no file or several files match it.
 
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:

@@ -87,7 +87,7 @@ def paint_into(
 
 @dataclass(frozen=True)
 class Fitted:
-    """A painter that has taken its steps, its timelapse frames, and the error that ended the fit, if any."""
+    """The result of a fit: the painter, its timelapse, and the error that ended the fit, if any."""
 
     painter: PaintingModule
     timelapse: Timelapse
@@ -103,7 +103,7 @@ def optimise(
 ) -> Fitted:
     """Build the painter, callbacks and Trainer of a painting, and run the fit.
 
-    If given, ``folder`` receives checkpoints, and the fit resumes from ``checkpoint``.
+    Checkpoints go to ``folder`` if it is given. The fit resumes from ``checkpoint`` if that is given.
     """
     heartbeat.say("looking at the picture")
     device = device_of(cfg.device)
@@ -121,7 +121,7 @@ def optimise(
 
 
 class Opening(L.Callback):
-    """Writes the input pictures before the first step, in case the disk is full, and warns about slow steps."""
+    """Writes the input pictures before the first step, so that a full disk is noticed early; warns about slow steps."""
 
     def __init__(self, cfg: DictConfig, folder: Path) -> None:
         self.cfg, self.folder = cfg, folder

@@ -87,8 +87,8 @@ def pressure_at(share, middle, ends, head, tail):  # type: ignore[no-untyped-def
 def opacity_of(pressure, opaque, by_pressure, linearize, per_radius):  # type: ignore[no-untyped-def]
     """Compute the opacity of one dab by libmypaint's formula, (opaque + by_pressure * pressure) * pressure.
 
-    With ``linearize`` = 0, each dab has this opacity. With 1, all dabs over one point of the axis, those on a length of
-    two radii, have it together.
+    With ``linearize`` = 0, each dab has this opacity. With 1, the dabs that overlap at a point of the axis, which are
+    those within a length of two radii, reach this opacity together.
     """
     wanted = min(max((opaque + by_pressure * pressure) * pressure, 0.0), 1.0)
     over_each_other = 1 + linearize * max(2 * per_radius - 1, 0.0)
@@ -107,7 +107,7 @@ def profile(square, hardness):  # type: ignore[no-untyped-def]
 
 @function
 def _dab(bare, x, y, radius, opacity, hardness):  # type: ignore[no-untyped-def]
-    """Paint a dab on ``bare``; a radius below one pixel becomes one pixel, with proportionally lower opacity."""
+    """Multiply ``bare`` by a dab's transparency; a radius below 1 pixel becomes 1 pixel, with lower opacity."""
     drawn = max(radius, 1.0)
     faint, hard, scale = F(opacity * (radius / drawn) ** 2), F(hardness), F(1 / drawn**2)
     side = len(bare)

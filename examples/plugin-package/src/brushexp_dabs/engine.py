@@ -39,13 +39,14 @@ class Dabs(Engine):
     Args:
         window: side of a picture in pixels, 8 to 512.
         supersample: number of canvas pixels per picture pixel in each direction, 1 to 8.
-        dabs_per_radius: number of dabs on a length of one radius. The default is the sum of libmypaint's dabs per
+        dabs_per_radius: number of dabs per length of one radius. The default is the sum of libmypaint's dabs per
             basic radius and per actual radius, 6 and 6, because the two radii are equal here.
         hardness: hardness of a dab's profile, from 0 (a needle) to 1 (a disc).
         opaque: opacity without pressure, before it is multiplied by the pressure, 0 to 1.
         opaque_by_pressure: opacity that full pressure adds, 0 to 1.
-        opaque_linearize: reduction of a dab's opacity, from 0 (none) to 1 (all dabs over a point together have the
-            opacity). The brush has 0; libmypaint's default for other brushes, 0.9, makes its strokes a faint mist.
+        opaque_linearize: reduction of the opacity of single dabs, from 0 (none) to 1 (overlapping dabs reach the
+            specified opacity together). This brush uses 0; libmypaint's default, 0.9, would make its strokes a faint
+            mist.
         offset_by_random: displacement of dabs at full pressure, in radii.
         radius_by_random: standard deviation of the logarithm of the radius.
         pressure: pressure in the middle of a stroke, above 0 to 1.

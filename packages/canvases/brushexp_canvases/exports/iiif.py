@@ -15,7 +15,7 @@ class Iiif(Exporter):
     """Writes ``iiif.zip``: ``manifest.json`` (Presentation API 3), and tiles (Image API 3, level 0) at any resolution.
 
     Args:
-        base: address at which the files will be served; the IIIF documents refer to each other by it.
+        base: address at which the files will be served; the links between the IIIF documents begin with it.
     """
 
     base: str = BASE

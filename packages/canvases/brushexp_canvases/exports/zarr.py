@@ -28,7 +28,7 @@ class Zarr(Exporter):
 
 
 def write_image(path: Path, levels: list[Level]) -> None:
-    """Write the levels of an OME-Zarr image into a zip file, from this thread only."""
+    """Write the levels of an OME-Zarr image into a zip file, one chunk at a time."""
     try:
         import zarr  # noqa: PLC0415  (the extra ``canvas``)
         from zarr.storage import ZipStore  # noqa: PLC0415

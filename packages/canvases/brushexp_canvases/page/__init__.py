@@ -1,7 +1,6 @@
-"""Write a page that shows a pyramid from disk, with pan, zoom, a comparison slider, and sharp strokes up close.
+"""Write a page that shows a pyramid, with panning, zooming, a comparison slider, and sharp strokes up close.
 
-Strokes are stored in square cells. Each cell is a script next to the page, which is loaded when that area is viewed up
-close.
+Strokes are stored in square cells. Each cell is a script next to the page, loaded when its area is viewed up close.
 """
 
 import json
@@ -31,7 +30,7 @@ JobOf = Callable[[Region], ExportJob]
 def write_page(
     folder: Path, size: tuple[int, int], names: list[str], title: str, lead: str, strokes: dict[str, Any] | None = None
 ) -> Path:
-    """Write ``view.html``, a page that shows the Deep Zoom images in the same folder, also from disk.
+    """Write ``view.html``, a page that shows the Deep Zoom images in its folder, with or without a web server.
 
     ``names`` are the names of the images, all of ``size`` (H, W). The first image is the painting; another image may be
     called ``target``. ``strokes`` is the result of `write_strokes`.

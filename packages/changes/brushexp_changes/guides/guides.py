@@ -19,10 +19,11 @@ from brushexp_changes.steps import check_steps
 class Guides(Change):
     """Align the first strokes with nearby hand-drawn lines: ``guides=lines.png``.
 
-    The strokes keep their centre, length, width and colour. Optimisation starts from the aligned strokes.
+    The strokes keep their centres, lengths, widths and colours. Optimisation starts from the aligned strokes.
 
     Args:
-        lines: picture of the lines to follow, in any colour on white or transparent ground, shaped like the painting.
+        lines: picture of the lines to follow, in any colour on a white or transparent ground, with the painting's
+            aspect ratio.
     """
 
     lines: Annotated[str, PICTURE] | None = None

@@ -20,13 +20,13 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Lines:
-    """Line directions: weights ``say`` (H, W), from 1 on a line to 0 far away, and doubled directions (2, H, W)."""
+    """Line directions ``doubled`` (2, H, W), at doubled angles, and weights ``say`` (H, W): 1 on a line, 0 far away."""
 
     say: Array
     doubled: Array
 
     def directions(self, points: Array, own: Array) -> Array:
-        """Blend doubled directions ``own`` (n, 2) with line directions at points (n, 2); return unit vectors."""
+        """Blend directions ``own`` (n, 2), at doubled angles, with the lines' at points (n, 2); return unit vectors."""
         say = sampled_at(self.say, *points.T)[:, None]
         x, y = (say * sampled_at(self.doubled, *points.T).T + (1 - say) * own).T
         angle = 0.5 * np.arctan2(y, x)
@@ -58,7 +58,7 @@ def lines_of(ink: Array) -> Lines:
 
 @torch.no_grad()
 def follow(strokes: Strokes, lines: Lines) -> Strokes:
-    """Align strokes near lines, keeping centre, length, width and colour; other strokes stay bit-identical."""
+    """Align strokes near lines, keeping their centres, lengths, widths and colours; others stay bit-identical."""
     half = torch.full((len(strokes),), 0.5)
     middles = point_at(curve_of(strokes), half.to(strokes.position)).double().cpu().numpy()
     rows = torch.from_numpy(np.flatnonzero(sampled_at(lines.say, *middles.T) > LEAST_SAY)).to(strokes.position.device)

@@ -18,7 +18,7 @@ SHAPE = ("position", "scale", "start", "control", "end", "width", "softness", "w
 
 
 class Fence(nn.Module):
-    """Limit changes to strokes that are wholly inside a region, and keep them inside; other strokes stay bit-identical.
+    """Let only strokes that are wholly inside a region change, and keep them inside; others stay bit-identical.
 
     The height of lit paint is relative to the median width of all strokes. Strokes wider than the median therefore stay
     wider, narrower strokes stay narrower, and the median stays bit-identical.
@@ -59,7 +59,7 @@ class Fence(nn.Module):
 
     @torch.no_grad()
     def holds(self, strokes: Strokes, slack: float = SLACK) -> Tensor:
-        """Mark strokes (N,) that are wholly inside the region with their soft edges; off the canvas is inside."""
+        """Mark strokes (N,) wholly inside the region, soft edges included; areas off the canvas count as inside."""
         strokes = strokes.moved(zoom=self.zoom)
         t = torch.linspace(0, 1, SAMPLES).to(strokes.position)
         points = point_at(curve_of(strokes)[:, None], t)  # (N, SAMPLES, 2)

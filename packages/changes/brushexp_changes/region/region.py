@@ -125,7 +125,7 @@ def as_painted(cfg: DictConfig, job: ExportJob) -> DictConfig:
 
 
 def working_resolution_of(job: ExportJob) -> str | None:
-    """Return the ``working_resolution`` at which a painting was optimised, or None if it was its own size."""
+    """Return the ``working_resolution`` at which a painting was optimised; None means the painting's own size."""
     recorded = recorded_settings(job.saved)
     side = recorded.get("working_resolution")
     if side == AUTO and recorded.get("resolution") is None:

@@ -23,7 +23,7 @@ SOFT = 2.0  # CIELAB units added to distances, so that no single mixture dominat
 @register("palette", "pigments")
 @dataclass(kw_only=True, eq=False)
 class OfPigments(Palette):
-    """Limits a palette to the colours that mixtures of named paints can produce, without limiting their number.
+    """Limits a palette to the colours that mixtures of named paints can produce; their number is not limited.
 
     Tones are mapped to the range between the darkest and the lightest grey of the paints, and each colour is moved to
     the nearest mixtures in CIELAB.

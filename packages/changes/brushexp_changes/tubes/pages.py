@@ -51,9 +51,9 @@ def draw_plan(
     scale: float = 1.0,
     smallest_mm: float = 0.0,
 ) -> None:
-    """Write all pages as a PDF, byte-identical for the same plan; raise UserError if there are too many.
+    """Write all pages as a PDF, byte-identical for the same plan; raise UserError if there are too many pages.
 
-    ``scale`` applies to the sheets of strokes; ``smallest_mm`` is the minimum size of parts of the paint-by-numbers
+    ``scale`` applies to the sheets of strokes; ``smallest_mm`` is the minimum size of an area in the paint-by-numbers
     drawing.
     """
     from matplotlib.backends.backend_pdf import PdfPages  # noqa: PLC0415  (slow to import)
@@ -242,7 +242,7 @@ def _by_numbers(plan: Plan, smallest_mm: float) -> Figure:
 
 
 def _grid(axes: Axes, plan: Plan, frame: Sequence[float], corner: tuple[float, float], scale: float) -> None:
-    """Draw a painting's grid and border in a frame (left, right, bottom, top), with ``corner`` at its upper left."""
+    """Draw a painting's grid and border in a frame (left, right, bottom, top) whose upper left shows ``corner``."""
     height, width = (side / plan.pixels_per_mm for side in plan.job.size)
     left, right, bottom, top = frame
     axes_of = (width, corner[0], left, right), (height, corner[1], top, bottom)

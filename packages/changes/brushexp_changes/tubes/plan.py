@@ -1,4 +1,4 @@
-"""Plan strokes in stages of one brush and one mixture, with dips; play plans back, and label areas by mixture."""
+"""Plan strokes and dips in stages with one brush and one mixture each; play plans back; label areas by mixture."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -123,7 +123,7 @@ class Plan:
     def play_back(self) -> ExportJob:
         """Return the painting that results from following the plan, with brushes that run dry.
 
-        A stroke whose brush runs dry becomes a stack of films, which are increasingly short copies of the stroke.
+        A stroke whose brush runs dry becomes a stack of films: copies of the stroke, each shorter than the one below.
         """
         strokes = self.strokes
         start, end = torch.from_numpy(self.coverage).to(strokes.opacity).unbind(1)
@@ -154,8 +154,8 @@ def plan_of(job: ExportJob, table: Table, pixels_per_mm: float) -> Plan:
 def numbered_regions(plan: Plan, smallest_mm: float = 0.0) -> Array:
     """Label each pixel (h, w) of the finished plan with its mixture, counted from 0, without slivers and spots.
 
-    Areas narrower than ``smallest_mm`` or than the smallest brush, whichever is larger, and parts smaller than a square
-    with this side cannot be painted by hand. They are merged with their neighbours.
+    Areas narrower than ``smallest_mm`` or the smallest brush, whichever is larger, cannot be painted by hand, nor can
+    parts smaller than a square of that width. Both are merged with their neighbours.
     """
     small = plan.play_back().at_most(NUMBERED)
     colors = torch.from_numpy(small.picture()).double() / 255
@@ -191,7 +191,7 @@ def merge_slivers(regions: Array, side: float) -> Array:
 
 
 def labels_of(mask: Array) -> Iterator[tuple[int, int, float]]:
-    """Yield a position (row, column) for a number in each part of a mask (h, w), and its distance from the edge."""
+    """Yield where to write a number (row, column) in each part of a mask (h, w), and the distance from the edge."""
     from scipy.ndimage import distance_transform_edt, label, maximum_position  # noqa: PLC0415  (slow to import)
 
     parts, count = label(mask)

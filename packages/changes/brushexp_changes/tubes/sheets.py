@@ -55,7 +55,7 @@ class PlanSheets(Exporter):
     The PDF contains recipes with parts, swatches and amounts in ml; stages of one brush and one mixture, with a picture
     after each stage; a paint-by-numbers drawing; and sheets with a grid that show the strokes of each brush. The first
     page shows the plan played back with brushes that run dry. Options that are null take the values of ``tubes=``
-    recorded in the painting; if it was made without ``tubes=``, mixtures and brushes are chosen afterwards.
+    recorded in the painting; for a painting made without ``tubes=``, mixtures and brushes are chosen afterwards.
 
     Args:
         tubes: set of tubes, or a CSV file.

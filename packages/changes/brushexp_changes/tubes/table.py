@@ -49,7 +49,7 @@ class Table:
         return self.with_brushes(replace(strokes, width=self.brushes[brush].to(strokes.width)[rank] / strokes.scale))
 
     def with_brushes(self, strokes: Strokes) -> Strokes:
-        """Make strokes opaque, uniformly as wide as their brushes, and at most one load long, with the same centres."""
+        """Make strokes opaque, as wide as their brushes throughout, and at most one load long; keep their centres."""
         width = self.brushes.to(strokes.scale)[self.brush_of(strokes)]
         share = (self.load * width / length_of(curve_of(strokes)).clamp_min(SHORTEST)).clamp_max(1)[:, None]
         middle = (strokes.start + 2 * strokes.control + strokes.end) / 4
@@ -64,7 +64,7 @@ class Table:
         return replace(strokes, color=color, drift=torch.zeros_like(color))
 
     def stage_of(self, strokes: Strokes) -> Tensor:
-        """Compute the stage (N,) of each stroke: from large to small brushes, and from dark to light within a brush."""
+        """Compute the stage (N,) of each stroke; stages run from large to small brushes, each from dark to light."""
         return self.brush_of(strokes) * len(self.mixtures) + self.mixture_of(strokes.color)
 
 

@@ -86,7 +86,7 @@ class OfTubes(Change):
         return toned
 
     def table_for(self, target: Tensor, candidates: Mixtures) -> Table:
-        """Make a table for a target (3, H, W): choose its mixtures, and scale the brushes to its size."""
+        """Make a table for a target (3, H, W): choose mixtures for it, and scale the brushes to its size."""
         return self.table_of(choose_mixtures(candidates, target, self.mixtures), target.shape[2])
 
     def table_of(self, mixtures: Mixtures, width: int) -> Table:

@@ -54,7 +54,7 @@ def brush_plan(job: ExportJob, machine: PenExporter) -> PenPlan:
 
 
 def _check_places(machine: PenExporter, frame: tuple[float, ...], height: float) -> None:
-    """Raise UserError if a well, the water or the cloth overlaps the painting; ``frame`` has y down from the top."""
+    """Raise UserError if a well, the water or the cloth overlaps the painting; in ``frame``, y points down."""
     left, right, low, high = frame[0], frame[2], height - frame[3], height - frame[1]
     places: list[tuple[str, float, complex | None]] = [("wells", STIR, place) for place in machine.tray]
     places += [("water", RINSE, machine.place("water")), ("cloth", WIPE, machine.place("cloth"))]
@@ -78,7 +78,7 @@ def _check_size(machine: PenExporter, kinds: list[tuple[float, str]], colors: in
 def _with_dips(
     lines: list[Array], brush: float, well: complex, machine: PenExporter, paper: tuple[float, float], changed: bool
 ) -> Iterator[tuple[Array, bool]]:
-    """Yield the lines of a brush with its dips, after rinsing and wiping it if its colour has changed."""
+    """Yield the lines and dips of a brush, and whether each is a dip; rinse and wipe the brush first if ``changed``."""
 
     def at(place: complex, reach: float, times: int) -> Array:
         there = place.real + 1j * (paper[1] - place.imag)

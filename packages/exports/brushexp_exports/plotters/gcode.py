@@ -26,9 +26,9 @@ class Gcode(PenExporter):
         travel: speed between strokes, in mm per minute, for the time estimate; the machine sets the speed of G0.
         up: command that lifts the pen.
         down: command that lowers the pen.
-        change: command that waits for another tool; {tool} is its number and {color} its colour. A plan for one pen has
-            no change, because the pen is already in its holder. Machines with an automatic tool changer accept
-            'M6 T{tool}'; GRBL does not.
+        change: command that waits for another tool; {tool} is its number and {color} its colour. A plan for one pen
+            contains no tool change, because the pen is already in the holder. Machines with an automatic tool changer
+            accept 'M6 T{tool}'; GRBL does not.
     """
 
     feed: Speed = 1500.0

@@ -95,7 +95,7 @@ class Layer(NamedTuple):
 
 
 def order_layers(layers: Iterable[Layer], paper: tuple[float, float], machine: PenExporter, *, joins: bool) -> Any:
-    """Make a document with simplified lines in layers, sorted to reduce travel and, with ``joins``, joined."""
+    """Make a document of layers; simplify their lines, sort them to reduce travel and, with ``joins``, join them."""
     vpype = load_vpype()
     document = vpype.Document(page_size=tuple(MM * side for side in paper))
     for number, tool, color, width, also, lines in layers:
@@ -130,7 +130,7 @@ def flatten(curves: Array, tolerance: float) -> Array:
 def _fill_stroke(
     middle: shapely.LineString, width: float, machine: PenExporter, frame: tuple[float, ...], step: float
 ) -> list[Array]:
-    """Fill a round-ended stroke with lines (M,), clipped at the edges of the picture; their points are ``step`` apart.
+    """Fill a round-ended stroke with lines (M,), clipped to the picture, with points at most ``step`` apart.
 
     The lines are offset curves from the outline to the centre line, at most one pen width apart, and joined where they
     stay within the picture. A stroke no wider than the pen is drawn as its centre line.
@@ -185,7 +185,7 @@ class _Grid:
         return np.array(picture)
 
     def may_be_visible(self, top: Array, outlines: Array) -> Array:
-        """Mark the strokes (N,) that may be visible because no higher stroke covers some cell of their bounding box."""
+        """Mark the strokes (N,) whose bounding box is not wholly covered by higher strokes, so they may be visible."""
         corners = np.nan_to_num(shapely.bounds(outlines)).reshape(-1, 2, 2) @ (1, 1j)
         (tops, lefts), (bottoms, rights) = (self._cells(corner) for corner in corners.T)
         boxes = zip(tops, bottoms + 1, lefts, rights + 1, strict=True)

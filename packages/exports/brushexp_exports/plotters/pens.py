@@ -76,7 +76,7 @@ class PenPlan:
         return [re.sub(r"[^A-Za-z0-9 .,:/#_+-]", "_", row) for row in rows]
 
     def svg(self) -> str:
-        """Return the plan as an SVG in the size of the paper, with an Inkscape layer for each run."""
+        """Return the plan as an SVG the size of the paper, with an Inkscape layer for each run."""
         text = io.StringIO()
         load_vpype().write_svg(text, self.document, set_date=False)
         return text.getvalue()
@@ -97,7 +97,8 @@ class PenExporter(Exporter):
         layers: number of layers, bottom to top; within a layer, strokes are drawn pen by pen, light to dark. More
             layers preserve the order of overlapping strokes better if paint is opaque.
         pen_mm: width of the pen or brush in mm.
-        passes: maximum number of parallel lines in a stroke; null = as many as fill it, 1 = only its centre line.
+        passes: maximum number of parallel lines in a stroke; null = as many as fill the stroke, 1 = only its centre
+            line.
         hidden: treatment of hidden parts: cut omits parts hidden by strokes of the same layer, so that the order of
             pens does not matter; skip omits only completely hidden strokes, which suits brushes; draw keeps everything.
         tolerance_mm: maximum distance between a drawn line and the curve in mm.
@@ -105,8 +106,9 @@ class PenExporter(Exporter):
             centre of the first to the centre of the last, in mm from the lower left corner of the paper. Tools are
             then brushes, and each stroke is one movement, in order of depth; this suits paintings with ``tubes=``.
             null = pens.
-        water: position where a brush is rinsed before each change of colour, for example 20x80; null = no rinsing.
-        cloth: position where the brush is wiped afterwards; null = no wiping.
+        water: position where a brush is rinsed before each change of colour or brush, for example 20x80; null = no
+            rinsing.
+        cloth: position where the brush is wiped after rinsing; null = no wiping.
         load: length that a brush paints with one load, in brush widths.
     """
 
@@ -137,7 +139,7 @@ class PenExporter(Exporter):
 
     @abstractmethod
     def programs(self, plan: PenPlan) -> dict[str, str]:
-        """Return the texts of the files for the machine by file name, the program first."""
+        """Return the text of each file for the machine, by file name; the program comes first."""
 
     @property
     @abstractmethod

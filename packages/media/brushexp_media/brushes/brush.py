@@ -26,10 +26,10 @@ DRY = (256, 1400)  # rows and columns of the dry brush that is used without file
 class Brush(Renderer):
     """Bezier stroke with the mark of your own brush; ``brush=stroke.png`` on the command line.
 
-    A picture of a stroke is converted to coverage: its alpha or, without alpha, its difference from the grey of its
-    border, whether dark on white or bright on black. The picture shows a stroke painted from left to right, or from top
-    to bottom. Its start and its end keep their shape, and its middle is repeated in longer strokes. A GIMP brush (.gbr,
-    .gih) or a brush from a set (.abr, .brushset, .bundle) is a stamp, which is dragged along a line with its own
+    A picture of a stroke, whether dark on white or bright on black, is converted to coverage: its alpha or, if it has
+    none, its difference from the grey of its border. The picture shows a stroke painted from left to right, or from top
+    to bottom. The stroke's start and end keep their shape, and its middle is repeated in longer strokes. A GIMP brush
+    (.gbr, .gih) or a brush from a set (.abr, .brushset, .bundle) is a stamp, which is dragged along a line at its own
     spacing. ``brushexp brushes stroke.png`` shows the result.
 
     Args:
@@ -55,7 +55,7 @@ def marks_of(files: Sequence[str] | None) -> list[Mark]:
 
 
 def weights_of(coverage: Tensor) -> Tensor:
-    """Convert coverage (rows, columns) to texture weights (3, rows, columns), with fuller hairs paler and higher."""
+    """Convert coverage (rows, columns) to texture weights (3, rows, columns); full hairs become paler and higher."""
     around = functional.avg_pool2d(coverage[None], AROUND, 1, AROUND // 2)[0]
     tone = TONE * torch.tanh(3 * (coverage - around)) * (coverage > FADED)
     height = (0.15 + 0.85 * coverage) * (coverage > FADED)

@@ -1,4 +1,4 @@
-"""Read brush marks, which are pictures of one stroke from left to right, from files, and convert them to textures."""
+"""Read brush marks (pictures of one stroke, from left to right) from files, and convert them to textures."""
 
 import logging
 import os
@@ -52,7 +52,7 @@ class Mark:
 
 
 def read_marks(paths: Sequence[str]) -> list[Mark]:
-    """Read the marks in files and folders; a UserError names the key and the problem."""
+    """Read the marks in files and folders; raise a UserError that names the key and the problem."""
     files = [file for path in paths for file in _files_of(path)]
     marks = [mark for file in files for mark in _marks_of(file)]
     if len(marks) > MOST_MARKS:
@@ -61,7 +61,7 @@ def read_marks(paths: Sequence[str]) -> list[Mark]:
 
 
 def _files_of(path: str) -> list[str]:
-    """List the mark files in a folder by name, or return the file itself."""
+    """List the mark files in a folder, sorted by name; if the path is a file, list only that."""
     path = os.path.expanduser(path)
     if not os.path.exists(path):
         near = [f"did you mean {name}? " for name in nearest_files(path)[:1]]
@@ -81,7 +81,7 @@ def _ending(path: str | Path) -> str:
 
 
 def _marks_of(file: str) -> list[Mark]:
-    """Read the marks in a file; from a set with more than ``MOST_MARKS`` brushes, read the first, and log a warning."""
+    """Read the marks in a file, and log a warning if it is a set from which only ``MOST_MARKS`` brushes are used."""
     name, ending = Path(file).name, _ending(file)
     if (kind := ELSEWHERE.get(ending)) is not None:
         raise UserError(f"brush={file} is {kind}")

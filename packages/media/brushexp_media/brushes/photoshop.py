@@ -101,7 +101,7 @@ def _brushes_of_sections(file: _Bytes) -> Iterator[_Bytes]:
 
 
 def _picture(brush: _Bytes, before: int, spacing: float) -> Stamp:
-    """Read the picture of a brush, whose bounds are preceded by ``before`` bytes."""
+    """Skip ``before`` bytes of a brush, and read its bounds and its picture."""
     brush.take(before)
     top, left, bottom, right = (brush.number("i") for _ in range(4))
     height, width, depth, is_packed = bottom - top, right - left, brush.number("H"), brush.number("B")
@@ -120,7 +120,10 @@ def _picture(brush: _Bytes, before: int, spacing: float) -> Stamp:
 
 
 def _unpacked(packed: bytes, length: int) -> bytes:
-    """Unpack PackBits data to ``length`` bytes: n >= 0 precedes n + 1 bytes, and n < 0 a byte repeated 1 - n times."""
+    """Unpack PackBits data to ``length`` bytes.
+
+    A number n >= 0 precedes n + 1 literal bytes; a number n < 0 precedes one byte, to be repeated 1 - n times.
+    """
     source, row = _Bytes(packed), b""
     while source.left and len(row) < length:
         count = source.number("b")

@@ -65,7 +65,7 @@ class Decoder:
 
 
 class Decoded(torch.autograd.Function):
-    """Decoding by the compiled functions, as a differentiable operation."""
+    """The compiled decoder as a differentiable operation."""
 
     @staticmethod
     def forward(ctx: Any, picture: Tensor, decoder: Decoder) -> Tensor:
@@ -119,7 +119,7 @@ def _root(light):
 
 @inline
 def _gather(picture, rows, block, channels, light):
-    """Write a block's curved channels (C, BLOCK) and linear RGB (3, BLOCK); return its first pixel and its size."""
+    """Write a block's channels after the curve (C, BLOCK) and its linear RGB (3, BLOCK); return its start and size."""
     begin = block * BLOCK
     size = min(BLOCK, picture.shape[1] - begin)
     for c in range(CHANNELS):

@@ -25,7 +25,7 @@ DECODER = Decoder(torch.eye(3, dtype=torch.float64), torch.Tensor.clone, _same, 
 
 @register("color", "linear")
 class Linear(ColorSpace):
-    """Mixes amounts of light (linear RGB), like lights and fine dots of ink; soft edges are lighter."""
+    """Mixes amounts of light (linear RGB), as coloured lights and fine dots of ink do; soft edges become lighter."""
 
     cost, mixes = "not measured", "light grey"
 

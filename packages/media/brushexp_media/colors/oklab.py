@@ -45,11 +45,11 @@ DECODER = Decoder(torch.linalg.inv(CONES), cone_responses, _cube, _slope)
 
 @register("color", "oklab")
 class Oklab(ColorSpace):
-    """Mixes perceptually evenly: a mixture of two colours looks midway between them (Oklab, Ottosson 2020).
+    """Mixes in perceptually even steps: equal parts of two colours look midway between them (Oklab, Ottosson 2020).
 
     Channels are the cube roots of the responses of the three cone types. Oklab's lightness and its two opponent colours
-    are linear in these, so that compositing gives the same result in both. Unlike in the source, a small amount of
-    light (2e-4) is added before the roots are taken.
+    are linear functions of these, so compositing gives the same result with either set of channels. Unlike in the
+    source, a small amount of light (2e-4) is added before the roots are taken.
     """
 
     cost, mixes = "not measured", "grey"

@@ -67,10 +67,10 @@ class Pigment(ColorSpace):
     """Mixes like paint (yellow over blue gives green): the weighted geometric mean of reflectances in seven bands.
 
     A colour is split into white and two of six pure paints, whose reflectances are mixed (Smits, 1999, "An RGB to
-    spectrum conversion for reflectances"); channels are the logarithms of the result. Compositing the channels gives
-    the weighted geometric mean, as in MyPaint. Kubelka and Munk's theory instead averages ratios of absorption to
-    scattering, which gives darker paint more weight. The bands were chosen to give plausible mixtures, not measured;
-    the blackest paint reflects 1 %.
+    spectrum conversion for reflectances"); the channels are the logarithms of the mixed reflectances. Compositing the
+    channels gives the weighted geometric mean, as in MyPaint. Kubelka and Munk's theory instead averages ratios of
+    absorption to scattering, which gives darker paint more weight. Reflectances in the bands were not measured but
+    chosen to give plausible mixtures; the blackest paint reflects 1 %.
     """
 
     cost, mixes = "1.5", "green"

@@ -17,10 +17,11 @@ AROUND, APART = 0.02, 0.06  # standard deviation of the blur in longer sides, an
 def accents(
     picture: Array, n: int, length: float, width: float, focus: Array | None, *, dark: bool, toward: Array, share: float
 ) -> Strokes:
-    """Trace n lines along edges, on their dark or light side, in a picture (3, H, W); other lines are invisible.
+    """Trace n lines along the dark or the light side of edges in a picture (3, H, W).
 
-    ``length`` and ``width`` are those of the strongest line, in pixels. A line has the picture's colour at its
-    position, shifted by the fraction ``share`` towards the colour ``toward`` (3,).
+    Lines that are not clearly darker or lighter than their surroundings are invisible. ``length`` and ``width`` are
+    those of the strongest line, in pixels. A line has the picture's colour at its position, shifted by the fraction
+    ``share`` towards the colour ``toward`` (3,).
     """
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
 

@@ -41,7 +41,7 @@ class Chalks(Initializer):
 
     Hatching leaves some rubbed areas uncovered, ends at colour edges, and turns half-way towards the direction of
     forms. The strokes are in the order given above, which ``order=fixed`` preserves. With ``renderer.kind=chalk``,
-    masses have its soft mark, and all other strokes have its grain.
+    masses have the soft mark of rubbed-in chalk, and all other strokes have the grain of chalk.
 
     Args:
         layers: number of layers of masses and forms, from the side of the stick to its edge.

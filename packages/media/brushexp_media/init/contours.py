@@ -8,6 +8,7 @@ import torch
 from brushexp.contracts.pictures import along_edges, sampled_at, sharpness, structure_tensor, worst_of_cells
 from brushexp.contracts.strokes import Strokes
 from brushexp_media.init.ink import strokes_of
+from brushexp_media.picture.decolorization import contrast_weights, decolorized
 from brushexp_media.picture.lines import (
     BESIDE,
     SIGMA,
@@ -15,7 +16,6 @@ from brushexp_media.picture.lines import (
     edge_lines,
     find_apart,
     followed,
-    luminance,
     points_of,
 )
 from brushexp_media.picture.outlines import SPACING, find_outlines, strokes_over
@@ -78,9 +78,9 @@ def _outlined(picture: Array, clear: Array, drawn: Array, n: int, length: float,
     side, near = max(picture.shape), max(1, round(APART * width))
     taken, curves, widths, count = np.zeros(picture.shape[1:], bool), [np.zeros((0, 3, 2))], [np.zeros(0)], 0
     _take(taken, points_of(drawn).reshape(-1, 2), near)
-    luma = luminance(picture)
+    grey = decolorized(picture, contrast_weights(picture))
     for scale, broad, lowest in SCALES:
-        lines = find_outlines(luma, max(FINEST, scale * SIGMA * side), clear, lowest, 2 * lowest)
+        lines = find_outlines(grey, max(FINEST, scale * SIGMA * side), clear, lowest, 2 * lowest)
         lines.sort(key=lambda line: -float(line[1].sum()))
         for points, strength in lines:
             if count >= n:
@@ -118,7 +118,7 @@ def _traced(
     """Trace at most n lines in a strength map (H, W) along a flow (H, W); return curves (m, 3, 2) and widths (m,).
 
     Lines where ``straight`` (H, W) is high are traced first. At most one line starts in each cell of a grid, whose cell
-    size follows from n and the ``area`` in pixels, or the whole map.
+    size follows from n and the ``area`` in pixels (None: the whole map).
     """
     _, x, y = worst_of_cells(lines, max(2, round(0.6 * math.sqrt((area or lines.size) / max(n, 1)))))
     strength = sampled_at(lines, x, y)

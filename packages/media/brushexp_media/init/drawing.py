@@ -17,7 +17,8 @@ from brushexp_media.init.dark_shapes import DarkShapes
 from brushexp_media.init.hatching import ANGLES, EVEN, forms, hatching
 from brushexp_media.init.ink import INKED, rgb_of, strokes_of
 from brushexp_media.init.washes import between_tones, cleaned, filled
-from brushexp_media.picture.lines import edge_lines, luminance
+from brushexp_media.picture.decolorization import contrast_weights, decolorized
+from brushexp_media.picture.lines import edge_lines
 from brushexp_media.picture.noise import noise_of
 
 Array = np.ndarray
@@ -51,8 +52,8 @@ class Drawing(Initializer):
     Source: Winkenbach and Salesin (1994), on pen-and-ink illustration: tone is built up by successive layers of
     hatching, and outlines are drawn where neighbouring tones do not separate objects. Unlike in the source, hatching
     has fixed angles, from which it turns by up to `TURN` where forms are strong. Shapes are found in a flattened
-    picture. In the focus, forms are kept, contours are finer, hatching is sparser, and small dark shapes (lids, pupils,
-    a mouth) are filled.
+    picture, whose grey keeps the contrast between colours. In the focus, forms are kept, contours are finer, hatching
+    is sparser, and small dark shapes (lids, pupils, a mouth) are filled; elsewhere, tones are lighter.
 
     Args:
         contours: fraction of the strokes that are contours, 0 to 1.
@@ -62,7 +63,7 @@ class Drawing(Initializer):
         tones: darkness (0 = white, 1 = black) from which each of the three hatching layers is drawn; lower in light
             pictures.
         wash_tones: darkness from which the light, the middle and the dark wash are drawn; lower in light pictures.
-        white: minimum fraction of the picture without hatching and wash, 0 to 1.
+        white: minimum fraction of the picture that has neither hatching nor wash, 0 to 1.
         width: contour width, in thousandths of the longer side.
         length: line length, in hundredths of the longer side.
         color: colour of the ink, as '#rrggbb'.
@@ -98,14 +99,16 @@ class Drawing(Initializer):
         simple = flat + attended * (picture - flat)
         random = np.random.default_rng(int(torch.randint(2**31, (1,), generator=generator)))
         inner = _within_margin(size, random)
-        dark = (1 - luminance(flat)) * inner
+        weights = contrast_weights(picture)
+        dark = (1 - decolorized(flat, weights)) * inner
         washes = round(n * self.washes)
         lines = min(n - washes, round(n * self.contours))
         accents = min(n - washes - lines, round(n * self.accents))
-        steep = slope_of(inner * (1 - luminance(picture)))
-        sparing = gaussian_filter(dark * (1 - SPARED * attended), SMOOTH * side)
+        steep = slope_of(inner * (1 - decolorized(picture, weights)))
+        distant = np.zeros(size) if weight is None else _distance_from(attended)
+        sparing = gaussian_filter(dark ** (1 + FADED * distant) * (1 - SPARED * attended), SMOOTH * side)
         return Strokes.join(
-            self._washes(_simplified(dark, np.ones(size) if weight is None else attended), steep, washes, random),
+            self._washes(_simplified(dark, distant), steep, washes, random),
             self._hatching(sparing, _swayed(forms(picture), random), n - washes - lines - accents, random),
             contours(picture, lines, self._longest(side), self._widest(side), rgb_of(self.color), weight),
             self._inked(edge_lines(simple, *BLUNT) * (simple.max(0) < DEEPEST) * inner, inner, accents // 2, random),
@@ -170,7 +173,7 @@ class Drawing(Initializer):
 
 
 def dark_features(lightness: Array) -> Array:
-    """Find dark shapes (H, W), 0 or 1, that are lighter on all sides, such as pupils, lids and nostrils."""
+    """Find dark shapes surrounded by lighter areas, such as pupils, lids and nostrils, as a map (H, W) of 0 and 1."""
     from scipy.ndimage import black_tophat, gaussian_filter  # noqa: PLC0415  (slow to import)
 
     side, found = max(lightness.shape), np.zeros(lightness.shape, bool)
@@ -181,14 +184,20 @@ def dark_features(lightness: Array) -> Array:
     return found.astype(np.float64)
 
 
-def _simplified(dark: Array, attended: Array) -> Array:
-    """Blur darkness (H, W) for washes, more where ``attended`` (H, W) is 0, so that backgrounds have few shapes."""
+def _distance_from(attended: Array) -> Array:
+    """Compute how far each pixel is from the area of attention, from 0 inside to 1, with a soft border."""
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
 
-    side = max(dark.shape)
-    near, far = (gaussian_filter(dark, blur * side) for blur in (SMOOTH_WASH, SMOOTH_FAR))
-    share = gaussian_filter(attended.clip(0, LOOKED_AT) / LOOKED_AT, SMOOTH_FAR * side)
-    return (far + share * (near - far)) ** (1 + FADED * (1 - share))
+    near: Array = gaussian_filter(attended.clip(0, LOOKED_AT) / LOOKED_AT, SMOOTH_FAR * max(attended.shape))
+    return 1 - near
+
+
+def _simplified(dark: Array, distant: Array) -> Array:
+    """Blur and lighten darkness (H, W) for washes, most where ``distant`` (H, W) is 1: backgrounds have few shapes."""
+    from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
+
+    near, far = (gaussian_filter(dark, blur * max(dark.shape)) for blur in (SMOOTH_WASH, SMOOTH_FAR))
+    return (near + distant * (far - near)) ** (1 + FADED * distant)
 
 
 def _within_margin(size: tuple[int, ...], random: np.random.Generator) -> Array:
@@ -204,7 +213,7 @@ def _swayed(turned: Array, random: np.random.Generator) -> Array:
 
 
 def slope_of(luma: Array) -> Array:
-    """Compute the slope of luma (H, W), per longer side, after the blur that washes use."""
+    """Compute the slope (H, W) of luma, per longer side, after the same blur as for washes."""
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
 
     side = max(luma.shape)

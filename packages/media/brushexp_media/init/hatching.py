@@ -28,7 +28,10 @@ def forms(picture: Array) -> Array:
 def hatching(
     dark: Array, tone: float, angle: float, turned: Array, gap: float, length: float, random: np.random.Generator
 ) -> Array:
-    """Draw curves (n, 3, 2) about ``gap`` pixels apart where ``dark`` (H, W) exceeds ``tone``; ``turned`` is (H, W)."""
+    """Draw curves (n, 3, 2), ``gap`` pixels apart, where ``dark`` (H, W) exceeds ``tone``.
+
+    Their direction is ``angle`` plus ``turned`` (H, W), in radians.
+    """
     height, width = dark.shape
     half = 0.5 * math.hypot(height, width)
     u, v = np.meshgrid(np.arange(-half, half, 0.8 * length), np.arange(-half, half, gap))

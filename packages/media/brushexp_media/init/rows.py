@@ -53,7 +53,7 @@ class InRows(Initializer):
         layers: number of layers, from large to small marks.
         ratio: mark size in a layer, relative to the layer below.
         cover: canvas area that a layer covers, as a fraction of the area that the layer below covers.
-        under: fraction of the marks that are an underpainting, 0 to 1.
+        under: fraction of the marks that form an underpainting, 0 to 1.
         outlines: fraction of the marks that are outlines, 0 to 1.
         width: mark width, relative to the spacing of rows.
         length: mark length, relative to the spacing of rows.
@@ -134,7 +134,7 @@ class Rows:
     """Rows of marks in a picture (3, H, W), ``distance`` pixels apart, along a flow (H, W) in radians.
 
     Marks deviate from the flow by ``loose`` (H, W), a standard deviation in radians. ``length`` is the length of a mark
-    in row distances; a mark ends where the picture differs from its colour by ``edges``.
+    in row distances; a mark ends where the picture differs from the mark's colour by more than ``edges``.
     """
 
     def __init__(
@@ -175,7 +175,7 @@ class Rows:
         return self.picture[:, row, column]
 
     def _mark(self, seed: Array) -> Array:
-        """Trace a mark (k, 2) from a seed in both directions; return (0, 2) if another mark is already there."""
+        """Trace a mark (k, 2) from a seed in both directions; the mark is empty if another mark covers the seed."""
         if self.taken[_pixel(seed)]:
             return np.empty((0, 2))
         steps = round(self.random.uniform(*UNEVEN) * self.length / STEP / 2)

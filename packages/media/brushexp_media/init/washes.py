@@ -55,7 +55,7 @@ def filled(mask: Array, n: int, broadest: float, random: np.random.Generator) ->
 
 
 def _cover(bare: Array, curve: Array, half: float) -> None:
-    """Clear, in a map (H, W) of the bare area, what a stroke with thinner ends covers along a curve (3, 2)."""
+    """Remove from a map (H, W) of the bare area what a stroke along a curve (3, 2) covers; its ends are thinner."""
     points = points_of(curve[None])[:, 0]
     reach = np.maximum(OVERLAP * half * (1 - THINNER * (2 * TIMES - 1) ** 2), SMALLEST_REACH)
     (left, top), (right, bottom) = (points.min(0) - half).clip(0).astype(int), (points.max(0) + half + 1).astype(int)

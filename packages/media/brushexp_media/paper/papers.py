@@ -43,7 +43,7 @@ class GrainedPaper(Paper):
         grain: size of the grain, in thousandths of the picture's longer side.
         tooth: fraction of the paper, its lowest hollows, that dry paint skips, 0 to 1.
         pressure: variation in the hand's pressure, 0 to 1, as a fraction of ``tooth``.
-        dust: fraction of the paint that is dust and half fills hollows, 0 (none: hollows have crisp borders) to 1.
+        dust: fraction of the paint that is dust, which half fills hollows, 0 (hollows have crisp borders) to 1.
         drag: elongation of the grain along the strokes, as if by a skipping stick, 0 to 1.
         accents: increase in the hand's pressure where there is detail, 0 to 1, so that small things cover the grain.
         roughness: height of the lit grain, in grain sizes; it has no effect if ``light.depth`` is 0.
@@ -151,7 +151,7 @@ class GrainedPaper(Paper):
         return ground + torch.lerp(covered, torch.ones_like(covered), LEFT * self.dust) * (flat - ground)
 
     def _within(self, rows: Rows) -> Tensor:
-        """Compute each pixel's distance (h, W) from a border that wavers as if drawn by hand, in longer sides."""
+        """Compute each pixel's distance (h, W), in longer sides, from a border that wavers as if drawn by hand."""
         x, y = rows.places
         height, width = (side / max(rows.size) for side in rows.size)
         reach = torch.minimum(torch.minimum(x, width - x), torch.minimum(y, height - y)).float()

@@ -17,17 +17,11 @@ LOOSE, SHARES = 0.03, (1.0, 0.75, 0.5, 0.3)  # largest relative deviation of a c
 LUMA = (0.299, 0.587, 0.114)
 
 
-def luminance(picture: Array) -> Array:
-    """Compute the luma (H, W) of a picture (3, H, W) in [0, 1]."""
-    luma: Array = np.tensordot(LUMA, picture.astype(np.float64), 1)
-    return luma
-
-
 def edge_lines(picture: Array, scale: float = 1.0, least: float = THRESHOLD) -> Array:
-    """Compute, for each pixel of a picture (3, H, W), the strength (H, W), 0 to 1, of a line through it.
+    """Compute the strength (H, W), 0 to 1, with which a line passes through each pixel of a picture (3, H, W).
 
-    Lines are on the dark side of edges with a difference of at least ``least``, and ``scale`` times as thick as a pen
-    line. Source: Winnemöller et al., "XDoG: An extended difference-of-Gaussians compendium" (2012). Unlike in the
+    Lines follow the dark side of edges whose difference is at least ``least``, and are ``scale`` times as thick as a
+    pen line. Source: Winnemöller et al., "XDoG: An extended difference-of-Gaussians compendium" (2012). Unlike in the
     source, the difference is relative to the surrounding light, so that dark areas also get lines, and it is the
     maximum over red, green and blue, so that colours of equal luma are distinguished.
     """
@@ -42,7 +36,7 @@ def edge_lines(picture: Array, scale: float = 1.0, least: float = THRESHOLD) -> 
 
 
 def find_apart(curve: Array, size: tuple[int, ...], reach: float) -> Array:
-    """Return the indices of the curves (n, 3, 2) that do not follow an earlier curve within ``reach`` pixels."""
+    """Return the indices of the curves (n, 3, 2) that do not run along an earlier one within ``reach`` pixels."""
     points = points_of(curve).swapaxes(0, 1)
     rows, columns = (points[..., k].astype(int).clip(0, size[1 - k] - 1) for k in (1, 0))
     taken, kept, near = np.zeros(size, bool), [], max(1, round(reach))
@@ -96,7 +90,7 @@ def points_of(curve: Array) -> Array:
 
 
 def _walked(places: Array, flow: Array, reach: Array, field: Array, least: Array | float) -> tuple[Array, Array]:
-    """Walk along a flow; return the path (POINTS_PER_SIDE + 1, n, 2) and the steps (n,) that a field (H, W) allowed."""
+    """Walk along a flow while a field exceeds ``least``; return paths (POINTS_PER_SIDE + 1, n, 2) and step counts."""
     point, going, count = places.astype(float), np.ones(len(places), bool), np.zeros(len(places))
     ahead, points = np.sign(reach)[:, None] * _unit(sampled_at(flow, *point.T)), [point]
     for _ in range(POINTS_PER_SIDE):

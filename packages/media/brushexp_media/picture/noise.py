@@ -43,7 +43,10 @@ def _tables(seed: int) -> tuple[Tensor, Tensor, Tensor]:
 
 
 def fractal_noise(x: Tensor, y: Tensor, seed: int, octaves: int = 3) -> Tensor:
-    """Sum gradient noise with cells of side 1, 1/2, 1/4 ..., each half as strong, to float32 of deviation about 1."""
+    """Sum octaves of gradient noise, with cells of side 1, 1/2, 1/4 ..., each half as strong as the one before.
+
+    The sum is float32 with a standard deviation of about 1.
+    """
     total = torch.zeros(x.shape)
     for k in range(octaves):
         c, s = (2**k * f(TURN * (k + 1)) for f in (math.cos, math.sin))

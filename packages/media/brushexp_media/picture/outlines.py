@@ -17,10 +17,10 @@ OVERLAP = 0.5  # share of a stroke that the next one covers, so that tapered end
 def find_outlines(
     lightness: Array, sigma: float, clear: Array, lowest: float, highest: float
 ) -> list[tuple[Array, Array]]:
-    """Find edges in a picture (H, W), and return points (k, 2: x, y) and strengths (k,), 0 to 1, for each.
+    """Find the outlines in a picture (H, W); return the points (k, 2: x, y) and strengths (k,), 0 to 1, of each.
 
-    Pixels are in [0, 1]; ``sigma`` is the scale of the edges in pixels. Strengths are multiplied by a map ``clear`` (H,
-    W), 0 to 1, of the clarity of edges.
+    Pixels are in [0, 1]; ``sigma`` is the scale of the edges in pixels. Strengths are multiplied by ``clear`` (H, W), a
+    map from 0 to 1 of how clear edges are.
 
     Source: zero crossings of a difference of Gaussians (Marr and Hildreth, 1980), thresholded with hysteresis (Canny,
     1986): an outline ends where its strength falls below ``lowest``, and is kept if it exceeds ``highest`` somewhere.

@@ -72,8 +72,8 @@ def averaged_along(picture: Tensor, angle: Tensor, reach: float) -> Tensor:
 def parted(picture: Tensor, sigma: float, reach: int) -> Tensor:
     """Sharpen a picture's edges (3, H, W): each colour becomes the darkest or lightest within ``reach`` pixels.
 
-    Pixels darker than their surroundings, blurred by ``sigma`` pixels, take the darkest colour, and all others the
-    lightest. Pixels that hardly differ from their surroundings change less.
+    Pixels that are darker than their surroundings at the scale of ``sigma`` pixels take the darkest colour, and all
+    others the lightest. Pixels that hardly differ from their surroundings change less.
 
     Source: the shock filter of Kyprianidis and Kang (2011). Unlike in the source, whole colours are chosen by luma.
     """

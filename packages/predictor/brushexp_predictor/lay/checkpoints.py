@@ -1,4 +1,4 @@
-"""Check which trained weights a key names."""
+"""Check that a key names trained weights."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Find the best colours for strokes of fixed shape by least squares; a painting is affine in its stroke colours."""
+"""Find the best colours for strokes of fixed shape by least squares; paintings are affine functions of the colours."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -22,7 +22,7 @@ def best_colors(strokes: Strokes, target: Tensor, draw: Paint, rounds: int) -> S
     Args:
         strokes: N strokes, whose shapes stay fixed.
         target: picture (3, H, W).
-        draw: function that draws strokes; affine in their colours.
+        draw: function that draws strokes, and is affine in their colours.
         rounds: number of rounds; 0 leaves the colours unchanged.
     """
     if not rounds:
@@ -34,7 +34,7 @@ def best_colors(strokes: Strokes, target: Tensor, draw: Paint, rounds: int) -> S
     painted = picture.detach()
 
     def pulled(residual: Tensor) -> Tensor:
-        """Sum pixels (3, H, W), weighted by each stroke's contribution to them, which does not depend on its colour."""
+        """For each stroke, sum pixels (3, H, W) weighted by its share in them, which does not depend on its colour."""
         return torch.autograd.grad(picture, color, residual, retain_graph=True)[0]
 
     inverse = 1 / pulled(torch.ones_like(painted)).clamp_min(LEAST_SEEN)

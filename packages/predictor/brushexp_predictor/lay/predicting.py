@@ -1,4 +1,4 @@
-"""Paint pictures of any size with a network, which processes them in parts, and with an exact number of strokes."""
+"""Paint pictures of any size with an exact number of strokes; the network processes large pictures in parts."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -41,7 +41,7 @@ def predict(
         target: picture in [0, 1].
         n: total number of strokes.
         generator: source of all randomness.
-        temperature: random variation in the strokes' parameters, in the deviations that the network predicts; 0 = none.
+        temperature: random variation in the strokes' parameters, in units of the predicted deviations; 0 = none.
         focus: pixel weights (H, W) with a mean of 1; high weights attract strokes.
     """
     in_parts = in_tiles(network)
@@ -51,7 +51,7 @@ def predict(
 
 
 def with_best_colors(network: StrokePredictor, strokes: Strokes, target: Tensor, rounds: int) -> Strokes:
-    """Replace the strokes' colours by the best colours for a target (3, H, W), with the network's renderer."""
+    """Replace the strokes' colours by those that best match a target (3, H, W) with the network's renderer."""
     size, background = (target.shape[1], target.shape[2]), target.mean((1, 2))
     return best_colors(strokes, target, lambda drawn: draw(network.form, drawn, size, background), rounds)
 

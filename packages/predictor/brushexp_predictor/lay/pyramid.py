@@ -134,7 +134,7 @@ def view_of(target: Tensor, level: Level | None) -> tuple[tuple[int, int], float
 
 
 def errors_of(seen: Tensor, canvas: Tensor) -> Tensor:
-    """Compute the squared error in each cell (B, H, W), averaged over its pixels, between pictures and canvases."""
+    """Compute the squared error (B, H, W) between pictures and canvases, averaged over the pixels of each cell."""
     return avg_pool2d((seen - canvas).square().sum(1), CELL)
 
 

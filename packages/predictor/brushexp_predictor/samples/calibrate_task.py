@@ -70,7 +70,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def _compare(reports: Sequence[Report], by: str) -> list[dict[str, Any]]:
-    """Tabulate, for each measure, the coverage of intervals before and after scalings fitted to other pictures."""
+    """Tabulate the coverage of each measure's intervals, before and after scaling by fits to other pictures."""
     test, after, rows = join(reports), join(leave_one_out(reports)), []
     for (of, name), kind in KINDS.items():
         plain, fitted = (coverage_of(report[of, name], kind) for report in (test, after))
@@ -93,9 +93,10 @@ def leave_one_out(reports: Sequence[Report]) -> list[Report]:
 
 
 def restart(target: Tensor, n: int, seconds: float, seed: int = 0, steps: int = RESTART_STEPS) -> Iterator[Sample]:
-    """Paint a target (3, H, W) by ``steps`` from ``init=layers``, with new seeds until the CPU ``seconds`` are used.
+    """Paint a target (3, H, W) several times by gradient descent, until a number of CPU ``seconds`` are used.
 
-    Only the time for placing strokes and for the steps is counted, not Lightning's start-up.
+    Each painting takes ``steps`` from ``init=layers``, with a new seed. Only the time for placing strokes and for the
+    steps is counted, not Lightning's start-up.
     """
     logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
     used, number = 0.0, 0

@@ -40,7 +40,7 @@ class Doubt(NamedTuple):
 
 
 def deviation_from(values: Array, middle: Array, axial: bool) -> Array:
-    """Subtract the middle from values; for directions, return the smaller turn in degrees, in [-90, 90)."""
+    """Subtract the middle from values; for directions, return the smallest equivalent turn, in degrees in [-90, 90)."""
     away = values - middle
     return (away + HALF_TURN / 2) % HALF_TURN - HALF_TURN / 2 if axial else away
 
@@ -121,7 +121,7 @@ def fit_scaling(truth: Array, doubt: Doubt, painting: Array, axial: bool) -> Sca
 
 
 def weights_of(painting: Array) -> Array:
-    """Compute weights (T,) of values that sum to 1 for each painting."""
+    """Compute weights (T,) for values, so that the weights of each painting sum to 1."""
     _, inverse, count = np.unique(painting, return_inverse=True, return_counts=True)
     shares: Array = 1 / count[inverse]
     return shares

@@ -48,7 +48,7 @@ class Coverage:
 
 
 def examine(known: Known, number: int, samples: Sequence[Sample]) -> Report:
-    """Compare the samples' strokes with visible known strokes, and the measures of samples and known painting."""
+    """Compare the samples' strokes and measures with the visible strokes and the measures of the known painting."""
     strokes = [sample.strokes for sample in samples]
     size, pitch = known.size, math.sqrt(known.size[0] * known.size[1] / known.told)
     which, places = seen_places(known.strokes, size)

@@ -1,4 +1,4 @@
-"""Draw maps that show how certain strokes are, with the picture and its paintings."""
+"""Draw the picture, its paintings, and maps that show how certain the measures of strokes are."""
 
 from pathlib import Path
 from typing import Any
@@ -34,7 +34,7 @@ def certainty_of(brushwork: SampledBrushwork, name: str) -> Array:
 
 
 def write_figure(path: Path, brushwork: SampledBrushwork, name: str) -> Path:
-    """Write a sheet, as PNG, of the picture and its best and worst paintings above three maps."""
+    """Write a sheet (PNG) with the picture, its best painting and its worst painting above three maps."""
     height, width = brushwork.picture.shape[1:]
     figure = new_figure(2 * PANEL * height / width + 1.0)
     pictures, maps = figure.subplots(2, 3)
@@ -61,7 +61,7 @@ def _frame(axes: Any, title: str) -> None:
 
 
 def _map(figure: Figure, axes: Any, half: Array, is_direction: bool, size: tuple[int, int]) -> None:
-    """Draw a map of interval widths, with light colours where strokes are certain."""
+    """Draw a map of interval widths, with light colours where intervals are narrow."""
     finite = half[np.isfinite(half)]
     widest = RIGHT if is_direction else max(TWICE, float(np.quantile(finite, 0.98)) if len(finite) else TWICE)
     place = (0, size[1], size[0], 0)
@@ -71,7 +71,7 @@ def _map(figure: Figure, axes: Any, half: Array, is_direction: bool, size: tuple
 
 
 def _dashes(axes: Any, brushwork: SampledBrushwork) -> None:
-    """Draw lines in the directions of strokes, which are longer where directions are more certain."""
+    """Draw dashes in the directions of strokes; the more certain a direction is, the longer its dash."""
     step = max(1, round(max(brushwork.places.shape[:2]) / DASHES))
     places: Tensor = brushwork.places[::step, ::step]
     way = np.radians(brushwork.strokes["direction"].value[::step, ::step])

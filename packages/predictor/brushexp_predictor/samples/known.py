@@ -46,7 +46,7 @@ class Known:
 
 
 def known_painting(seed: int, number: int, side: int) -> Known:
-    """Make the painting with this number; its longer side has ``side`` pixels."""
+    """Make the painting with the given number; its longer side has ``side`` pixels."""
     random = np.random.default_rng([seed, number])
     target = part_of(PICTURES[number % len(PICTURES)], side, random)
     size = (target.shape[1], target.shape[2])
@@ -62,7 +62,7 @@ def known_painting(seed: int, number: int, side: int) -> Known:
 
 
 def part_of(name: str, side: int, random: Random) -> Tensor:
-    """Crop a random part of a picture, rotate it by right angles, and resample its longer side to ``side`` pixels."""
+    """Crop a random part of a picture, turn it by 0 to 3 right angles, and resample it to ``side`` pixels at most."""
     whole = load_picture(name, None)
     cut = [max(1, int(extent * random.uniform(0.5, 1))) for extent in whole.shape[1:]]
     top, left = (int(random.integers(extent - part + 1)) for extent, part in zip(whole.shape[1:], cut, strict=True))

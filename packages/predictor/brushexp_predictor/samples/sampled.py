@@ -71,7 +71,7 @@ def sample_brushwork(
         resolution: longer side in pixels to which the picture is resampled; None = unchanged.
         checkpoint: weights: a .safetensors file, or the name of shipped weights.
         intervals: file written by task=calibrate; None = the file next to the weights.
-        temperature: variation in strokes between samples, in the deviations that the network predicts.
+        temperature: variation in strokes between samples, in units of the deviations that the network predicts.
         seed: random seed for this variation.
 
     Raises:
@@ -99,7 +99,7 @@ def sample_with(cfg: DictConfig) -> SampledBrushwork:
 
 
 def scalings_for(checkpoint: str, intervals: str | None, temperature: float) -> Scalings | None:
-    """Read the intervals fitted for weights; return None if no file is given and there is none next to the weights."""
+    """Read the scalings fitted for given weights; return None if no file is named and none is next to the weights."""
     weights = PREDICTORS.path_of(checkpoint)
     path = weights.with_suffix(".intervals.json") if intervals is None else find_path(intervals)
     if intervals is None and not path.is_file():

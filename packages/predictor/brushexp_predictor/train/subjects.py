@@ -59,7 +59,7 @@ class Subjects:
         self.palette = np.concatenate([picture.flatten(1).T.numpy()[::PALETTE] for picture in self.photographs])
 
     def __call__(self, number: int, side: int) -> Tensor:
-        """Make the picture (3, side, side), in [0, 1], with this number."""
+        """Make the picture (3, side, side), in [0, 1], with the given number."""
         random = np.random.default_rng([self.seed, number])
         if random.random() < GENERATED:
             return self._of_strokes(side, random)
@@ -130,7 +130,7 @@ def lit(picture: Tensor, random: Random) -> Tensor:
 
 
 def grain(picture: Tensor, random: Random) -> Tensor:
-    """Add noise to half of the pictures, as in photographs."""
+    """Add noise like that in photographs to half of the pictures."""
     if random.random() < 0.5:
         channels = 1 if random.random() < 0.5 else 3
         noise = random.normal(0, random.uniform(0.005, 0.06), (channels, *picture.shape[1:]))

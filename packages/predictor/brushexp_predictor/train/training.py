@@ -64,7 +64,7 @@ class PredictorData(L.LightningDataModule):
         return Batch(self._pictures(first), levels_of((CELLS, CELLS), (CELLS // 2) ** 2))
 
     def _training(self, epoch: int, first: int) -> Iterator[Batch]:
-        """Yield an epoch's batches from step ``first`` on, made ahead in a thread while the network learns."""
+        """Yield an epoch's batches from step ``first`` on; a thread makes them in advance while the network learns."""
         with ThreadPoolExecutor(1) as maker:
             waiting = deque[Future[Batch]]()
             for step in range(epoch * EPOCH_STEPS + first, (epoch + 1) * EPOCH_STEPS):
@@ -149,7 +149,7 @@ def log_error(laid: Laid, target: Tensor) -> Tensor:
 
 
 def worth_error(laid: Laid, target: Tensor, level: Level) -> Tensor:
-    """Compute the error in the predicted fraction of each cell's error that its stroke removes."""
+    """Compare the predicted fraction of each cell's error that its stroke removes with the actual one (mean square)."""
     shape = (CELL * level.rows, CELL * level.columns)
     after = errors_of(resize_picture(target, shape)[None], resize_picture(laid.canvas.detach(), shape)[None]).flatten()[
         laid.places
@@ -160,7 +160,7 @@ def worth_error(laid: Laid, target: Tensor, level: Level) -> Tensor:
 
 
 def refine(strokes: Strokes, target: Tensor, draw: Callable[[Strokes], Tensor], steps: int) -> Strokes:
-    """Optimise strokes for a target (3, H, W) by ``steps`` of the default optimiser, keeping their order."""
+    """Optimise strokes for a target (3, H, W) by ``steps`` of the default optimiser, without changing their order."""
     plan = build_named("optimizer", "torch", {"options": {"betas": [0.9, 0.95], "eps": 1e-15}})
     with torch.inference_mode(False), torch.enable_grad():  # Lightning's validation disables gradients
         catalogue, target = Catalogue(strokes.map(Tensor.clone), plan.units), target.clone()
@@ -176,7 +176,7 @@ def refine(strokes: Strokes, target: Tensor, draw: Callable[[Strokes], Tensor], 
 
 
 def psnr_after(laid: Laid, target: Tensor, steps: int) -> float:
-    """Compute the PSNR in dB of the strokes' painting after ``steps`` of the optimiser."""
+    """Compute the PSNR in dB of a canvas after its strokes have been optimised for ``steps`` steps."""
 
     def drawn(strokes: Strokes) -> Tensor:
         return draw(laid.form, strokes, laid.size, laid.background)

@@ -39,7 +39,7 @@ class Neighbourhoods:
 def field_errors(truth: Truth, prediction: Prediction, known: Array, judged: Array) -> dict[str, float]:
     """Compute median errors over neighbourhoods; ``known`` and ``judged`` (N,) are masks of the scored strokes.
 
-    Errors in direction are in degrees, errors in coherence absolute, and errors in length and width relative to the
+    Errors in direction are in degrees; errors in coherence are absolute; errors in length and width are relative to the
     truth.
     """
     if not known.any() or not judged.any():

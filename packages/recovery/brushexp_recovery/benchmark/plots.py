@@ -14,7 +14,7 @@ from brushexp_recovery.raster.labels import color_labels
 
 
 def plot_scores(path: Path, rows: Sequence[Row]) -> Path:
-    """Plot the F1 score on every picture for each method, with clean and difficult pictures side by side."""
+    """Plot each method's F1 score on every picture, with clean and degraded pictures side by side."""
     figure = new_figure(4.6)
     looks = [look for look in ("clean", "hard") if any(row["look"] == look for row in rows)]
     for axes, look in zip(figure.subplots(1, len(looks), sharey=True, squeeze=False)[0], looks, strict=True):
@@ -31,7 +31,7 @@ def plot_scores(path: Path, rows: Sequence[Row]) -> Path:
 
 
 def plot_reliability(path: Path, reliability: Mapping[str, list[ReliabilityBin]]) -> Path:
-    """Plot the fraction of correct strokes against the confidence."""
+    """Plot the fraction of correct strokes against their confidence."""
     figure = new_figure(5)
     axes = figure.subplots()
     tidy(axes)

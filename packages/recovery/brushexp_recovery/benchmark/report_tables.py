@@ -148,7 +148,7 @@ def reliability_of(rows: Sequence[Row]) -> Reliability:
 
 
 def confidence_table(reliability: Mapping[str, list[ReliabilityBin]]) -> list[dict[str, Any]]:
-    """Compare mean confidence with the fraction of correct strokes, by group and for clean or degraded pictures."""
+    """Compare mean confidence with the fraction of correct strokes, by group and over all clean or hard pictures."""
     groups = dict(reliability)
     for look in ("clean", "hard"):
         alike = [bins for name, bins in reliability.items() if name.endswith(look)]

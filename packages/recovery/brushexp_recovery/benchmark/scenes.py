@@ -40,7 +40,7 @@ KINDS = (*SEEN, *UNSEEN)
 
 @dataclass(frozen=True)
 class Scene:
-    """A benchmark painting, specified by its kind, number of strokes and number."""
+    """A benchmark painting, specified by its kind, its number of strokes and a running number."""
 
     kind: str
     count: int  # requested number of strokes

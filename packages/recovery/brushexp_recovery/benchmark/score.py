@@ -66,9 +66,9 @@ def recall_by_share(truth: Truth, matches: Matches) -> dict[str, float]:
 
 
 def parts_of(a: Array, b: Array, chosen: Array) -> float:
-    """Compute into how many regions of ``b`` a chosen region of ``a`` is split, as the median over regions.
+    """Compute how many regions of ``b`` a chosen region of ``a`` is split into, as the median over chosen regions.
 
-    The number of parts is 1 / (sum of squared fractions), so small parts contribute little.
+    The number is 1 / (sum of the parts' squared fractions), so small parts contribute little.
     """
     inside = a >= 0
     most = int(b.max(initial=-1)) + 2

@@ -23,7 +23,7 @@ def arc_lengths(curve: Array) -> Array:
 
 
 def part_of(curve: Array, low: Array, high: Array) -> Array:
-    """Cut curves (N, 3, 2) to the segments between parameters ``low`` and ``high`` (N,), possibly outside [0, 1]."""
+    """Cut curves (N, 3, 2) at parameters ``low`` and ``high`` (N,), or extend them if these are outside [0, 1]."""
     start, control, end = (curve[:, k] for k in range(3))
 
     def blossom(a: Array, b: Array) -> Array:

@@ -77,7 +77,7 @@ def middle_line(along: Array, across: Array, width: float) -> Array:
 
 
 def parabola_curve(c: Array, low: float, high: float) -> Array:
-    """Return the control points (3, 2) of a parabola with coefficients (3,) between two points on its axis."""
+    """Return the control points (3, 2) of a parabola with coefficients (3,), between two positions along the axis."""
     middle = 0.5 * (low + high)
     control = c[0] + c[1] * low + c[2] * low**2 + (c[1] + 2 * c[2] * low) * (middle - low)
     start, end = (c[0] + c[1] * t + c[2] * t**2 for t in (low, high))

@@ -1,4 +1,4 @@
-"""Find the nearest point on a polyline to a pixel (compiled)."""
+"""Find the point on a polyline that is nearest to a pixel, in compiled code."""
 # mypy: allow-untyped-defs
 
 import numpy as np
@@ -25,7 +25,7 @@ def length_of_line(points):
 
 @inline
 def nearest_place(points, x, y):
-    """Find the nearest point on a polyline through points (P, 2) to a pixel.
+    """Find the point nearest to a pixel on a polyline through points (P, 2).
 
     Returns the pixel's squared distance from the polyline, and its position along and across the polyline, which is
     extended straight beyond its ends.

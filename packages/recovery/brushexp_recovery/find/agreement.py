@@ -46,7 +46,7 @@ def _best_node(look: Look, superpixels: Array, regions: Array, count: int) -> Ar
 
 
 def find_candidates(looks: Sequence[Look], tile: Tile) -> list[Candidate]:
-    """Select candidates from the regions of several looks at a tile, if their centres are in the tile's core."""
+    """From the regions found by several looks at a tile, select candidates whose centres are in the tile's core."""
     candidates: list[Candidate] = []
     for look, chance in zip(looks, agreement_of(looks), strict=True):
         candidates += _candidates_of(look, chance, tile)

@@ -10,8 +10,8 @@ MOST_PIXELS = 100_000_000  # because the photograph is read in full
 def size_of_photograph(path: str, key: str = "image") -> tuple[int, int]:
     """Return the height and width of a photograph; raise a UserError if it has too few or too many pixels.
 
-    The photograph is read at full size, so there is an upper limit too. The advice in the error applies to these tasks,
-    which have no ``resolution=``.
+    The upper limit is needed because the photograph is read at full size. The error does not suggest ``resolution=``,
+    which the tasks of this package do not have.
     """
     height, width = sides_of_picture(path, key)
     if height * width > MOST_PIXELS:

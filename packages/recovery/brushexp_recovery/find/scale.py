@@ -41,8 +41,8 @@ def find_zoom(model: RecoveryModel, classifiers: Classifiers, image: Array) -> f
 def find_zoom_by_network(model: RecoveryModel, classifiers: Classifiers, image: Array) -> float:
     """Find the scale of a picture (H, W, 3) at which strokes have the width that suits the network best.
 
-    The network estimates this scale. The picture's own scale, or the geometric mean of own and estimated scale, is used
-    instead if regions explain more of the picture there: in an enlarged picture, grain and canvas look like strokes,
+    The network estimates this scale. The picture's own scale, or the geometric mean of the two scales, is used instead
+    if regions explain more of the picture at that scale: in an enlarged picture, grain and canvas look like strokes,
     but with low confidence.
     """
     guess = guess_zoom(model, image)
@@ -67,7 +67,7 @@ def explained_share(model: RecoveryModel, classifiers: Classifiers, parts: list[
 
 
 def guess_zoom(model: RecoveryModel, image: Array) -> float:
-    """Estimate the scale at which strokes have the width that suits the network best, from predicted widths."""
+    """Estimate, from predicted widths, the scale at which strokes have the width that suits the network best."""
     zoom = 1.0
     for _ in range(TRIALS):
         parts = cut_out_parts(image, PART_SIDE / zoom)

@@ -1,4 +1,4 @@
-"""Apply greedy non-maximum suppression: accept candidates in order of certainty, if earlier ones leave enough room."""
+"""Apply greedy non-maximum suppression: accept candidates, the most certain first, while enough of each is free."""
 
 from dataclasses import dataclass
 from typing import Any

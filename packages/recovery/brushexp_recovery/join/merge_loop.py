@@ -18,7 +18,7 @@ LARGEST_REGION = 8.0  # area, in predicted areas of its stroke, above which a re
 
 @function
 def mean_affinity(row, mean, scale, layers, scratch):
-    """Return the mean affinity between two regions from their features, with the most weight on the nearest pixels."""
+    """Compute the mean affinity between two regions from their features, with the most weight on adjacent pixels."""
     total, count = 0.0, 1e-9
     for k in range(DISTANCE_GROUPS):
         pairs = max(4 >> k, 1) * np.expm1(row[PairFeature.LOG_PAIRS_ADJACENT + k])
@@ -112,7 +112,7 @@ def merge(
 
 @function
 def _link_pairs(ends, count):
-    """Build linked lists of the pairs (P, 2) of each of ``count`` regions: first pairs and their successors."""
+    """Build a linked list of each region's pairs (P, 2), and return the first pair of each and all successors."""
     first, after = np.full(count, -1), np.full(ends.shape, -1)
     for pair in range(len(ends)):
         for side in range(2):

@@ -39,7 +39,7 @@ def correct(recovered: Recovered, marks: Marks, image: Array) -> Recovered:
     """Correct the strokes recovered from an image (H, W, 3) in [0, 1] according to a person's marks.
 
     - A recovered stroke is removed if it matches a deleted stroke, or is mostly covered by hand-drawn marks.
-    - Hand-drawn marks are added on top, because their order is unknown, with a confidence of 1.
+    - Hand-drawn marks are added with a confidence of 1, on top of all strokes because their order is unknown.
     - All other strokes stay unchanged.
     """
     size = recovered.labels.shape

@@ -28,7 +28,7 @@ BOUNDS = (0.025, 0.975)
 
 
 class State(StrEnum):
-    """The result of the comparison for a mark or a stroke."""
+    """The outcome of the comparison for one mark or one stroke."""
 
     FOUND = "found"
     MISSED = "missed"
@@ -63,7 +63,7 @@ class MarkScore:
 
 
 def judged_strokes(marks: Marks, regions: Sequence[Array], strokes: Sequence[Array], size: tuple[int, int]) -> Array:
-    """Mark the strokes (M,) that are errors if they have no partner; regions and strokes are lists of flat indices."""
+    """Select the strokes (M,) that are errors if they match no mark; marks and strokes are given as flat indices."""
     known = np.zeros(size, bool)
     for region in regions:
         known.flat[region] = True
@@ -77,7 +77,7 @@ def judged_strokes(marks: Marks, regions: Sequence[Array], strokes: Sequence[Arr
 
 
 def score_marks(overlaps: Overlaps, count: int, judged: Array, least_iou: float) -> MarkScore:
-    """Pair ``count`` marks with strokes; ``judged`` (M,) marks the strokes that are errors if they have no partner."""
+    """Pair ``count`` marks with strokes; a stroke without a partner is an error only if it is ``judged`` (M,)."""
     pairs = pair_best(overlaps, least_iou)
     partner = np.full(count, -1)
     partner[pairs.first] = pairs.second

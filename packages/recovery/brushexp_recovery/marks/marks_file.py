@@ -1,4 +1,4 @@
-"""Read JSON files of marks, which are strokes that a person has drawn over a picture or corrected."""
+"""Read JSON files of marks: strokes drawn by a person over a picture, and recovered strokes left as they were."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -79,7 +79,7 @@ def _values_of(path: Path) -> dict[str, Any]:
 
 
 def _mark_from(values: Any, place: str) -> Mark:
-    """Convert the JSON values of one mark; ``place`` names it in errors."""
+    """Convert the JSON values of one mark; error messages name the mark by ``place``."""
     if not isinstance(values, dict):
         raise UserError(f"{place} is {type(values).__name__}, not a stroke with points and width")
     name = str(values.get("name", place))

@@ -1,4 +1,4 @@
-"""Sample the strokes of each view at random, each with its confidence as its probability."""
+"""Sample the strokes of each view at random, each stroke with a probability equal to its confidence."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass

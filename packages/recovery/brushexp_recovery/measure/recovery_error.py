@@ -3,8 +3,8 @@
 Recovery misses short strokes, cuts off hidden ends and distorts widths, similarly in every view. `RecoveryError` stores
 the differences between true and measured values for paintings with known strokes. Two predictors explain part of these
 errors: the mean confidence of the recovered strokes and their median elongatedness. Each sample of a measure is
-combined with the errors in the known paintings, so that the median of the samples is corrected for the mean error and
-their spread includes its variation.
+combined with the errors in the known paintings, so that the median of the samples is corrected for the mean error, and
+their spread includes the variation between these errors.
 
 `brushexp_recovery.train.errors_of_measures` fits the errors.
 """
@@ -57,7 +57,7 @@ class RecoveryError:
     errors: Mapping[str, ErrorOfMeasure]  # by name in `MEASURES`
 
     def correct(self, draws: Draws, confidence: Array) -> Draws:
-        """Combine samples (views, draws) with every error, which gives samples (views, draws * `SAMPLES`).
+        """Combine each of the samples (views, draws) with every error, to samples (views, draws * `SAMPLES`).
 
         ``confidence`` (N,) holds the confidences of the strokes found in the photograph. Undefined values stay
         undefined, and predictors are clamped to the range of the known paintings.

@@ -18,7 +18,7 @@ def millimetres_per_pixel(
 
     ``width_cm`` is the width of the part of the painting that the photograph shows; ``size_cm`` is its width and
     height, such as 92x73. Raises UserError if both are given, or if ``size_cm`` does not have the photograph's aspect
-    ratio. In errors, keys begin with ``prefix``.
+    ratio. In error messages, the names of keys begin with ``prefix``.
     """
     if width_cm is not None and size_cm is not None:
         raise UserError(f"{prefix}width_cm and {prefix}size_cm say the same; give one of them")

@@ -1,4 +1,4 @@
-"""Tabulate recovered strokes with their measures and with outlines of their visible parts."""
+"""Tabulate recovered strokes with their measures and the outlines of their visible parts."""
 
 from dataclasses import dataclass
 from typing import Any

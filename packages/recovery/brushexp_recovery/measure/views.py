@@ -21,7 +21,7 @@ ZOOM_STEP, TURN_STEP = 0.7549, 0.5698  # steps that spread any number of points 
 
 @dataclass(frozen=True)
 class View:
-    """A transformation of a photograph; the first of `choose_views` is the identity."""
+    """A transformation of a photograph; by default, the identity."""
 
     zoom: float = 1.0
     turn: float = 0.0  # clockwise rotation in degrees
@@ -30,7 +30,7 @@ class View:
     lift: float = 0.0
 
     def matrix(self, size: tuple[int, int]) -> Array:
-        """Return the matrix (2, 3) that maps points x, y of a photograph (H, W) to the view, about its centre."""
+        """Return the matrix (2, 3) that rotates and scales points x, y of a photograph (H, W) to points of the view."""
         angle = math.radians(self.turn)
         cosine, sine = math.cos(angle), math.sin(angle)
         rotation = self.zoom * np.array([[cosine, -sine], [sine, cosine]])
@@ -71,7 +71,8 @@ class View:
 def choose_views(count: int, seed: int) -> list[View]:
     """Choose ``count`` views that depend only on the seed; the first is the unchanged photograph.
 
-    The scales and rotations of the others are spread evenly between their limits; JPEG qualities and tones are random.
+    The scales and rotations of the other views are spread evenly over their ranges; JPEG qualities and tones are
+    random.
     """
     random = np.random.default_rng(seed)
     low, high = np.log(ZOOMS)

@@ -1,14 +1,14 @@
 """Define the features of the perceptrons and logistic models, in the order of the learned weights.
 
-In their names, ``LOG`` means the natural logarithm, and ``AFFINITY`` a mean over pairs of pixels. Lengths and widths
-are relative to the stroke's predicted length and width, unless they are named ``PREDICTED``.
+In the names of features, ``LOG`` means the natural logarithm, and ``AFFINITY`` a mean over pairs of pixels. Lengths and
+widths are relative to the stroke's predicted length and width, unless their names contain ``PREDICTED``.
 """
 
 from enum import IntEnum
 
 
 class PairFeature(IntEnum):
-    """Features of two neighbouring regions, the ``SMALL`` and the ``LARGE`` one; ``BOTH`` is their union."""
+    """Features of two neighbouring regions; the smaller is ``SMALL``, the larger ``LARGE`` and their union ``BOTH``."""
 
     AFFINITY_ADJACENT = 0  # mean between the regions over offsets of 1 pixel
     AFFINITY_3 = 1  # mean over offsets of 3 pixels

@@ -27,7 +27,7 @@ def log_odds_of(linear: nn.Linear, features: Array) -> Array:
 
 
 def fit_logistic(linear: nn.Linear, features: Array, goal: Array) -> None:
-    """Fit a logistic model on features (N, F) to targets (N,) in [0, 1]; without targets, leave it unchanged.
+    """Fit a logistic model on features (N, F) to targets (N,) in [0, 1]; leave it unchanged if there are no targets.
 
     The fit is a logistic regression in float64 by L-BFGS, with a ridge penalty on the weights of scaled features.
     """

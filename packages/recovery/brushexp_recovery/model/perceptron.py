@@ -99,8 +99,8 @@ def fit_perceptron(perceptron: Perceptron, features: Array, goal: Array, weight:
 def fit_last_layer(perceptron: Perceptron, features: Array, goal: Array, weight: Array, ridge: float) -> None:
     """Fit only the last layer of a perceptron to targets (N, outputs) in [0, 1], with example weights (N,).
 
-    ``ridge`` is the weight, in the loss, of the squared changes to the layer. The fit uses L-BFGS in float64; without
-    targets, the layer stays unchanged.
+    The loss includes the squared changes to the layer, weighted by ``ridge``. The fit uses L-BFGS in float64; if there
+    are no targets, the layer stays unchanged.
     """
     if not len(goal):
         return

@@ -1,4 +1,4 @@
-"""Define the U-Net that predicts, for each pixel, which neighbours share its stroke, and that stroke's attributes."""
+"""Define the U-Net that predicts which neighbours of a pixel share its stroke, and the attributes of that stroke."""
 
 from itertools import pairwise
 

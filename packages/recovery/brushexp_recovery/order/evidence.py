@@ -36,10 +36,10 @@ class Contacts(NamedTuple):
 def find_meetings(regions: Regions, strokes: StrokeCurves) -> Meetings:
     """Find the pairs of regions that touch, and the evidence that the second region is above the first.
 
-    The evidence consists of the network's predictions where the regions meet; the difference between their visible
-    fractions; which region owns the pixels where the complete strokes would overlap, because an unbroken outline
-    belongs to the upper stroke (Kanizsa, 1979); and the differences in width, area and confidence, because painters
-    proceed from broad to fine.
+    The evidence consists of the network's predictions where the regions meet; the difference in how much of each
+    stroke is visible; the region that owns the pixels where the complete strokes would overlap, because an unbroken
+    outline belongs to the upper stroke (Kanizsa, 1979); and the differences in width, area and confidence, because
+    painters proceed from broad to fine.
     """
     contacts = find_contacts(regions)
     pairs, count = contacts.pairs, len(contacts.pairs)

@@ -1,4 +1,4 @@
-"""Write the page that compares marks with strokes on the picture: found, missed and extra."""
+"""Write the page that shows on a picture which marks were found or missed, and which strokes are extra."""
 
 from collections.abc import Sequence
 from pathlib import Path

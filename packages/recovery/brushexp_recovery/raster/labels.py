@@ -1,4 +1,4 @@
-"""Process label images, which hold the number of a region at each pixel, or -1 for none."""
+"""Process label images, in which each pixel holds the number of its region, or -1 if it belongs to none."""
 # mypy: allow-untyped-defs
 
 from itertools import pairwise
@@ -45,7 +45,7 @@ def _count_into(labels, sizes):
 
 @function
 def _group_into(labels, place, order):
-    """Write pixel indices (P,) region by region, from the positions ``place`` (N,), which are advanced."""
+    """Write pixel indices (P,) region by region, starting at the positions ``place`` (N,), which are advanced."""
     for pixel in range(len(labels)):
         k = labels[pixel]
         if k >= 0:

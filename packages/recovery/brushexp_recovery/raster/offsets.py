@@ -10,7 +10,7 @@ Slices = tuple[slice, slice]  # slices of rows and columns
 def pair_slices(size: tuple[int, ...], offset: Offset) -> tuple[Slices, Slices]:
     """Return slices of the pixels of a picture (H, W) that have a partner at an offset, and slices of the partners.
 
-    The offset must not point upwards. Both parts are empty if it exceeds the picture.
+    The offset must not point upwards. If it is larger than the picture, both pairs of slices are empty.
     """
     (height, width), (dy, dx) = size, offset
     bottom = max(height - dy, 0)

@@ -30,7 +30,7 @@ def return_freed_memory() -> Iterator[None]:
 def map_on_threads(work: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
     """Yield the result of ``work`` for each item, in order, using as many threads as PyTorch does.
 
-    Each item is computed by one thread, which is faster than splitting an item and waiting for its slowest part.
+    Each item is processed by one thread, which is faster than splitting an item and waiting for its slowest part.
     """
 
     def work_and_free(item: Item) -> Result:

@@ -46,8 +46,8 @@ def recover(
         weights: a .safetensors file of task=train_recovery, or the name of shipped weights.
 
     Returns:
-        A catalogue of the strokes found, the confidence in each stroke, and the visible stroke at each pixel. Areas
-        without strokes are empty.
+        A catalogue of the strokes found, the confidence in each stroke, and the visible stroke at each pixel. Areas in
+        which no stroke is found remain empty.
 
     Raises:
         UserError: the picture, the weights or another argument is invalid.
@@ -99,7 +99,7 @@ def catalogue_of(labels: Array, strokes: StrokeCurves, confidence: Array, order:
 
 
 def ground_color(labels: Array, image: Array) -> Array:
-    """Estimate the ground's colour (3,) as the median over pixels without a stroke, or over all if there are few."""
+    """Estimate the ground's colour (3,): the median over pixels without a stroke or, if these are few, over all."""
     every = max(1, round((labels.size / GROUND_SAMPLE) ** 0.5))
     sample = image[::every, ::every].reshape(-1, 3)
     is_empty = labels[::every, ::every].ravel() < 0

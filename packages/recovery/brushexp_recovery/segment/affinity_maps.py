@@ -105,7 +105,7 @@ def _add_turned_back(total: Tensor, output: Tensor, copy: Copy) -> None:
 
 
 def _add_by_offset(total: Tensor, values: Tensor, offsets: tuple[Offset, ...], copy: Copy, sign: float) -> None:
-    """Add a copy's maps to the picture's maps of the corresponding offsets, times ``sign`` for reversed offsets."""
+    """Add a copy's maps to the picture's maps; multiply those whose offsets are reversed by ``sign``."""
     for channel, (dy, dx) in enumerate(offsets):
         row, column = dy, -dx if copy.mirrored else dx
         for _ in range(copy.quarters):

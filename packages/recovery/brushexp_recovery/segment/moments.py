@@ -14,7 +14,7 @@ Array = NDArray[Any]
 
 
 class Moment(IntEnum):
-    """Sums over the pixels of a region; divided by the area, they are means."""
+    """Sums over the pixels of a region; dividing them by the area gives means."""
 
     AREA = 0  # pixels
     X = 1  # pixels from the left
@@ -49,7 +49,7 @@ PREDICTED_DIRECTION = slice(Moment.COSINE, Moment.SINE + 1)
 
 
 def sum_moments(labels: Array, image: Array, maps: StrokeMaps) -> Array:
-    """Sum the `Moment`s (S, len(Moment)) of each region (H, W) of a picture (H, W, 3) in [0, 1]."""
+    """Sum the moments (S, len(Moment)) of the S regions in a label image (H, W) of a picture (H, W, 3) in [0, 1]."""
     from skimage.color import rgb2lab  # noqa: PLC0415
 
     height, width = labels.shape

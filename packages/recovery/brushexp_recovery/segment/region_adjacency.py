@@ -44,7 +44,7 @@ class Adjacency(NamedTuple):
 
 
 def adjacency_of(labels: Array, affinity: Array) -> Adjacency:
-    """Sum affinities (len(AFFINITY_OFFSETS), H, W) within regions (H, W) and between neighbouring regions."""
+    """Sum affinities (len(AFFINITY_OFFSETS), H, W) within and between the regions of a label image (H, W)."""
     count = int(labels.max()) + 1
     room = 2 ** (FIRST_ROOM * count).bit_length()
     within = np.empty((count, len(AffinityColumn)))
@@ -62,8 +62,8 @@ def adjacency_of(labels: Array, affinity: Array) -> Adjacency:
 def _sum_affinities(labels, affinity, offsets, group_of_offset, within, keys, between):
     """Sum and count affinities; return False if the pairs fill more than half of their hash table.
 
-    ``keys`` (R,) is the hash table, initially filled with -1, in which a pair is stored as smaller x S + larger; R is a
-    power of 2.
+    ``keys`` (R,) is the hash table, initially filled with -1, in which a pair of regions is stored as smaller x S +
+    larger number; R is a power of 2.
     """
     height, width = labels.shape
     count, room, filled, key, place = len(within), len(keys), 0, -1, 0

@@ -1,4 +1,4 @@
-"""Divide a picture into superpixels, which are small regions that no border crosses, with moments and affinities."""
+"""Divide a picture into superpixels, small regions that no border crosses, and sum their moments and affinities."""
 
 from dataclasses import dataclass
 from typing import Any

@@ -19,7 +19,7 @@ BORDER_BLUR = 0.6  # standard deviation in pixels of the blur of borders
 
 
 def border_strength(affinity: Array) -> Array:
-    """Compute the border strength (H, W) at each pixel, 0 to 1, as the mean lack of affinity on both sides."""
+    """Compute the border strength (H, W), 0 to 1: one minus each pixel's weighted mean affinity with neighbours."""
     total, weights = np.zeros(affinity.shape[1:], np.float32), 0.0
     for channel, (dy, dx) in enumerate(AFFINITY_OFFSETS[:BORDER_OFFSETS]):
         weight = 1.0 if channel < ADJACENT_OFFSETS else FAR_WEIGHT

@@ -16,7 +16,7 @@ VARNISH = (0.2, 0.4, 1.0)  # relative absorption of red, green and blue by varni
 
 
 def smudge(image: Array, random: Random) -> Array:
-    """Smudge neighbouring paint by a spatially varying amount in a picture (H, W, 3), float32 in [0, 1]."""
+    """Smudge the paint in a picture (H, W, 3), float32 in [0, 1], by an amount that varies across the picture."""
     size = image.shape[:2]
     noise = gaussian_blur(random.standard_normal(size).astype(np.float32), random.uniform(8, 30))
     share = np.clip(0.5 + noise / max(noise.std(), 1e-6), 0, 1)[..., None] * np.float32(random.uniform(0.3, 1))
@@ -32,7 +32,7 @@ def shine(image: Array, height: Array, random: Random) -> Array:
 
 
 def crack(image: Array, random: Random) -> Array:
-    """Draw a network of fine cracks along the borders of irregular cells."""
+    """Draw a network of fine cracks on a picture (H, W, 3), along the borders of irregular cells."""
     from scipy.spatial import cKDTree  # noqa: PLC0415
 
     height, width = image.shape[:2]

@@ -209,7 +209,7 @@ def _paint(texels, first, side, places, brush_width, coats, opacity, wet, drag, 
 
 @inline
 def _drag_cell(x, y, t, place, width):
-    """Return the step along the chord and the track across it that contain a pixel centre."""
+    """Return the number of the step along the chord, and of the track across it, that contain a pixel centre."""
     across = (y - place[Placement.Y]) * place[Placement.COSINE] - (x - place[Placement.X]) * place[Placement.SINE]
     step = int((min(max(t, F(-1)), F(1)) + 1) * F(0.5) * (DRAG_STEPS - 1) + F(0.5))
     track = int(min(max(across / max(width, F(1)) + F(0.5), F(0)), F(0.999)) * DRAG_TRACKS)
@@ -220,7 +220,7 @@ def _drag_cell(x, y, t, place, width):
 def _take_up(texels, first, side, place, width, image, box, carried):
     """Compute the colours that a stroke's bristles carry, and their weights: (`DRAG_STEPS`, `DRAG_TRACKS`, 4).
 
-    Each bristle is a leaky memory of the colours that it passes from the start of the stroke to its end.
+    Each bristle keeps a leaky memory of the colours that it passes from the start of the stroke to the end.
     """
     carried[:] = 0
     for y in range(box[0], box[1]):
@@ -286,7 +286,7 @@ def _see(texels, first, side, places, coats, opacity, shape):
 
 @inline
 def _uncover_ground(light, best, labels, extent):
-    """Label the pixels to which the ground contributes most as -1, and count the visible pixels of strokes."""
+    """Label with -1 the pixels to which the ground contributes most, and count the visible pixels of each stroke."""
     for y in range(labels.shape[0]):
         for x in range(labels.shape[1]):
             if light[y, x] > best[y, x]:
@@ -297,7 +297,7 @@ def _uncover_ground(light, best, labels, extent):
 
 @inline
 def _quantile(bins, count):
-    """Return the chord parameter before which ``count`` pixels of paint are found."""
+    """Return the position along the chord before which there are ``count`` pixels of paint."""
     total = 0.0
     for i in range(BINS):
         if total + bins[i] >= count and bins[i] > 0:
@@ -309,7 +309,7 @@ def _quantile(bins, count):
 def geometry_of(windows: StrokeWindows, canvas: Canvas) -> Array:
     """Compute the true attributes (N, len(StrokeGeometry)) float32 of N strokes.
 
-    Width and length are those of a round-ended line with the same amount of paint.
+    Width and length are those of a round-ended line with the same area of paint.
     """
     import torch  # noqa: PLC0415
 

@@ -81,7 +81,7 @@ def choose_mixing(n: int, coats: float, is_plain: bool, random: Random) -> Mixin
 
 
 def choose_ground(picture: Array, is_plain: bool, random: Random) -> Array:
-    """Prime a canvas in an even colour with grain and a faint wash of the picture, or sometimes return the picture."""
+    """Prime a canvas in an even colour with grain and a faint wash of the picture; sometimes use the picture itself."""
     if not is_plain and random.random() < 0.1:
         return picture
     usual = is_plain and random.random() < 0.4

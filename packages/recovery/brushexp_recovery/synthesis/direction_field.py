@@ -15,7 +15,7 @@ PATCH_STEP = 4  # resolution of patches in pixels
 
 
 def edge_directions(picture: Array, sigma: float) -> Array:
-    """Compute the direction (H, W) in radians along the edges of a picture, smoothly varying where edges are weak.
+    """Compute the direction (H, W), in radians, along the edges of a picture; it varies smoothly where edges are weak.
 
     The direction is computed from the structure tensor, blurred by ``sigma`` pixels and, with a low weight, by four
     times ``sigma``.
@@ -33,7 +33,7 @@ def detail_of(picture: Array, pitch: float) -> Array:
 
 
 def add_hatching(angles: Array, share: float, random: Random) -> Array:
-    """Replace a fraction ``share`` of a direction field (H, W) with patches of uniform direction."""
+    """Replace about a fraction ``share`` of a direction field (H, W) with patches of uniform direction."""
     if share == 0:
         return angles
     height, width = angles.shape

@@ -1,4 +1,4 @@
-"""Define a painter's hand, which is a set of parameters that determine how strokes are placed."""
+"""Define a painter's hand: a set of parameters that determines how strokes are placed."""
 
 from dataclasses import dataclass
 from typing import NamedTuple

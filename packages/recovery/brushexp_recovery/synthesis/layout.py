@@ -59,7 +59,7 @@ def lay_strokes(picture: Array, n: int, hand: Hand, random: Random) -> StrokeLay
 
 
 def _line_up(places: Array, angles: Array, width: Array, most: int, random: Random) -> tuple[Array, Array]:
-    """Move strokes into rows of up to ``most`` strokes side by side, across a field (H, W) of directions.
+    """Move strokes into rows of up to ``most`` strokes side by side, perpendicular to a direction field (H, W).
 
     Returns, for each stroke, the position of the first stroke in its row and the stroke's own position, (n, 2) each.
     """

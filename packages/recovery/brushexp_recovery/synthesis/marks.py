@@ -27,7 +27,7 @@ VARIETY = (0.8, 1.2)  # range of factors by which each stroke varies from the ma
 class Marks(NamedTuple):
     """The look of one painting's strokes, each with small variations (domain randomisation, Tobin et al., 2017).
 
-    Paint is deposited where the brush holds more paint than the thresholds of the bristle and the canvas grain. It runs
+    Paint is deposited where the brush holds more paint than the bristle and the canvas grain require. The paint runs
     out along the stroke, so the stroke's end breaks up into streaks if ``bristle`` is large and into specks if
     ``grain`` is large. The unseen brushes of the benchmark differ: they have smooth outlines and straight ends, the
     knife has a constant thickness, and the dry brush fades in streaks by a fixed formula, without canvas grain or rim.
@@ -111,7 +111,7 @@ def standardise(noise: Array) -> Array:
 
 
 def _draw_bristles(random: Random, tracks: int) -> Array:
-    """Sample bristle variations (`SAMPLES`, ``tracks``), fast across the bristles and slow along each bristle."""
+    """Sample paint variations (`SAMPLES`, ``tracks``) that are rapid across the bristles and slow along each one."""
     slow = gaussian_blur(random.normal(size=(SAMPLES, tracks)), (random.uniform(3, 20), 0.3))
     return standardise(standardise(slow) + random.uniform(0.3, 1.5) * random.normal(size=tracks))
 

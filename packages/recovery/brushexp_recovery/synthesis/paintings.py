@@ -75,7 +75,7 @@ def family_of(seed: int, number: int) -> str | None:
 
 
 def paint(seed: int, number: int, pictures: Sequence[str], family: str | None = None) -> KnownPainting:
-    """Make painting ``number`` with the paint of a family, or with engines and renderers if ``family`` is None.
+    """Make painting ``number`` with the paint of ``family`` or, if that is None, by engines, renderers or a formula.
 
     Paintings from `FIRST_PLAIN` on are plain: they use the default hand and opaque strokes, and are not aged.
     """

@@ -40,7 +40,7 @@ def on_grid(n: int, size: tuple[int, int], random: Random) -> Array:
 
 @function
 def _keep_apart(place, distance, n):
-    """Choose the first ``n`` points that are far enough from all points chosen before; missing points are -1."""
+    """Choose the indices of the first ``n`` points that are far enough from those chosen before; pad with -1."""
     chosen = np.full(n, -1)
     count = 0
     for i in range(len(place)):

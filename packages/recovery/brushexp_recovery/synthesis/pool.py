@@ -23,8 +23,8 @@ def fill_pool(
 ) -> None:
     """Paint the paintings in ``numbers`` that the pool lacks, as long as the process ``parent`` is alive.
 
-    About half of the paintings are assigned paint families; of these, only paintings in the given ``families`` are
-    made. Without families, engines draw every painting.
+    If ``families`` are given, about half of all paintings have a paint family; of these, only the paintings of the
+    given families are made. Otherwise no painting has a family.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for number in numbers:
@@ -36,7 +36,7 @@ def fill_pool(
 
 
 def family_among(seed: int, number: int, families: Collection[str]) -> str | None:
-    """Return the paint family of painting ``number`` in a pool with ``families``, or None if engines draw it."""
+    """Return the paint family of painting ``number`` in a pool with ``families``, or None if it has no family."""
     return family_of(seed, number) if families else None
 
 

@@ -31,9 +31,9 @@ NARROWEST_GAP = 5  # lower bound of this width in pixels
 
 @dataclass(frozen=True)
 class Sheet:
-    """A picture of a straight stroke, with rows along the stroke and columns across it.
+    """A picture of a straight stroke, whose row index runs along the stroke and column index across it.
 
-    The rows extend `BEYOND_ENDS` beyond each end of the stroke, and the columns `BEYOND_SIDES` beyond each side.
+    The picture extends `BEYOND_ENDS` widths beyond each end of the stroke and `BEYOND_SIDES` widths beyond each side.
     """
 
     cover: Array  # (A, C) coverage of paint in [0, 1]
@@ -62,7 +62,7 @@ def places_across(columns: int) -> Array:
 
 
 def ends_of(rows: int, length: float) -> Array:
-    """Return the distances, in widths, between a sheet's rows and the nearer end of a stroke ``length`` widths long."""
+    """Return each row's distance, in widths, from the nearer end of a stroke; it is negative beyond the end."""
     along = np.linspace(-BEYOND_ENDS, length + BEYOND_ENDS, rows)
     return np.minimum(along, length - along)
 
@@ -73,7 +73,7 @@ def smooth_noise(random: Random, size: tuple[int, ...], sigma: Any) -> Array:
 
 
 def draw_bristles(random: Random, rows: int, columns: int) -> Array:
-    """Sample bristle variations (A, C), fast across the bristles and slow along each bristle."""
+    """Sample paint variations (A, C) that are rapid across the bristles and slow along each bristle."""
     slow = smooth_noise(random, (rows, columns), (0.01 * rows * random.uniform(2, 25), random.uniform(0.3, 1.2)))
     own = smooth_noise(random, (1, columns), (0, random.uniform(0.3, 1.5)))
     share = random.uniform(0.2, 0.9)
@@ -83,7 +83,8 @@ def draw_bristles(random: Random, rows: int, columns: int) -> Array:
 def draw_outline(random: Random, rows: int, columns: int, length: float, rough: float, ends: float) -> Array:
     """Draw the coverage (A, C) of a stroke with rough sides, whose ends narrow over ``ends`` widths.
 
-    ``rough`` is the standard deviation of the sides, in half widths, and of the bristles' ends, in widths.
+    ``rough`` is the standard deviation of the positions of the sides, in half widths, and of the bristles' ends, in
+    widths.
     """
     across = places_across(columns)
     ragged = rough * smooth_noise(random, (2, columns), (0, random.uniform(0.4, 2)))

@@ -13,7 +13,7 @@ SURE_STEPS = 4  # number of steps that are always taken
 
 
 def curves_along(angles: Array, picture: Array, places: Array, half: Array, hand: Hand, random: Random) -> Array:
-    """Trace curves (n, 3, 2) along a direction field, from ``places`` (n, 2) for ``half`` pixels to each side."""
+    """Trace curves (n, 3, 2) along a direction field, from ``places`` (n, 2) for ``half`` pixels in both directions."""
     n = len(places)
     x, y = places.astype(int).T
     angle = angles[y, x]

@@ -63,7 +63,7 @@ def first_texels(side: Array) -> Array:
 
 
 def place_windows(layout: StrokeLayout, reach: Array) -> tuple[Array, Array]:
-    """Place square windows at whole pixels around strokes, ``reach`` (N,) pixels beyond their control points.
+    """Place square windows at whole pixels around strokes, to at least ``reach`` (N,) pixels beyond the control points.
 
     Returns the windows' upper left corners (N, 2) and sides (N,).
     """
@@ -73,7 +73,7 @@ def place_windows(layout: StrokeLayout, reach: Array) -> tuple[Array, Array]:
 
 
 def close_gaps(window: Array, gap: int) -> Array:
-    """Write to `CLOSED` the alpha of texels (S, S, len(Texel)), with gaps of up to ``gap`` pixels closed.
+    """Copy the alpha of texels (S, S, len(Texel)) to `CLOSED`, and close gaps of up to ``gap`` pixels there.
 
     Returns the texels as (S * S, len(Texel)).
     """
@@ -97,7 +97,7 @@ def join_windows(texels: Sequence[Array], side: Array, position: Array, layout: 
 
 
 def draw_strokes(layout: StrokeLayout, look: BrushLook, seed: int) -> StrokeWindows:
-    """Draw strokes in windows; a stroke that an engine cannot draw is replaced with the nearest stroke that it can."""
+    """Draw strokes in windows; strokes outside the range that a plugin can draw are clamped to that range."""
     parts = (layout.curve, layout.width, layout.color)
     curve, width, color = (torch.as_tensor(part, dtype=torch.float32) for part in parts)
     window = torch.maximum((curve.amax(1) - curve.amin(1)).amax(1) / 0.7, width / 0.2)

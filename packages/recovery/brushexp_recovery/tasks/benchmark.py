@@ -99,7 +99,7 @@ def paint_cases(scene: Scene, cfg: DictConfig, folder: Path) -> Iterator[Case]:
 
 
 def time_method(method: Method, case: Case) -> tuple[Prediction, float]:
-    """Run a method, which is given the true number of strokes; return its strokes and its time in seconds."""
+    """Run a method, given the true number of strokes; return the strokes that it finds and its time in seconds."""
     begin = time.perf_counter()
     torch.manual_seed(0)
     prediction = method(case.image, len(case.truth))
@@ -136,7 +136,7 @@ def score_case(
 
 
 def mean_scores(rows: list[Row]) -> dict[str, object]:
-    """Average the F1 of recovery separately over clean and degraded pictures, if there are any."""
+    """Average the F1 of recovery separately over the clean and the degraded pictures, if there are any."""
     means: dict[str, object] = {}
     for look in ("clean", "hard"):
         values = [row["f1"] for row in rows if row["method"] == "recovery" and row["look"] == look]

@@ -1,4 +1,4 @@
-"""``task=measure``: recover the strokes of a photograph, and measure them with intervals."""
+"""``task=measure``: recover the strokes of a photograph, and compute their measures with intervals."""
 
 import logging
 import time
@@ -88,7 +88,7 @@ def read_for(path: Path, size: tuple[int, int]) -> Recovered:
 
 
 def recover_photograph(cfg: DictConfig, image: Array, name: str) -> Recovered:
-    """Recover the strokes of a photograph, and log how long its remaining views will take."""
+    """Recover the strokes of a photograph, and log an estimate of the time that its other views will take."""
     begin = time.monotonic()
     with showing(f"finding strokes in {name}") as show:
         recovered = recover_picture(image, show)
@@ -106,7 +106,7 @@ def recover_picture(image: Array, show: Progress) -> Recovered:
 
 
 def sight_views(cfg: DictConfig, image: Array, name: str, recovered: Recovered) -> Iterator[Sighting]:
-    """Recover the strokes of all views one by one; ``recovered`` holds the strokes of the photograph itself."""
+    """Recover and yield the strokes of each view; those of the photograph itself are already in ``recovered``."""
     original, *changes = choose_views(cfg.views, cfg.seed)
     yield sight(image, original, lambda _: recovered)
     if not changes:

@@ -109,7 +109,7 @@ class MeasureTask(Task):
 
 @dataclass
 class BenchmarkTask(Task):
-    """Find strokes in paintings whose strokes are known, by recovery and by other methods, and score them."""
+    """Find strokes in paintings with known strokes, by recovery and by other methods, and score the results."""
 
     is_research = True
     module = "brushexp_recovery.tasks.benchmark"

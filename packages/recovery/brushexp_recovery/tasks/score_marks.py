@@ -63,12 +63,12 @@ class Comparison:
     between_people: bool
 
     def counts(self, end: str) -> Counts:
-        """Return the counts at one of the `LEVELS`, which is given by its suffix ``end``."""
+        """Return the counts at one of the `LEVELS`, given by its suffix ``end``."""
         return self.agreement.scores[end].counts
 
 
 def score_all_marks(truth: Path, strokes: Path, folder: Path, seed: int) -> dict[str, object]:
-    """Compare files or folders of strokes with marks, and write tables and pages into a folder."""
+    """Compare strokes with marks, given as files or folders; write tables and pages, and return the overall scores."""
     cases = list_cases(truth, strokes)
     comparisons = [compare(case, folder, f"{case.name}.html") for case in cases]
     rows = [row_of(one.case.name, [one], seed) for one in comparisons]
@@ -98,7 +98,7 @@ def list_cases(truth: Path, strokes: Path) -> list[Case]:
 
 
 def _strokes_for(name: str, folder: Path) -> Path:
-    """Find the stroke file of a picture in a folder: NAME.json, NAME.h5, ..., or NAME/catalogue.h5 of a run."""
+    """Find the stroke file of a picture in a folder: NAME.json, NAME.h5, ..., or a run's NAME/catalogue.h5."""
     for path in (*(folder / f"{name}{suffix}" for suffix in STROKES), folder / name / CATALOGUE_NAME):
         if path.is_file():
             return path
@@ -121,7 +121,7 @@ def _case_of(truth: Path, strokes: Path) -> Case:
 
 
 def compare(case: Case, folder: Path, page: str) -> Comparison:
-    """Compare the strokes of a case with its marks, and write a table and a page that shows both into a folder."""
+    """Compare the strokes of a case with its marks; write a table, and a page that shows both, into a folder."""
     between_people = is_marks(case.strokes)
     marks = [pixels_of_mark(mark, case.size) for mark in case.marks.strokes]
     others = read_marks(case.strokes).strokes if between_people else []
@@ -224,7 +224,7 @@ def round_row(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def in_words(row: dict[str, Any]) -> str:
-    """Summarise a row of scores in a sentence."""
+    """Summarise a row of scores in one line."""
     rates = [
         f"{word} {row[name]:.2f} ({row[f'{name}_low']:.2f} to {row[f'{name}_high']:.2f})"
         for name, word in (("recall", "recall"), ("precision", "precision"), ("f1", "F1"))

@@ -1,4 +1,4 @@
-"""``task=train_recovery``: train the network that finds strokes."""
+"""``task=train_recovery``: train the network that finds strokes, and fit the models that score regions."""
 
 from pathlib import Path
 
@@ -63,7 +63,6 @@ class RecoveryJob(NetworkJob):
         model = RecoveryModel()
         model.network.load_state_dict(self.module.network.state_dict())
         model.eval()
-        self._save(model, {})  # before anything below can fail
         self.data.start_painting()
         with showing("learning to judge") as show:
             held_out = self.data.held_out(FOR_CONFIDENCE, VALIDATED)

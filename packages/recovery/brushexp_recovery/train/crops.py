@@ -53,7 +53,7 @@ def typical_width(painting: KnownPainting) -> float:
 
 
 def cut_crop(painting: KnownPainting, random: Random, side: int = CROP_SIDE) -> Crop:
-    """Crop a painting at random, and rescale the crop to approximately the scale of the network's inputs."""
+    """Crop a painting at random, and resize the crop, usually so that its strokes have about `TRAINED_WIDTH`."""
     height, width = painting.labels.shape
     part = min(round(side / _choose_zoom(painting, random)), height, width)
     zoom = side / part
@@ -117,7 +117,7 @@ def turn_and_mirror(image: Array, labels: Array, geometry: Array, random: Random
 
 
 def _map_attributes(table: Array, labels: Array) -> Array:
-    """Look up the attributes (7, N) of the stroke at each pixel (7, S, S), with centres as offsets from the pixel."""
+    """Look up each pixel's stroke attributes (7, S, S) in a table (7, N); centres become offsets from the pixel."""
     rows, columns = np.mgrid[: labels.shape[0], : labels.shape[1]].astype(np.float32) + 0.5
     maps = table[:, np.maximum(labels, 0)] if table.size else np.zeros((len(table), *labels.shape), np.float32)
     maps[StrokeAttribute.CENTRE_X] = (maps[StrokeAttribute.CENTRE_X] - columns) / CENTRE_UNIT

@@ -33,8 +33,8 @@ WAIT = 0.5  # seconds between checks for paintings that do not exist yet
 class RecoveryData(L.LightningDataModule):
     """Crops from a pool of paintings, which separate processes keep filling.
 
-    Painting k depends on the seed, k and the paint family; the crops of a step depend on the seed, the step and the
-    paintings that exist by then.
+    Painting k is determined by the seed, k and its paint family; the crops of a step depend on the seed, the step and
+    the paintings that exist by then.
     """
 
     def __init__(
@@ -49,8 +49,8 @@ class RecoveryData(L.LightningDataModule):
     ) -> None:
         """Use paintings of ``pictures`` with numbers below ``paintings``, which ``painters`` processes make.
 
-        About half of the paintings are assigned paint families; of these, only paintings in the given ``families`` are
-        made and used. Without families, engines draw every painting.
+        If ``families`` are given, about half of all paintings have a paint family; of these, only the paintings of the
+        given families are made and used. Otherwise no painting has a family.
         """
         super().__init__()
         self.families = frozenset(families)

@@ -61,7 +61,7 @@ def error_between(true: Array, measured: Array, measure: Measure) -> Array:
 
 
 def fit_error(error: Array, predictors: Array, kinds: Array, measure: Measure) -> ErrorOfMeasure:
-    """Fit the errors (P,) of a measure with predictors (P, 2); ``kinds`` (P,) are the kinds of the paintings.
+    """Fit the errors (P,) of a measure as a function of predictors (P, 2); ``kinds`` (P,) are the paintings' kinds.
 
     The residual of each painting, its ``rest``, is its error minus the mean predicted from paintings of the other
     kinds, so it also contains the differences between kinds.

@@ -54,7 +54,7 @@ def affinity_loss(affinity: Tensor, labels: Tensor) -> Tensor:
 
 
 def occlusion_loss(occlusion: Tensor, labels: Tensor) -> Tensor:
-    """Compute the logistic loss for predicting which stroke of a pixel pair is on top, if they differ."""
+    """Compute the logistic loss for predicting which stroke is on top, over pairs of pixels in different strokes."""
     total, count = occlusion.new_zeros(()), 0
     for channel, offset in enumerate(OCCLUSION_OFFSETS):
         here, there, logit = pairs_at(labels, occlusion[:, channel], offset)
@@ -65,6 +65,6 @@ def occlusion_loss(occlusion: Tensor, labels: Tensor) -> Tensor:
 
 
 def pairs_at(labels: Tensor, logits: Tensor, offset: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:
-    """Return the labels of both pixels of each pair, and the logit of the first, for pairs inside the picture."""
+    """Return the labels of both pixels, and the logit of the first, for each pair of pixels separated by ``offset``."""
     here, there = pair_slices(labels.shape[1:], offset)
     return labels[:, *here], labels[:, *there], logits[:, *here]

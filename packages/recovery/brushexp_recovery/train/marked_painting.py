@@ -118,7 +118,7 @@ def marks_in_half(part: MarkedPart, half: int) -> MarkedPart:
 
 
 def agreement_with(parts: Sequence[MarkedPart], classifiers: Classifiers) -> float:
-    """Compute the mean intersection over union between each mark and the best region chosen in one look."""
+    """Compute the mean intersection over union between each mark and the region of one look that matches it best."""
     best = []
     for (superpixels, labels), _ in parts:
         look = join_superpixels(superpixels, classifiers)

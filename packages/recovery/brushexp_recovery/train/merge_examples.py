@@ -83,7 +83,7 @@ def pair_examples(part: SegmentedPart, tree: MergeTree, random: Random, knows_gr
 def _pairs_at(
     part: SegmentedPart, tree: MergeTree, least_chance: float, random: Random, knows_ground: bool
 ) -> Examples:
-    """Make examples of the region pairs that remain after merges with a probability of at least ``least_chance``."""
+    """Make examples of the region pairs that remain after all merges of probability ``least_chance`` or higher."""
     graph = merge_superpixels(part.superpixels, roots_at(tree, least_chance))
     stroke, share = majority(graph.region[part.superpixels.labels], part.labels, len(graph.moments))
     first, second = graph.pairs.T
@@ -101,7 +101,7 @@ def _pairs_at(
 
 
 def roots_at(tree: MergeTree, least_chance: float) -> Array:
-    """Find the root node of each superpixel (S,) after merges with a probability of at least ``least_chance``."""
+    """Find the root node of each superpixel (S,) after all merges of probability ``least_chance`` or higher."""
     roots = np.arange(len(tree.moments))
     for number in range(len(tree.children) - 1, -1, -1):
         node = tree.leaves + number
@@ -125,7 +125,7 @@ def merge_superpixels(superpixels: Superpixels, roots: Array) -> RegionGraph:
 
 
 def majority(regions: Array, labels: Array, count: int) -> tuple[Array, Array]:
-    """Find the stroke, or -1 for the ground, that covers most of each of ``count`` regions, and what fraction."""
+    """Find the stroke that covers most of each of ``count`` regions (-1: the ground), and the fraction it covers."""
     base = int(labels.max()) + 2
     key, number = np.unique(regions.ravel().astype(np.int64) * base + labels.ravel() + 1, return_counts=True)
     region, stroke = key // base, key % base - 1
@@ -138,7 +138,7 @@ def majority(regions: Array, labels: Array, count: int) -> tuple[Array, Array]:
 
 
 def node_examples(part: SegmentedPart, tree: MergeTree) -> Examples:
-    """Make examples of nodes, with their best intersection over union with a stroke and whether it is a match."""
+    """Make examples of nodes, with the best intersection over union with a stroke, and whether that is a match."""
     chosen = tree.moments[:, Moment.AREA] >= SMALLEST_REGION
     overlaps = node_overlaps(tree, part.superpixels.labels, part.labels, int(part.labels.max()) + 1)
     return examples_of_nodes(tree, chosen, overlaps.max(1, initial=0))

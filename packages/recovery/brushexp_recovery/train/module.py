@@ -19,13 +19,13 @@ SETTLED = 0.4
 
 
 class RecoveryModule(NetworkModule):
-    """Trains the network to predict maps that agree with the ground truth of paintings."""
+    """Train the network to predict maps that agree with the ground truth of paintings."""
 
     title = "learning strokes"
     clip_norm = 2.0
 
     def __init__(self, network: StrokeNetwork, lr: float, is_trained: bool = False) -> None:
-        """Train a network; if it is already trained, its batch normalisation is frozen from the first step."""
+        """Prepare to train a network; if it is already trained, freeze its batch normalisation from the first step."""
         super().__init__()
         self.network, self.lr, self.counts = network.train(), lr, Counts(0, 0, 0)
         self.settled = 0.0 if is_trained else SETTLED

@@ -34,7 +34,7 @@ class LabelledRegions(NamedTuple):
 
 
 def fit_order_and_confidence(model: RecoveryModel, paintings: Sequence[KnownPainting], seed: int) -> dict[str, float]:
-    """Fit a model's order and confidence on paintings, and return the F1 and precision of the regions found.
+    """Fit a model's order and confidence models on paintings, and return the F1 and precision of the regions found.
 
     Regions are found as `recover` finds them, in clean and weathered paintings.
     """

@@ -26,7 +26,7 @@ class PaintingPart(NamedTuple):
 
 
 def cut_part(painting: KnownPainting, is_weathered: bool, random: Random) -> PaintingPart:
-    """Crop a part of a painting that is up to `PART_SIDE` pixels wide after zooming."""
+    """Crop a square part of a painting whose side is at most `PART_SIDE` pixels after zooming."""
     zoom = TRAINED_WIDTH / typical_width(painting) * np.exp(random.normal(0, ZOOM_SPREAD))
     zoom = float(np.clip(zoom, *ZOOMS))
     height, width = painting.labels.shape

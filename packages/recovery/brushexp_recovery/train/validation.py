@@ -1,4 +1,4 @@
-"""Validate the network during training: compare regions that were merged by affinity alone with known strokes."""
+"""Validate the network during training: compare known strokes with regions that are merged by affinity alone."""
 
 from typing import Any, NamedTuple
 
@@ -41,7 +41,7 @@ class Counts(NamedTuple):
 
 
 def count_strokes(output: Tensor, crops: Crops) -> Counts:
-    """Count the strokes found in crops from their maps (B, `CHANNELS`, H, W), by merging regions with high affinity."""
+    """Count the strokes in crops that are found by merging regions of high affinity in maps (B, `CHANNELS`, H, W)."""
     total = Counts(0, 0, 0)
     images = crops.image.numpy().transpose(0, 2, 3, 1)
     for maps, image, labels in zip(output.numpy(), images, crops.labels.numpy(), strict=True):
@@ -50,7 +50,7 @@ def count_strokes(output: Tensor, crops: Crops) -> Counts:
 
 
 def _count_in(channels: Array, image: Array, labels: Array) -> Counts:
-    """Count the strokes found in a picture (H, W, 3) from its maps (`CHANNELS`, H, W)."""
+    """Count the strokes that are found in a picture (H, W, 3), given its maps (`CHANNELS`, H, W)."""
     maps = StrokeMaps(sigmoid(channels[AFFINITY]), channels[PAINT], channels[ATTRIBUTES], channels[OCCLUSION])
     superpixels = superpixels_of(maps, image)
     tree = grow_tree(superpixels, None, LEAST_AFFINITY)

@@ -30,7 +30,7 @@ def write_marks(path, *strokes, **values):
 
 
 def rows_of(*marks: tuple[int, int]) -> list[np.ndarray]:
-    """Make regions that each consist of a range of rows."""
+    """Make regions of whole rows, one for each pair of top and bottom."""
     return [np.arange(top * SIZE[1], bottom * SIZE[1]) for top, bottom in marks]
 
 

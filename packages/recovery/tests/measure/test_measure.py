@@ -1,4 +1,4 @@
-"""Test the areas, scales, intervals and comparisons of measures, also with a second photograph."""
+"""Test the areas, scales and intervals of measures, and comparisons with a second photograph."""
 
 from functools import partial
 

@@ -1,4 +1,4 @@
-"""Test that the published coverage of the intervals of measures can be computed from its record."""
+"""Test that the published coverage of the measures' intervals agrees with its record."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Test the page of recovered strokes and its files, and that the measures in a browser follow the shown strokes."""
+"""Test the page of recovered strokes and its files, and that a browser shows the measures of the displayed strokes."""
 
 import csv
 import io

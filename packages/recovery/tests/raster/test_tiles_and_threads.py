@@ -1,4 +1,4 @@
-"""Test that tiles cover a picture, that threads process items in order, and that memory is returned in time."""
+"""Test that tiles cover a picture, that threads return results in order, and that recovery returns freed memory."""
 
 import numpy as np
 import pytest

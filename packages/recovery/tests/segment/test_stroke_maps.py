@@ -24,7 +24,7 @@ from brushexp_recovery.segment.affinity_maps import predict_maps
 
 
 class Oracle(torch.nn.Module):
-    """A network that returns the true maps of a picture whose red channel is a tenth of the stroke's number."""
+    """A network that returns the true maps of a picture whose red channel is the stroke number divided by ten."""
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         labels = (x[0, 0] * 10).round().long()

@@ -1,4 +1,4 @@
-"""Test that smooth procedural marks cover their curve, that dry ones break up, and that marks are reproducible."""
+"""Test that smooth procedural marks cover their curves, that dry marks break up, and that all are reproducible."""
 
 import numpy as np
 import pytest

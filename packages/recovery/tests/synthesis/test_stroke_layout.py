@@ -1,4 +1,4 @@
-"""Test that stroke layouts are reproducible, that strokes end at edges, and that their positions keep apart."""
+"""Test that stroke layouts are reproducible, that strokes end at edges, and that positions on a grid are spaced out."""
 
 import numpy as np
 import pytest

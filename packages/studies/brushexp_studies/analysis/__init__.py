@@ -1,1 +1,1 @@
-"""Measure the brushwork in catalogues as art historians do: strokes -> measures -> summary -> tables and figures."""
+"""Measure the brushwork in catalogues as art historians do, and summarise it in tables and figures."""

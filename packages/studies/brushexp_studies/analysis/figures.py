@@ -44,7 +44,7 @@ LEVEL_HUE = math.radians(85)  # horizontal strokes are ochre, vertical strokes b
 
 
 def write_figure(path: Path, analyses: Sequence[Analysis]) -> Path:
-    """Write a PNG with each painting's strokes by direction, coherence map and rose diagram, and histograms below."""
+    """Write a PNG with a map of directions, a coherence map and a rose diagram per painting, and with histograms."""
     figure = new_figure(HEIGHT * (len(analyses) + 1))
     figure.set_dpi(PRINT_DPI)
     *parts, panels = figure.subfigures(len(analyses) + 1, 1, squeeze=False)[:, 0]
@@ -83,7 +83,7 @@ def _painting(part: SubFigure, analysis: Analysis, ink: str, largest: float) -> 
 
 
 def _coherence(axes: Axes, part: SubFigure, analysis: Analysis) -> None:
-    """Draw a map of the coherence of directions, with lines along the strokes that are longer where it is high."""
+    """Draw a map of the coherence of directions, with lines along the strokes whose length indicates the coherence."""
     colors = ListedColormap(colormaps["YlGnBu"](np.linspace(0, SCALE_SHARE, 256)))
     coherence = np.linalg.norm(coherence_map(analysis, MAP_CELLS)[1], axis=-1)
     place = (0, analysis.size[1], analysis.size[0], 0)
@@ -120,7 +120,7 @@ def _rose(axes: Any, analysis: Analysis, largest: float) -> None:
 
 
 def _histogram(axes: Axes, key: str, analyses: Sequence[Analysis]) -> None:
-    """Draw a histogram of one measure and its median, in units of the pitch if paintings are compared."""
+    """Draw a histogram and the median of one measure, in units of the pitch if paintings are compared."""
     tidy(axes)
     axes.grid(axis="x", visible=False)
     axes.yaxis.set_major_formatter("{x:g} %")
@@ -147,7 +147,7 @@ def _histogram(axes: Axes, key: str, analyses: Sequence[Analysis]) -> None:
 
 
 def _range(key: str, samples: Sequence[Array]) -> tuple[float, float]:
-    """Choose an axis range that includes all strokes except a fraction ``TAIL_SHARE`` at the long tail."""
+    """Choose an axis range that includes all strokes except a fraction ``TAIL_SHARE`` in the long tail."""
     high = MEASURES[key].high
     if high < math.inf:
         low = 0.0 if key in FULL_RANGE else min(float(np.quantile(values, TAIL_SHARE)) for values in samples)
@@ -156,7 +156,7 @@ def _range(key: str, samples: Sequence[Array]) -> tuple[float, float]:
 
 
 def direction_colors(angle: Array) -> Array:
-    """Map directions in radians to colours (N, 3), using all hues for half a turn, and grey for NaN."""
+    """Map directions in radians to colours (N, 3): half a turn runs through all hues, and NaN is grey."""
     finite, turn = np.isfinite(angle), 2 * np.nan_to_num(angle)
     lightness = LIGHTNESS + LIGHTNESS_SPAN * np.where(finite, np.cos(turn), 0.0)
     chroma = np.where(finite, CHROMA, 0.0) * np.array([np.cos(turn + LEVEL_HUE), np.sin(turn + LEVEL_HUE)])
@@ -178,8 +178,8 @@ def stroke_map(analysis: Analysis) -> NDArray[np.float32]:
 def coherence_map(analysis: Analysis, cells: int) -> tuple[Array, Array]:
     """Compute a grid of points (h, w, 2) in pixels, and the mean doubled direction (h, w, 2) of the nearest strokes.
 
-    ``cells`` is the number of points along the longer side. The length of a mean vector is the coherence. The mean is
-    NaN where fewer than ``LEAST_AROUND`` strokes are within the analysis radius.
+    ``cells`` is the number of points along the longer side. The length of a mean vector is the coherence. The vector
+    is NaN where fewer than ``LEAST_AROUND`` strokes are within the analysis radius.
     """
     height, width = analysis.size
     step = max(height, width) / cells

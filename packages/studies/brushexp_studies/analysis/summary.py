@@ -81,8 +81,8 @@ def analysis_of(
 
     Strokes are skipped if they are too faint or too thin (see `strokes.measures.is_visible` and `thinnest_of`), or if
     their visible fraction is below ``visible``. Two strokes are neighbours if they are within ``radius`` pixels of each
-    other, or within ``RADIUS_PITCHES`` pitches if ``radius`` is None. Raises UserError, which names ``option``, if no
-    stroke remains.
+    other, or within ``RADIUS_PITCHES`` pitches if ``radius`` is None. If no stroke remains, raises a UserError that
+    names ``option``.
     """
     thinnest = thinnest_of(len(saved.strokes), saved.size)
     number = is_visible(saved.strokes, thinnest / MIN_WIDTH_PITCHES).nonzero()[:, 0]
@@ -118,7 +118,7 @@ def in_units(values: Array, measure: Measure) -> Array:
 
 
 def overall_of(analysis: Analysis) -> dict[str, float | None]:
-    """Compute the whole-painting statistics listed in ``OVERALL``; undefined ones are None."""
+    """Compute the statistics of the whole painting that ``OVERALL`` lists; undefined statistics are None."""
     measures, pixels = analysis.measures, analysis.size[0] * analysis.size[1]
     angle = analysis.values("orientation")
     mean = mean_of_directions(angle) if len(angle) else None
@@ -190,12 +190,12 @@ def statistics_of(values: Array, axial: bool = False) -> dict[str, float | int |
 
 
 def mean_of_directions(angle: Array) -> complex:
-    """Return the mean of e^{2 i angle} over angles in degrees, which encodes coherence and mean direction."""
+    """Return the mean of e^{2 i angle} over directions in degrees, which encodes their coherence and mean direction."""
     return complex(np.exp(2j * np.radians(angle)).mean())
 
 
 def degrees_of(mean: complex) -> float:
-    """Return the direction, in [0, 180) degrees, that corresponds to a mean of doubled directions."""
+    """Return the direction, in [0, 180) degrees, of a mean computed by `mean_of_directions`."""
     return math.degrees(0.5 * math.atan2(mean.imag, mean.real)) % 180 % 180
 
 

@@ -101,7 +101,7 @@ def strokes_in(analysis: Analysis) -> str:
 
 
 def _statistics(analysis: Analysis) -> str:
-    """Tabulate every measure in its own unit, and lengths and areas also in pitches."""
+    """Tabulate every measure in its own unit; lengths and areas are also given in pitches."""
     rows = []
     for key, measure in MEASURES.items():
         for unit, values in {measure.unit: analysis.values(key), relative_unit(key): analysis.relative(key)}.items():

@@ -44,7 +44,7 @@ class Check:
 
 @dataclass(frozen=True)
 class Drawn:
-    """A picture (3, H, W), and the gradient of its mean squared error for each field of the strokes."""
+    """A picture (3, H, W), and the gradient of its mean squared error with respect to each field of the strokes."""
 
     image: Tensor
     gradient: Mapping[str, Tensor]
@@ -55,7 +55,7 @@ class Drawn:
 def draw(renderer: Renderer, blend: Compositor, strokes: Strokes, target: Tensor, order: Tensor | None = None) -> Drawn:
     """Draw strokes, and compute the gradients of the mean squared error between the picture and a target (3, H, W).
 
-    ``order`` (N,) lists the strokes' indices from top to bottom; None keeps their order.
+    ``order`` (N,) lists the strokes' indices from top to bottom; None means that the first stroke is on top.
     """
     size: Size = (target.shape[1], target.shape[2])
     strokes = strokes.map(lambda value: value.detach().clone().requires_grad_())
@@ -106,7 +106,7 @@ class SceneCheck:
 
 
 def check_painting(name: str, renderer: Renderer, scene: Scene, patience: float, blend: Blend, dtype: str) -> Check:
-    """Optimise a few strokes for up to ``patience`` seconds, and check that they are finite, in range and accurate."""
+    """Optimise a few strokes for up to ``patience`` seconds; check that they stay in range and are drawn accurately."""
     precise, kind, color = deepcopy(renderer).double(), DTYPES[dtype], build_named("color", scene.color, {})
     stage = Stage(name, precise if dtype == "float64" else renderer, scene.steps)
     components = standard_components(stages=[stage], blend=blend, color=color, optimizer=TorchOptim(lr=scene.rate))
@@ -132,14 +132,14 @@ def check_painting(name: str, renderer: Renderer, scene: Scene, patience: float,
 
 
 def check_of_error(error: Exception) -> Check:
-    """Classify an exception: a UserError means that the scene is refused, any other that the program is broken."""
+    """Classify an exception: a UserError means that the scene is refused; any other error means a broken program."""
     if isinstance(error, UserError):
         return Check(REFUSED, note=str(error))
     return Check(BROKEN, note=f"{type(error).__name__}: {(str(error).splitlines() or [''])[0]}")
 
 
 def compare(dtype: str, drawn: Drawn, exact: Drawn, strokes: Strokes, note: str = "") -> Check:
-    """Compare a picture and its gradients, drawn in the precision ``dtype``, with the same in float64."""
+    """Compare a picture and its gradients, computed in the precision ``dtype``, with those computed in float64."""
     bound = PICTURE_BOUNDS[dtype]
     faults = [drawn.fault, _fault("the picture", drawn.image, -bound, 1 + bound)]
     faults += [_fault(f"the gradient of {name}", gradient) for name, gradient in drawn.gradient.items()]

@@ -76,13 +76,13 @@ class Scene:
     focus: Callable[[Size], Tensor] | None = None  # (H, W), weights of pixels with mean 1
 
     def strokes(self, most: int) -> Strokes:
-        """Return at most ``most`` strokes, because a network draws a thousand times more slowly than a formula."""
+        """Return no more than ``most`` strokes, because a network draws a thousand times more slowly than a formula."""
         strokes = random_strokes(min(most, self.n), self.canvas, scale=self.scale)
         return replace(strokes, **self.change(strokes))
 
 
 def _within_one_pixel(strokes: Strokes) -> Fields:
-    """Place strokes on a canvas of 2 x 3 pixels, with opacities so low that the bottom stroke stays visible."""
+    """Place all strokes within one pixel of a 2 x 3 canvas, with opacities so low that the bottom one stays visible."""
     n, draw = len(strokes), _uniform(2)
     return {"position": torch.tensor([1.0, 0.0]) + draw(n, 2), "opacity": min(1, 10 / n) * draw(n)}
 

@@ -1,4 +1,4 @@
-"""``task=extremes``: draw and optimise extreme scenes with every renderer, blend and precision, and check each cell."""
+"""``task=extremes``: draw and optimise extreme scenes with every renderer, blend and precision; check the results."""
 
 import logging
 import time
@@ -38,7 +38,7 @@ Cell = dict[str, Any]  # kind, scene, renderer, blend, dtype, verdict, picture, 
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Check all cells, write extremes.csv and extremes.png, and raise UserError if any cell is broken."""
+    """Check all cells of the matrix, write extremes.csv and extremes.png, and raise UserError if any cell is broken."""
     L.seed_everything(cfg.seed, verbose=False)
     axes = choose_axes(renderers=cfg.renderers, blends=cfg.blends, dtypes=cfg.dtypes, scenes=cfg.scenes)
     cells = list(with_progress(examine(axes, cfg.patience), cells_in(axes), "examining cells"))
@@ -126,7 +126,7 @@ def draw_matrix(cells: Sequence[Cell], title: str, path: Path) -> None:
 
 
 def number_of(cell: Cell) -> str:
-    """Format a cell's pixel error or, if only the gradient error is out of bounds, that error marked with "g"."""
+    """Format a cell's pixel error or, if only the gradient error is out of bounds, the gradient error after a "g"."""
     if cell["picture"] is None:
         return ""
     of_gradient = cell["verdict"] == DEGRADED and cell["picture"] <= PICTURE_BOUNDS[cell["dtype"]]

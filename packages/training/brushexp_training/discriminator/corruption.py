@@ -19,8 +19,8 @@ THICKEST_INVALID = 1e3  # sides of the window, as in FIELDS
 def corrupt(valid: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
     """Corrupt each of the valid strokes (n, 7) by a randomly chosen function from `CORRUPTIONS`.
 
-    Returns the corrupted strokes; hard negatives (n, 7), in which some groups of parameters are only half as corrupted;
-    and the indices (n,) into `CORRUPTIONS`.
+    Returns the corrupted strokes (n, 7); hard negatives (n, 7), which are the same strokes with some groups of
+    parameters moved halfway back to their valid values; and the indices (n,) of the chosen functions.
     """
     kind = torch.randint(len(CORRUPTIONS), (len(valid),), generator=generator)
     shapes = valid.clone()
@@ -33,9 +33,9 @@ def corrupt(valid: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor, 
 
 
 def _boxed(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """Sample points from a larger box than that of valid strokes, up to 3000 half-windows.
+    """Sample new points in a box larger than that of valid strokes, up to 3000 half-windows from the middle.
 
-    Half of the strokes also get a width outside the valid range, up to 1000 sides of the window.
+    Half of the strokes also get a width outside the valid range, of up to 1000 sides of the window.
     """
     n = len(valid)
     points = (2 * _uniform(n, 6, generator) - 1) * _log_uniform(n, INSET, FARTHEST_INVALID, generator)
@@ -44,7 +44,7 @@ def _boxed(valid: Tensor, generator: torch.Generator) -> Tensor:
 
 
 def _enlarged(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """Enlarge a stroke until it crosses the window's border, by up to 3000 half-windows; its shape is preserved."""
+    """Enlarge a stroke until it extends up to 3000 half-windows beyond the window's border; its shape is preserved."""
     points, width = valid.split([6, 1], dim=1)
     farthest = INSET + _log_uniform(len(valid), SMALLEST_INTRUSION, FARTHEST_INVALID, generator)
     reach = farthest / points.abs().amax(1, keepdim=True)
@@ -102,7 +102,7 @@ def _shortened(valid: Tensor, generator: torch.Generator) -> Tensor:
 
 
 def _bent(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """Displace the control point in a random direction by up to many times its spread among valid strokes."""
+    """Move the control point to 0.5 to 3000 chord lengths from the middle of the chord, in a random direction."""
     start, _, end, width = valid.split([2, 2, 2, 1], dim=1)
     length = torch.linalg.vector_norm(end - start, dim=1, keepdim=True)
     angle = 2 * math.pi * _uniform(len(valid), 1, generator)

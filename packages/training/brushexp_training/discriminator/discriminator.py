@@ -1,4 +1,4 @@
-"""Penalise invalid strokes with a network that recognises valid strokes and that `discriminator_module` trains."""
+"""Penalise invalid strokes by means of a network that recognises valid strokes; `discriminator_module` trains it."""
 
 from pathlib import Path
 
@@ -29,9 +29,9 @@ STRETCH = 4.0  # factor before the inverse hyperbolic sine, which is linear with
 class Discriminator(nn.Module):
     """A network with three hidden layers that scores how valid a stroke's shape is.
 
-    The score is a logit. Because mirroring does not affect a stroke's validity, the network receives only the
-    magnitudes of coordinates and bend. All inputs are passed through asinh, so that the gradient does not vanish even a
-    thousand windows away.
+    The score is a logit. Because mirroring does not affect a stroke's validity, the network receives only the absolute
+    values of coordinates and bend. All inputs are passed through asinh, so that the gradient does not vanish even for a
+    stroke a thousand windows away.
     """
 
     threshold: Tensor  # score below which a stroke counts as invalid

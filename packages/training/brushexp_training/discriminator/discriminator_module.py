@@ -28,7 +28,7 @@ BETAS = (0.9, 0.99)  # betas of Adam
 
 
 class ShapeBatch(NamedTuple):
-    """Valid strokes as shapes (n, 7) from `discriminator.shapes_of`, and the outputs of `corrupt`."""
+    """The shapes (n, 7) of valid strokes, as from `discriminator.shapes_of`, and the outputs of `corrupt`."""
 
     valid: Tensor
     corrupted: Tensor
@@ -58,7 +58,7 @@ class DiscriminatorModule(NetworkModule):
     """Train a discriminator to distinguish valid from corrupted strokes.
 
     The loss is -log sigma(D(valid)) - log(1 - sigma(D(corrupted))) (Goodfellow et al., 2014), plus a term -log
-    sigma(D(hard) - D(corrupted)), which ensures a gradient everywhere by ranking hard negatives higher.
+    sigma(D(hard) - D(corrupted)), which ensures a gradient everywhere by ranking hard negatives above corrupted ones.
     """
 
     def __init__(self, network: Discriminator, lr: float) -> None:
@@ -119,7 +119,7 @@ def discriminator_figures(network: Discriminator, batch: ShapeBatch) -> dict[str
 
 
 def save_discriminator(network: Discriminator, path: Path, seed: int, training: dict[str, Any]) -> dict[str, object]:
-    """Set the threshold to the `THRESHOLD_QUANTILE` of valid scores, and save the network with a recipe.
+    """Set the threshold to the `THRESHOLD_QUANTILE` of the scores of valid strokes, and save the network with a recipe.
 
     Returns its figures on the test split, its hash, its number of parameters and its file size.
     """
@@ -142,7 +142,7 @@ def save_discriminator(network: Discriminator, path: Path, seed: int, training: 
 def area_under_curve(above: Tensor, below: Tensor) -> float:
     """Compute the area under the ROC curve.
 
-    This is the fraction of pairs in which the first score is higher; ties count as half.
+    This is the fraction of pairs in which the score from ``above`` is the higher one; ties count as half.
     """
     return float(mannwhitneyu(above, below, method="asymptotic").statistic) / (len(above) * len(below))
 

@@ -1,7 +1,8 @@
 """Simulate a brush's bristles by position-based dynamics (Mueller et al., 2007), in compiled code.
 
-Arrays of vertices have the shape (V, N), with one row per position along a bristle, so that loops over bristles become
-SIMD code. Lengths are in canvas units (a window is `UNITS` wide), z points up from the canvas, and a step is one frame.
+Arrays of vertices have the shape (V, N): each row holds the same vertex of all bristles, so that loops over bristles
+become SIMD code. Lengths are in units of which a window is `UNITS` wide; z points up from the canvas; the time step is
+one frame.
 """
 
 import numpy as np
@@ -39,7 +40,7 @@ def _pull(q, a, b, rest):  # type: ignore[no-untyped-def]
 
 @function
 def _straighten(q, a, stiffness):  # type: ignore[no-untyped-def]
-    """Constrain the angle at the vertices a, a + 1, a + 2 of every bristle that is bent by less than 90 degrees."""
+    """Straighten the vertices a, a + 1 and a + 2 of every bristle that is bent there by less than 90 degrees."""
     xa, ya, za = q[0, a], q[1, a], q[2, a]
     xb, yb, zb = q[0, a + 1], q[1, a + 1], q[2, a + 1]
     xc, yc, zc = q[0, a + 2], q[1, a + 2], q[2, a + 2]
@@ -72,7 +73,7 @@ def _straighten(q, a, stiffness):  # type: ignore[no-untyped-def]
 
 @function
 def _constrain(q, rest, stiffness):  # type: ignore[no-untyped-def]
-    """Apply one round of constraints; constraints within a pass have no vertices in common."""
+    """Apply one round of constraints, in passes in which no two constraints have a vertex in common."""
     for begin in range(2):
         for a in range(begin, VERTICES - 1, 2):
             _pull(q, a, a + 1, rest)
@@ -89,9 +90,9 @@ def _constrain(q, rest, stiffness):  # type: ignore[no-untyped-def]
 def move(p, velocity, before, q, roots, x, y, scale, stiffness, gravity, damping, iterations):  # type: ignore[no-untyped-def]
     """Move the brush by one frame, with its handle at (x, y, 2 scale), where ``scale`` is the radius of the brush.
 
-    Updates the positions ``p`` (3, V, N) and the ``velocity`` per frame, and leaves the old positions in ``before``;
-    ``q`` is scratch space. ``roots`` (2, N) are in brush scales; ``damping`` is the fraction of the velocity that is
-    kept.
+    Updates the positions ``p`` (3, V, N) and the ``velocity`` per frame, and stores the old positions in ``before``;
+    ``q`` is scratch space. ``roots`` (2, N) are in multiples of ``scale``; ``damping`` is the fraction of the velocity
+    that is kept.
     """
     n = roots.shape[1]
     for axis in range(3):
@@ -119,10 +120,11 @@ def move(p, velocity, before, q, roots, x, y, scale, stiffness, gravity, damping
 def settle(begin, end, scales, roots, splay, stiffness, gravity, damping, iterations, frames, approach, out):  # type: ignore[no-untyped-def]
     """Let the brushes ``begin`` to ``end`` come to rest on the canvas, with their bristles trailing behind.
 
-    Without this, a stroke would begin with a smear. The brush moves to the right by ``approach`` brush scales per frame
-    for the first half of the ``frames``, and then stops. Brushes have radii ``scales`` (B,), ``roots`` (B, 2, N),
-    ``splay`` (B, N), which is the direction in which each bristle falls, and ``stiffness`` (B, N). Positions relative
-    to the handle, in brush scales, are written to ``out`` (B, 3, V, N).
+    Without this, a stroke would begin with a smear. A brush moves to the right by ``approach`` brush radii per frame
+    for the first half of the ``frames``, and then stops. The brushes are given by their radii ``scales`` (B,), their
+    ``roots`` (B, 2, N), and the ``stiffness`` (B, N) and ``splay`` (B, N) of their bristles, where ``splay`` is the
+    direction in which a bristle falls. Positions relative to the handle, in brush radii, are written to ``out``
+    (B, 3, V, N).
     """
     for b in range(begin, end):
         scale = scales[b]

@@ -1,4 +1,4 @@
-"""Deposit the bristles' paint on the canvas, and let it flow while it is wet (compiled).
+"""Deposit the bristles' paint on the canvas, and let it flow while it is wet, in compiled code.
 
 Grids are flat row-major arrays with a margin of one cell around the canvas, so that no index is out of bounds.
 """
@@ -40,13 +40,13 @@ def _deposit(grid, side, ix, iy, fx, fy, paint, push_x, push_y):  # type: ignore
 
 @function
 def _splat(p, before, velocity, scale, opacity, drag, side, grid, area):  # type: ignore[no-untyped-def]
-    """Add up the capsules that the touching parts of all bristles sweep in one frame.
+    """Add up the splats of one frame: capsules swept by the parts of the bristles that touch the canvas.
 
-    Each capsule's paint and momentum are spread evenly along its path and distributed among the four nearest cells, so
-    that both are conserved however thin the capsule is; the source draws capsules pixel by pixel and loses paint
-    between pixels. The sums of opacity * weight and of both velocity components are added to ``grid`` (3, side * side).
-    ``area`` (4,), the top, bottom, left and right of the touched area, is updated. A row has ``side`` cells, including
-    the margin.
+    Each capsule's paint and momentum are spread evenly along its path, and at each point among the four nearest cells,
+    so that both are conserved however thin the capsule is; the source draws capsules pixel by pixel and loses paint
+    between pixels. The sums of opacity * weight and of both velocity components are added to ``grid`` (3, side * side),
+    whose rows have ``side`` cells including the margin. ``area`` (4,), which holds the top, bottom, left and right of
+    the painted area, is enlarged where necessary.
     """
     cells = F(side - 2)
     fine = cells / UNITS  # cells per unit
@@ -92,8 +92,8 @@ def _splat(p, before, velocity, scale, opacity, drag, side, grid, area):  # type
 def _widen(grid, scratch, side, area, radius):  # type: ignore[no-untyped-def]
     """Blur a frame's splats in ``grid`` (3, side * side) with a triangular kernel of ``radius`` cells along each axis.
 
-    Distributing a splat among four cells already amounts to such a kernel, of radius 1; the variances of the two
-    kernels add up. ``area`` is enlarged.
+    Distributing a splat among four cells already amounts to such a kernel of radius 1; because the variances of
+    successive kernels add up, the rest of the blur is correspondingly narrower. ``area`` is enlarged by its reach.
     """
     wide = np.sqrt(max(radius * radius - F(1), F(0)))
     reach = int(np.ceil(wide)) - 1
@@ -200,7 +200,10 @@ def _advect(state, new, side, area, fluidity):  # type: ignore[no-untyped-def]
 
 @function
 def _set_down(curve, scale, hind, pose, roots, p, turned):  # type: ignore[no-untyped-def]
-    """Place a resting brush at the start of a curve, rotated along it; write positions ``p`` and roots ``turned``."""
+    """Place a settled brush at the start of a curve, turned into the direction of the curve.
+
+    Its positions are written to ``p``, and its roots to ``turned``.
+    """
     cosine, sine = _tangent(curve, F(0))
     x, y = curve[0] + hind * cosine, curve[1] + hind * sine
     for i in range(roots.shape[1]):
@@ -214,7 +217,7 @@ def _set_down(curve, scale, hind, pose, roots, p, turned):  # type: ignore[no-un
 
 @function
 def _handle(curve, t, hind, fore):  # type: ignore[no-untyped-def]
-    """Return the handle's position at t, which is ahead of the curve by the distance that the bristles trail."""
+    """Return the handle's position at t: ahead of the curve by the distance by which the bristles trail behind it."""
     w = F(1) - t
     x = w * w * curve[0] + F(2) * t * w * curve[2] + t * t * curve[4]
     y = w * w * curve[1] + F(2) * t * w * curve[3] + t * t * curve[5]
@@ -243,15 +246,15 @@ def _tangent(curve, t):  # type: ignore[no-untyped-def]
 def draw(  # type: ignore[no-untyped-def]
     begin, end, strokes, brush, first_pose, poses, reach, roots, stiffness, physics, counts, projection, images, heights
 ):
-    """Paint the strokes ``begin`` to ``end``, each on its own canvas, into ``images`` and ``heights``.
+    """Paint strokes ``begin`` to ``end``, each on its own canvas, and write ``images`` and ``heights``.
 
-    ``images`` is (n, 4, S, S) and ``heights`` (n, S, S).
+    ``images`` is (n, 4, S, S), and ``heights`` is (n, S, S).
 
     ``strokes`` (n, 10) contains start, control and end (x and y in units), the radius of the brush, red, green and
-    blue. ``brush`` (n,) selects the brush, which has ``roots`` (., 2, N) and ``stiffness`` (., N), and ``first_pose``
-    (n,) selects its initial pose among the ``poses`` (B, 3, V, N) from `settle`. ``reach`` (B, 2) contains the
-    distances behind the handle, in brush scales, at which the hindmost and the foremost part of the brush touch the
-    canvas.
+    blue. ``brush`` (n,) is the index of each stroke's brush, whose bristles are in ``roots`` (., 2, N) and
+    ``stiffness`` (., N). ``first_pose`` (n,) is the index of its initial pose among the ``poses`` (B, 3, V, N) from
+    `settle`. For each pose, ``reach`` (B, 2) holds the distances behind the handle, in brush radii, at which the
+    hindmost and the foremost part of the brush touch the canvas.
     """
     gravity, damping, opacity, drag, fluidity, relief = physics
     frames, iterations, rounds, fine, after = counts

@@ -24,8 +24,8 @@ F = np.float32
 class Disc(Engine):
     """Paint a smooth tube of 100 discs along a Bezier curve (Learning to Paint: Huang et al., 2019, arXiv:1903.04411).
 
-    The discs are painted on a canvas of twice the resolution and averaged. Alpha, which is also the height, is the
-    fraction of a pixel that is covered. Nothing is random. As in the source, a curve much longer than the window breaks
+    The discs are painted on a canvas of twice the resolution, which is then averaged. Alpha, which is also the height,
+    is the covered fraction of a pixel. Nothing is random. As in the source, a curve much longer than the window breaks
     up into separate discs, and the last disc is at t = 0.99. Coordinates are clamped to 4 half-windows.
 
     Unlike in the source, thickness and colour are the same at both ends, the control point is absolute instead of
@@ -54,10 +54,10 @@ class Disc(Engine):
 
 @function
 def _paint(begin, end, curve, radius, alpha):  # type: ignore[no-untyped-def]
-    """Compute the fraction of each pixel that the discs of the strokes ``begin`` to ``end`` cover.
+    """Compute which fraction of each pixel the discs of a stroke cover, for the strokes ``begin`` to ``end``.
 
     The result is written to ``alpha`` (n, S, S). The points in ``curve`` (n, 6) and the ``radius`` (n,) are in pixels
-    of the canvas.
+    of the finer canvas.
     """
     side = alpha.shape[1] * SUPERSAMPLE
     for i in range(begin, end):

@@ -33,11 +33,11 @@ class Fluid(Engine):
     solver transports both, and the paint is lit according to its height. As in the source, lengths are in 256ths of the
     window, so that a stroke looks the same in windows of any size.
 
-    There are four differences from the source. Thin splats keep their amount of paint on a coarse grid. The brush turns
-    with the stroke, as it does in a hand, and begins at rest with its bristles trailing and spread in individual
-    directions. The handle is ahead of the curve by the distance that the bristles trail, so that the paint extends from
-    start to end. Colours are mixed digitally, which is exact on an empty canvas, where RGB is the colour of flat paint
-    and alpha is its coverage.
+    There are four differences from the source. Thin splats lose no paint on a coarse grid. The brush turns with the
+    stroke, as it does in a hand, and begins at rest, with its bristles trailing and each splayed in its own direction.
+    The handle is ahead of the curve by the distance by which the bristles trail, so that the paint extends from start
+    to end. Colours are mixed digitally, which is exact on an empty canvas, where RGB is the colour of flat paint and
+    alpha is its coverage.
 
     Args:
         window: side of a picture in pixels, 8 to 1024.
@@ -50,15 +50,15 @@ class Fluid(Engine):
         projection: whether the flow is kept nearly free of divergence, as in Fluid Paint but not in SPIRAL's port.
         jacobi: iterations of the pressure solver.
         fluidity: fraction of the flow's velocity that is kept from frame to frame, 0 to 1.
-        gravity: gravity on the bristles, in 256ths of the window per frame squared.
+        gravity: acceleration of the bristles towards the canvas, in 256ths of the window per frame squared.
         damping: fraction of a bristle's velocity that is kept from frame to frame, 0 to 1.
         stiffness: stiffness of the stiffest bristle, 0 to 1.
         jitter: irregularity of the bristles' positions, 0 to 1.
         iterations: number of rounds of bristle constraints per frame.
-        rest: number of frames in which the brush comes to rest before painting; it moves during the first half.
+        rest: number of frames in which the brush comes to rest before painting; it moves during the first half of them.
         approach: distance that the brush moves per frame while coming to rest, in brush radii; small values fray the
             start, and large values make strokes look combed.
-        relief: factor by which lighting scales the height of the paint; 0 makes the paint look flat.
+        relief: factor by which the height of the paint is scaled for lighting; 0 makes the paint look flat.
     """
 
     has_heights = True
@@ -115,7 +115,7 @@ class Fluid(Engine):
         return Simulated(torch.from_numpy(images), torch.from_numpy(heights))
 
     def _draw_brushes(self, seed: int) -> None:
-        """Sample the bristles' stiffness, direction of fall, and position in a jittered sunflower pattern."""
+        """Sample every bristle's stiffness, direction of fall, and position in a jittered sunflower pattern."""
         n = self.bristles
         sources = (np.random.Philox(key=np.array([seed, brush], np.uint64)) for brush in range(self.brushes))
         words = np.stack([source.random_raw(4 * n).reshape(4, n) for source in sources])
@@ -130,7 +130,7 @@ class Fluid(Engine):
         self._poses, self._reach = list[Array](), list[Array]()
 
     def _poses_for(self, brush: Array, scale: Array) -> Array:
-        """Return the index (n,) of each brush's initial pose; poses that are not known yet are simulated."""
+        """Return the indices (n,) of the brushes' initial poses; simulate those poses that are not known yet."""
         node = np.rint(np.log(scale) / math.log1p(STEP)).astype(int)
         keys = list(zip(brush.tolist(), node.tolist(), strict=True))
         fresh = [key for key in dict.fromkeys(keys) if key not in self._place]

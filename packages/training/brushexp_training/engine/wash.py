@@ -34,7 +34,7 @@ class Wash(Engine):
         film: coverage in the middle of a stroke, 0 to 1.
         rim: additional coverage at the edge of a stroke, 0 to 1.
         grain: variation in coverage caused by the paper, as a fraction of the coverage, 0 to 1.
-        wander: deviation of the outline, in half widths, 0 to 0.5.
+        wander: irregularity of the outline, in half widths, 0 to 0.5.
     """
 
     window: Annotated[int, between(8, 1024)] = 64
@@ -51,7 +51,7 @@ class Wash(Engine):
         return Simulated(torch.cat([color, alpha[:, None]], dim=1), (alpha > 0).float())
 
     def _coverage(self, parameters: Tensor, seed: int, number: int) -> Tensor:
-        """Compute the coverage (1, S, S) of one stroke (1, 10), so that the result does not depend on other strokes."""
+        """Compute the coverage (1, S, S) of a single stroke (1, 10); it thus cannot depend on the others in a batch."""
         strokes, pixel = strokes_of(parameters), torch.arange(self.window) + 0.5 - 0.5 * self.window
         points = torch.stack(torch.meshgrid(pixel, pixel, indexing="xy"), dim=-1).reshape(-1, 2)
         curve = torch.stack([strokes.start, strokes.control, strokes.end], dim=1).clamp(-FARTHEST_POINT, FARTHEST_POINT)

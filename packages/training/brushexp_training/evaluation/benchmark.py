@@ -65,7 +65,7 @@ def draw_batch(renderer: Renderer, batch: StrokeBatch, window: int) -> tuple[Ten
 def strokes_per_second(renderer: Renderer, blend: Blend, window: int, *, backward: bool) -> float:
     """Measure the painting speed in strokes per second, as the best of several repetitions.
 
-    The strokes are painted in adjacent windows; ``backward`` includes the gradients.
+    The strokes are painted in adjacent windows. With ``backward``, the time includes computing the gradients.
     """
     device, n = device_of_weights(renderer), ACROSS * DOWN
     strokes = sample_prior(n)
@@ -90,7 +90,8 @@ def strokes_per_second(renderer: Renderer, blend: Blend, window: int, *, backwar
 class ExtremeDrawings(NamedTuple):
     """Drawings of the strokes in `EXTREMES`.
 
-    The pictures are "painted", as users see them, and for networks also "bare", without ``project``.
+    In ``pictures``, the key "painted" is for pictures as users see them. Networks with ``project`` also have the key
+    "bare", for pictures drawn without it.
     """
 
     nearest: Tensor  # (n, 4, S, S), the engine's pictures of the nearest strokes in the training range
@@ -100,9 +101,9 @@ class ExtremeDrawings(NamedTuple):
 
 @torch.no_grad()
 def draw_extremes(renderer: Renderer, engine: Engine, seed: int) -> ExtremeDrawings:
-    """Draw the strokes in `EXTREMES` with the renderer, and the nearest strokes in the training range with the engine.
+    """Draw the strokes in `EXTREMES` with the renderer, and compare them with the engine's pictures.
 
-    ``seed`` determines the engine's brushes.
+    The engine draws the nearest strokes in the training range; ``seed`` determines its brushes.
     """
     chosen = [{**ORDINARY, **changes} for changes in EXTREMES.values()]
     values = {name: torch.tensor([stroke[name] for stroke in chosen]) for name in ORDINARY}

@@ -39,7 +39,7 @@ Features = Callable[[Tensor], Tensor]  # pictures (n, 3, H, W) in [0, 1] -> (n, 
 
 
 def premultiply(images: Tensor) -> Tensor:
-    """Premultiply RGBA pictures (..., 4, H, W) by alpha, which weights colour errors as paintings do."""
+    """Premultiply RGBA pictures (..., 4, H, W) by alpha, so that colour errors weigh as much as in a painting."""
     color, alpha = images.split([3, 1], dim=-3)
     return torch.cat([color * alpha, alpha], dim=-3)
 
@@ -95,11 +95,12 @@ def error_figures(sums: Tensor) -> dict[str, float]:
 
 @torch.no_grad()
 def bristle_sums(images: Tensor, truth: Tensor, parameters: Tensor) -> Tensor:
-    """Sum the energies (2, 2, 2) of pictures (n, 4, S, S); the axes are thin or thick, alpha or light, drawn or true.
+    """Sum the energy of the fine detail in pictures (n, 4, S, S) of strokes (n, 10).
 
-    The energy is that of `fine_detail` where at least a quarter of the surrounding 5 x 5 pixels is covered. The strokes
-    (n, 10) are thick if they are at least `THICK` windows wide. Light is the brightness of the paint relative to its
-    colour, weighted by the true alpha; it is 0 for strokes in which 8 bits resolve no light.
+    The axes of the result (2, 2, 2) are thin or thick strokes, alpha or light, and drawn or true pictures. The energy
+    is the square of `fine_detail` where more than a quarter of the surrounding 5 x 5 pixels is covered. A stroke is
+    thick if it is at least `THICK` windows wide. Light is the brightness of the paint relative to the stroke's colour,
+    weighted by the true alpha; it is 0 for strokes whose light is too faint for 8 bits.
     """
     paint, plain = truth[:, 3:], 0.5 * (parameters[:, 7:, None, None] + 1)
     inside = functional.avg_pool2d(paint, 5, 1, 2) > INSIDE
@@ -125,7 +126,7 @@ def bristle_figures(energies: Tensor) -> dict[str, float]:
 
 
 class FeatureDistance:
-    """FID and KID between drawn and true strokes over white, with ``count`` features for each picture.
+    """FID and KID between drawn and true strokes on white, computed from ``count`` features of each picture.
 
     FID is the Frechet distance between two normal distributions of features (Heusel et al., 2017, arXiv:1706.08500).
     KID is the squared maximum mean discrepancy with the cubic kernel (Binkowski et al., 2018, arXiv:1801.01401), here
@@ -251,7 +252,7 @@ def stroke_sheet(images: Tensor, columns: int) -> Tensor:
 
 
 class HeldOutSheet(L.Callback):
-    """Draw held-out strokes next to the true strokes at every validation.
+    """Show held-out strokes as drawn by the network next to the true ones, on a sheet for every validation.
 
     The sheets are written to validation.png and pictures/epoch_XXX.png.
     """

@@ -117,14 +117,14 @@ class MovingAverage(WeightAveraging):
 
 
 class Stopwatch(Timer):
-    """Time a training run, and end it at its time limit.
+    """Time a training run, and end it at the limit ``minutes``.
 
-    This is a subclass because a Trainer accepts only one callback of each class.
+    This is a subclass because a Trainer accepts only one callback of each class, and ``trainer.max_time`` adds a Timer.
     """
 
 
 def _check_validations(options: DictConfig, batches: int) -> None:
-    """Raise UserError if the number of batches between validations is larger than an epoch."""
+    """Raise UserError if an epoch has fewer batches than the interval between validations."""
     limit, interval = options.limit_train_batches, options.val_check_interval
     if limit is not None:
         batches = min(batches, limit) if isinstance(limit, int) else int(limit * batches)
@@ -171,7 +171,7 @@ def fit_network(
 def renderer_settings(cfg: DictConfig) -> RendererSettings:
     """Collect the settings for training a renderer.
 
-    Configs for fine-tuning have no critic settings, so that the critic is off.
+    Configs for fine-tuning have no settings for a critic, so the critic stays off.
     """
     names = ("lr", "detail", "tone", "critic", "critic_lr", "critic_weight", "critic_width")
     return RendererSettings(**{name: cfg[name] for name in names if name in cfg})
@@ -197,7 +197,7 @@ def save_renderer(
     """Write a trained renderer with its recipe, and return the hash of its weights.
 
     ``options`` override the renderer's options in the config; options that are null in the config are taken from the
-    checkpoint from which training started. ``training`` is added to the training settings in the recipe.
+    checkpoint from which the training started. ``training`` is added to the training settings in the recipe.
     """
     chosen: Any = OmegaConf.to_container(cfg.renderer, resolve=True, enum_to_str=True)
     checkpoint = cfg.renderer.get("checkpoint")

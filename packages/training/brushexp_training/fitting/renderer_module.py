@@ -90,8 +90,9 @@ class Critic(nn.Module):
 class RendererModule(NetworkModule):
     """Train a renderer to reproduce the true pictures of strokes; see `evaluation.squared_error`.
 
-    Lightning manages only the renderer's optimiser, so that its steps are ``global_step``; the critic's step is taken
-    within ``training_step``. Raises UserError if the renderer has no weights, or if its windows have a different size.
+    Lightning manages only the renderer's optimiser, so that ``global_step`` counts its steps alone; the critic's step
+    is taken within ``training_step``. Raises UserError if the renderer has no weights, or if the side of its windows is
+    not ``window``.
     """
 
     clip_norm = 1.0
@@ -143,7 +144,7 @@ class RendererModule(NetworkModule):
         self._sums = torch.zeros(5, dtype=torch.float64)
 
     def validation_step(self, batch: StrokeBatch, batch_idx: int) -> Tensor:
-        """Draw the pictures (B, 4, S, S) of a batch for callbacks, in 32-bit precision as in painting."""
+        """Draw the pictures (B, 4, S, S) of a batch in 32-bit precision, as in painting, for use by callbacks."""
         with torch.autocast(self.device.type, enabled=False):
             drawn = window_pictures(self.renderer, batch.parameters, self.window, batch.number)
         self._sums += error_sums(drawn, batch.images)
@@ -190,9 +191,9 @@ class RendererModule(NetworkModule):
             self.critic_optimizer.step()
 
     def _ask_critic(self, critic: Critic, drawn: Tensor, truth: Tensor, error: Tensor) -> tuple[Tensor, Tensor]:
-        """Compute the renderer's adversarial loss, and the combined gradient with respect to the pictures.
+        """Compute the renderer's adversarial loss, and a gradient with respect to the pictures.
 
-        The gradient combines the reconstruction error with the critic's loss.
+        The gradient is that of the reconstruction ``error`` combined with that of the adversarial loss by `balance`.
         """
         critic.requires_grad_(False)
         loss = relativistic_loss(critic(drawn), critic(truth))

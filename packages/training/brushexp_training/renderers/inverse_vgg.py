@@ -64,15 +64,14 @@ class InverseVGG(PatchRenderer):
             training step, but is the same for every stroke in painting. Unlike in the source, all channels share one
             plane.
         activation: activation after every layer but the last: relu, leaky_relu, elu, gelu or silu.
-        normalisation: normalisation of every convolution but the last: none, or over batch, group (of channels) or
-            instance.
+        normalisation: normalisation after every convolution but the last: none, batch, group (of channels) or instance.
         upsampling: upsampling between sizes: nearest, bilinear, or pixel_shuffle, which is learned.
         channels: widths of all layers but the last, as left by task=prune: dense layers, coarsest picture, and every
             convolution; null = from the checkpoint, or otherwise from width, widest and dense.
         precision: precision of the network in painting; bfloat16 is faster on GPUs and on CPUs that support it (AVX-512
             BF16, AMX). Training has a separate precision.
-        project: whether strokes are moved into the training range before they are drawn; false shows the output
-            outside the range.
+        project: whether strokes are moved into the training range before they are drawn; false shows what the network
+            draws outside the range.
         checkpoint: trained weights: a .safetensors file from task=train, or the name of shipped weights; null = random
             weights, for training.
     """
@@ -154,7 +153,10 @@ class InverseVGG(PatchRenderer):
         return [*dense, self.first.channels, *(len(layer.convolution.weight) for layer in self.convolving)]  # type: ignore[arg-type, union-attr]
 
     def _planes(self, parameters: Tensor, side: int) -> Tensor | None:
-        """Return the coordinate planes (n or 1, ., side, side); at the finest size, those of the picture, folded."""
+        """Return the coordinate planes (n or 1, ., side, side), or None if the network receives none.
+
+        At the finest size, the stroke's planes are computed at the picture's resolution and folded.
+        """
         if self.coordconv == "stroke":
             zoom = self.subpixel if side * self.subpixel == self.window else 1
             return stroke_planes(parameters, side * zoom, zoom)
@@ -223,8 +225,8 @@ def stroke_planes(parameters: Tensor, side: int, zoom: int = 1) -> Tensor:
 
     The planes contain the coordinate along the chord from -1 (start) to 1 (end), the coordinate across it in half
     widths, the distance beyond an end in half widths, and waves across the stroke, which fade away from it. The curve
-    is approximated by a parabola over its chord, with a first-order correction for an asymmetric control point. Valid
-    strokes deviate little from this approximation, the network corrects the remaining error, and no search is needed.
+    is approximated by a parabola over its chord, with a first-order correction for an asymmetric control point. This
+    avoids a search for nearest points; valid strokes deviate little from it, and the network corrects the rest.
     """
     line = (torch.arange(side, device=parameters.device, dtype=parameters.dtype) + 0.5) * (2 / side) - 1
     line = line.reshape(-1, zoom).T  # (z, side / z)

@@ -39,12 +39,12 @@ class Neural(Renderer):
     """A network, trained on simulated strokes, that draws a texture along and across every stroke.
 
     Streaks follow a stroke, and the brush turns with it. The network therefore does not draw a picture of the window,
-    as in the thesis (`inverse_vgg`), but a texture in the stroke's coordinates. It is a smooth function of length,
-    bend, thickness, direction and colour (for the light), and of the brush in the data set, represented by a learned
-    code and by learned maps at every size of the texture. Kernels sample the texture at the canvas pixels, so that a
-    stroke is as sharp as its texture at any picture size. The colour of a texel is the stroke's colour, mixed with
-    white or black. During painting, the texture follows the stroke, but gradients treat it as constant and flow through
-    the texture coordinates, which matter far more.
+    as in the thesis (`inverse_vgg`), but a texture in the stroke's coordinates. The texture is a smooth function of the
+    stroke's length, bend, thickness, direction and colour (for the light); it also depends on the brush in the data
+    set, which is represented by a learned code and by learned maps at every size of the texture. Kernels sample the
+    texture at the canvas pixels, so that a stroke is as sharp as its texture at any picture size. The colour of a texel
+    is the stroke's colour, mixed with white or black. During painting, the texture is redrawn as the stroke changes,
+    but gradients treat it as constant and flow through the texture coordinates, which matter far more.
 
     Args:
         window: side in pixels of the training pictures; textures are averaged for strokes with smaller windows.
@@ -55,8 +55,8 @@ class Neural(Renderer):
             many.
         stages: number of doublings of the texture before the last; with 2, a texture has 32 texels across a stroke and
             64 along it.
-        project: whether the network receives the nearest stroke in its training range; false shows its output for
-            other strokes.
+        project: whether a stroke outside the training range is replaced by the nearest one inside it; false shows what
+            the network draws outside the range.
         precision: precision of the network in painting: float32, bfloat16, or auto, which is bfloat16 on CPUs that
             support it (AVX-512 BF16, AMX) and are twice as fast with it; textures always have 8 bits. Training has a
             separate precision.
@@ -120,7 +120,10 @@ class Neural(Renderer):
         )
 
     def textures(self, parameters: Tensor, brush: Tensor) -> Tensor:
-        """Draw opacity in [0, 1] and tone in [-1, 1] (n, 2, rows, columns) for strokes (n, 10) of ``brush`` (n,)."""
+        """Draw textures (n, 2, rows, columns), opacity in [0, 1] and tone in [-1, 1], for strokes (n, 10).
+
+        ``brush`` (n,) holds the number of each stroke's brush.
+        """
         weight = self.last.weight
         shapes = shape_numbers(parameters).to(weight.dtype)
         chunks = zip(shapes.split(CHUNK), brush.split(CHUNK), strict=True) if len(shapes) else ()

@@ -16,12 +16,12 @@ MULTIPLE = 8  # widths stay multiples of this number of channels, which CPUs com
 
 
 def prune(renderer: InverseVGG, ratio: float, batches: Iterable[StrokeBatch]) -> InverseVGG:
-    """Copy a network without the fraction ``ratio`` of each layer's channels that affects its pictures least.
+    """Copy a network, leaving out those channels of each layer that affect its pictures least.
 
-    The remaining widths are rounded to multiples of `MULTIPLE`. torch-pruning (Fang et al., 2023, arXiv:2301.12900)
-    groups channels that are used together, and ranks them by the first-order change in the loss on ``batches`` if their
-    weights were set to 0 (Molchanov et al., 2019, arXiv:1906.10771). Raises UserError if torch-pruning is not
-    installed, or if channels cannot be removed separately.
+    ``ratio`` is the fraction of channels left out; the remaining widths are rounded to multiples of `MULTIPLE`.
+    torch-pruning (Fang et al., 2023, arXiv:2301.12900) groups channels that are used together, and ranks them by how
+    much, to first order, the loss on ``batches`` would change if their weights were set to 0 (Molchanov et al., 2019,
+    arXiv:1906.10771). Raises UserError if torch-pruning is not installed, or if channels cannot be removed separately.
     """
     try:
         import torch_pruning  # noqa: PLC0415  (an extra)

@@ -31,7 +31,7 @@ class StrokeBatch(NamedTuple):
 
 
 class StrokeLoader:
-    """Iterate over the ``length`` batches of each epoch, which ``batches(epoch, first batch)`` yields."""
+    """Iterate over one epoch after another, each of ``length`` batches from ``batches(epoch, first batch)``."""
 
     def __init__(self, batches: Callable[[int, int], Iterator[Any]], length: int) -> None:
         self.batches, self.length = batches, length
@@ -51,7 +51,7 @@ class StrokeLoader:
         return {"epoch": self.position[0], "batch": self.position[1]}
 
     def load_state_dict(self, state: dict[str, int]) -> None:
-        """Continue after the last batch that was yielded."""
+        """Make the next iteration start after the last batch that was yielded."""
         epoch, batch = state["epoch"], state["batch"]
         self.next = self.position = (epoch, batch) if batch < self.length else (epoch + 1, 0)
 
@@ -200,9 +200,9 @@ def require_compatible(sets: Sequence[StrokeSet]) -> None:
 
 
 def shuffle_groups(places: Numbers, blocks: Numbers, random: np.random.Generator) -> list[Numbers]:
-    """Shuffle positions (n,) in groups of whole blocks.
+    """Shuffle the positions (n,) of strokes, and return them in groups of `GROUP` whole blocks.
 
-    The order of the blocks is shuffled first, then the positions within each group.
+    First the order of the blocks is shuffled, then the positions within each group.
     """
     parts = np.split(places, 1 + np.flatnonzero(np.diff(blocks)))
     order = random.permutation(len(parts))

@@ -47,7 +47,7 @@ Numbers = NDArray[np.int64]
 
 
 class Split(Enum):
-    """The part of a set to which a stroke belongs; values are remainders of the block number."""
+    """The part of a set to which a stroke belongs; its value is the block number modulo `PERIOD`, clipped at 2."""
 
     TEST = 0
     VALIDATION = 1
@@ -84,7 +84,7 @@ def origin_of(node: DictConfig, engine: Engine) -> Origin:
 
 
 def first_difference(first: dict[str, object], second: dict[str, object]) -> tuple[str, str] | None:
-    """Return the first setting that differs, as ``key=value`` for each side, or None if all settings agree."""
+    """Return the first setting in which the two sides differ, as ``key=value`` of each, or None if they agree."""
     for key in first | second:
         one, other = (f"{key}={side[key]}" if key in side else f"no {key}" for side in (first, second))
         if one != other:
@@ -177,7 +177,7 @@ class StrokeSet:
 
 
 def pictures_of(shards: Sequence[Shard], places: Numbers) -> Bytes:
-    """Read the images (n, S, S, 4) of strokes, which are numbered consecutively across all shards, block by block."""
+    """Read the images (n, S, S, 4) of the strokes at ``places``, which are counted through all shards."""
     starts = np.cumsum([0, *map(len, shards)])
     owner = np.searchsorted(starts, places, side="right") - 1
     pictures = np.empty((len(places), *shards[0].images.shape[1:]), np.uint8)

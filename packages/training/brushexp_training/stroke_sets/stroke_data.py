@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 def stroke_data(cfg: DictConfig) -> StrokeData:
     """Open the sets in ``data``.
 
-    Without ``data``, a set is simulated first, or strokes are simulated on demand.
+    Without ``data``, a set of ``simulate`` strokes is simulated first; if this is null, strokes come on demand.
     """
     batch_size, paths = cfg.get("batch_size", BATCH_STROKES), [Path(path) for path in cfg.data or ()]
     if not paths:
@@ -81,7 +81,7 @@ def origin_for(cfg: DictConfig) -> tuple[Origin, list[int]]:
 def engine_node(cfg: DictConfig) -> DictConfig:
     """Return the config node of the engine.
 
-    Options that the user has not set are taken from the training of the renderer that is measured.
+    Options that the user has not set are those with which the training strokes of the measured renderer were made.
     """
     plugin, (trained, _) = plugin_of(cfg.engine), training_of(cfg)
     if trained is None or trained.engine != plugin.name:

@@ -25,7 +25,7 @@ def sheet_of_strokes(renderers: dict[str, Renderer], batch: StrokeBatch, origin:
 
 
 def sheet_of_extremes(name: str, engine: str, drawings: ExtremeDrawings) -> Image.Image:
-    """Draw a sheet of strokes outside the training range, below the nearest strokes within it."""
+    """Draw a sheet of strokes outside the training range, below the engine's pictures of the nearest strokes in it."""
     kinds = {f"{engine}, nearest": drawings.nearest} | {f"{name}, {kind}": p for kind, p in drawings.pictures.items()}
     labels: list[tuple[str, ...]] = [(label,) for label in EXTREMES]
     side = ZOOM * drawings.nearest.shape[-1]

@@ -80,7 +80,7 @@ def carry_out(
     trained: InverseVGG,
     ratio: float,
 ) -> tuple[Row, Renderer]:
-    """Prune a copy by ``ratio``, fine-tune it, measure it on ``n`` strokes, and write its checkpoint."""
+    """Prune a copy of ``trained`` by ``ratio``, fine-tune it, measure it on ``n`` strokes, and write its checkpoint."""
     name, path = f"{100 * ratio:g}", whole / f"{plugin_of(cfg.renderer).name}_{100 * ratio:g}.safetensors"
     folder, window, device = whole / f"ratio_{name}", data.origin.window, device_of_weights(trained)
     folder.mkdir(exist_ok=True)

@@ -30,10 +30,10 @@ FACES_APART = 0.5  # distance of two faces above which they are different, in si
 def find_faces(picture: Tensor, least: float = LEAST_SCORE) -> list[Face]:
     """Detect the faces in a picture (3, H, W), sRGB in [0, 1], in order of decreasing confidence.
 
-    It detects frontal faces and profiles from a size of about 16 pixels, tilted by up to 45 degrees and more. The
-    picture is searched at several sizes and rotated in both directions. A face must be detected at least twice unless
-    its score is very high; ``least`` is the score that it needs in any case. Of several candidates for a face, the best
-    is kept.
+    It detects frontal faces and profiles from a size of about 16 pixels, even if they are tilted by 45 degrees or more.
+    The picture is searched at several sizes, upright and rotated in both directions. A face must be detected at least
+    twice unless its score is very high; ``least`` is the score that it needs in any case. Of several candidates for a
+    face, the best is kept.
     """
     return faces_among(search(picture, min(least, SEEN_AGAIN_SCORE)), least)
 
@@ -106,7 +106,10 @@ def is_at_one_place(one: Face, other: Face) -> bool:
 
 @torch.no_grad()
 def _search(picture: Tensor, zoom: float, tilt: float, least: float) -> list[Face]:
-    """Search a picture (3, h, w) rotated by ``tilt``; return faces in pixels of the picture enlarged by ``zoom``."""
+    """Rotate a picture (3, h, w) by ``tilt`` radians, and search it for faces.
+
+    The faces are given in pixels of the upright picture, enlarged by ``zoom``.
+    """
     candidates: Candidates = open_network()(rotate(picture, tilt))
     height, width = picture.shape[1:]
     found = []

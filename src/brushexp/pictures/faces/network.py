@@ -31,7 +31,7 @@ class Candidates:
 
 
 class YuNet(nn.Module):
-    """Detector of upright faces of about 10 to 300 pixels and their eyes, nose and corners of the mouth.
+    """Detects upright faces of about 10 to 300 pixels, with the eyes, the nose and the corners of the mouth.
 
     Source: Wu, Peng and Yu (2023), "YuNet: a tiny millisecond-level face detector"; the weights are those of March 2023
     in OpenCV's model zoo, with batch norms folded into the convolutions (docs/decisions/027-faces.md).

@@ -51,7 +51,7 @@ class Blend(ABC):
     def importance(
         self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor, target: Tensor, weight: Tensor
     ) -> Tensor | None:
-        """Compute how much (N,) the squared error increases without each stroke; None if there is no fast method.
+        """Compute the increase (N,) in squared error if each stroke is removed; None if there is no fast method.
 
         The arguments are the same as those of ``__call__``; ``weight`` (H, W) weights the error at each pixel.
         """

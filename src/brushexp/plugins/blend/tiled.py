@@ -1,4 +1,4 @@
-"""Blend the visible strokes of each tile; the default."""
+"""Blend only the visible strokes of each tile; this blend is the default."""
 
 import logging
 from collections.abc import Callable
@@ -33,8 +33,8 @@ class Tiled(Blend):
     """Blends the strokes that touch each 8 x 8 tile, front to back, in one fused kernel; exact except for ``opaque``.
 
     Args:
-        opaque: transmitted fraction of light at which deeper strokes are skipped, once no pixel of a tile transmits
-            more; it also bounds the change of the picture. 0 skips none.
+        opaque: fraction of the light; once no pixel of a tile transmits more than this, deeper strokes are skipped. It
+            is also the largest possible change of the picture. 0 skips no strokes.
         kernel: numba (compiled, float32, CPU), triton (compiled, float32, CUDA), torch (any device and dtype, slower),
             or auto (the device's compiled kernel if there is one).
     """
@@ -67,7 +67,7 @@ class Tiled(Blend):
     def _rasterizer(
         self, layers: Layers, front_to_back: Tensor, size: Size, background: Tensor
     ) -> tuple[Rasterizer | None, tuple[Tensor, ...]]:
-        """Return the rasteriser and the tensors it can differentiate; it is None if PyTorch has to draw."""
+        """Return the rasteriser, or None if PyTorch has to draw, and the tensors that the rasteriser differentiates."""
         device, single = layers.color.device.type, layers.color.dtype == torch.float32
         kernel = {"cpu": "numba", "cuda": "triton"}.get(device, "torch") if self.kernel == "auto" else self.kernel
         draw = _drawer(kernel) if single and (kernel != "numba" or device == "cpu") else None

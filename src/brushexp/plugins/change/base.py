@@ -95,15 +95,15 @@ class Change:
         return order
 
     def begin(self, strokes: Strokes, state: PaintingState) -> Strokes:
-        """Return the changed N initial strokes."""
+        """Return the N initial strokes after this change."""
         return strokes
 
     def aim(self, target: Tensor, ground: Tensor, state: PaintingState) -> tuple[Tensor, Tensor]:
-        """Return the target (3, H, W) and the ground (3,) of the next step; return the same tensors for no change."""
+        """Return the target (3, H, W) and the ground (3,) of the next step; if unchanged, return the same tensors."""
         return target, ground
 
     def limit(self, strokes: Strokes, before: Strokes | None, rows: Tensor | None, state: PaintingState) -> Strokes:
-        """Clamp A strokes, those with indices ``rows`` (A,) among all N, to limits; ``rows`` is None for all strokes.
+        """Clamp to limits the A strokes whose indices among all N are ``rows`` (A,), or all strokes if this is None.
 
         ``before`` holds the same strokes before the step; it is None if there was no step. Strokes that are already
         within the limits may change only by rounding.

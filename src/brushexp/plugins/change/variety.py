@@ -42,7 +42,7 @@ PALE, PALE_SLOPE = 85.0, 0.05  # L* above which colours vary less, and the decre
 class Variety(Change):
     """Varies the colour of each finished stroke ("broken colour"), warmer in the light and cooler in the shade.
 
-    Goals such as psnr= apply to the steps; this change lowers the PSNR somewhat afterwards.
+    Goals such as psnr= refer to the picture before this change, which lowers the PSNR somewhat.
 
     Args:
         amount: variation from the best-fitting colour towards warm and cool, 0 to 1.
@@ -126,13 +126,13 @@ def _sample_places(strokes: Strokes, state: PaintingState) -> Places:
 
 
 def _share_by_width(strokes: Strokes) -> np.ndarray:
-    """Compute the strength (N,) of the variation from the stroke width: full for broad strokes, least for details."""
+    """Compute the strength (N,) of the variation from the stroke widths: 1 for broad strokes, less for details."""
     width = half_width_of(strokes).double().cpu().numpy()
     return np.asarray((width / np.quantile(width, BROAD).clip(1e-9)).clip(SMALLEST_SHARE, 1))
 
 
 def _share_by_lightness(lightness: np.ndarray) -> np.ndarray:
-    """Compute the strength (N,) of the variation from L* (N,): least for near-black and near-white colours."""
+    """Compute the strength (N,) of the variation from L* (N,); it is least for near-black and near-white colours."""
     return np.asarray((lightness / DARK).clip(DARKEST_SHARE, 1) * (1 - PALE_SLOPE * (lightness - PALE).clip(0, 10)))
 
 

@@ -9,10 +9,10 @@ from torch import Tensor
 class ColorSpace(ABC):
     """A colour space for compositing paint: out = sum_n a_n c_n prod_{i above n} (1 - a_i) in each channel.
 
-    Stroke colours are encoded as C channels, and the finished picture is decoded from them; all computations in between
-    are the same in every space. In each channel, black is 0 and white is 1, so a colour can be mixed with white or
-    black, as in textured strokes, in every space. Both functions are differentiable and inverses of each other, so that
-    opaque paint keeps its colour.
+    Stroke colours are encoded as C channels, paint is mixed in these channels, and the finished picture is decoded from
+    them; the mixing is the same in every space. In each channel, black is 0 and white is 1, so that every space can mix
+    a colour with white or black, as textured strokes require. Encoding and decoding are differentiable and inverses of
+    each other, so that opaque paint keeps its colour.
 
     >>> import torch
     >>> class Squared(ColorSpace):

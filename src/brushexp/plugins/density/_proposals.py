@@ -99,7 +99,7 @@ def patches_of(target: Array, error: Array, weight: Array, most: int, least: flo
 
 
 def _spans(length: int, extent: int, stride: int) -> tuple[Array, Array]:
-    """Compute the starts and ends, in pixels, of spans of this ``length`` at each ``stride``, cropped to ``extent``."""
+    """Compute the starts and ends of spans, ``length`` pixels long and ``stride`` apart, cropped to ``extent``."""
     first = np.arange(0, extent, stride) - length // 2
     return first.clip(0), (first + length).clip(max=extent)
 

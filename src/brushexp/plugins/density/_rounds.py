@@ -19,7 +19,7 @@ TOP = 0.3  # share of the rounds after which the surplus of strokes is largest
 
 @dataclass(kw_only=True)
 class Rounds(Density):
-    """Starts with fewer strokes; each round removes useless strokes, adds new ones and replaces the weakest.
+    """Starts with some of the strokes; each round removes useless strokes, adds new ones and replaces the weakest.
 
     A stroke is useless if its removal increases the squared error no more than an error of ``tolerance`` at a single
     pixel would. With a ``surplus``, the number of strokes temporarily exceeds the final number, and later rounds remove
@@ -38,13 +38,14 @@ class Rounds(Density):
 
     @abstractmethod
     def replacements(self, state: DensificationState, missing: int, weakest: Tensor) -> tuple[Strokes, int]:
-        """Return new strokes, at most ``missing`` plus the number replaced, and how many of the weakest are replaced.
+        """Return new strokes, and how many of the weakest strokes they replace.
 
-        ``weakest`` (M,) holds the importance of the strokes that may be replaced, least important first.
+        There may be up to ``missing`` more new strokes than replaced ones. ``weakest`` (M,) holds the importance of the
+        strokes that may be replaced, least important first.
         """
 
     def is_good_enough(self, state: DensificationState) -> bool:
-        """Return whether to skip a round, because the picture is already good enough."""
+        """Return whether the picture is already so good that a round can be skipped."""
         return False
 
     def first(self, budget: int, steps: int) -> int:

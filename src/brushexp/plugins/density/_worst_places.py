@@ -17,7 +17,7 @@ STRUCTURE = 1.5  # pixels over which the direction of the picture is measured
 
 
 def new_strokes(state: DensificationState, n: int, size: float, tolerance: float) -> Strokes:
-    """Create up to ``n`` strokes where the error is largest, in descending order, at most one in each lattice cell.
+    """Create up to ``n`` strokes where the error is largest, worst place first, at most one in each lattice cell.
 
     The strokes have the target's colour and follow its edges; ``size`` and ``tolerance`` are the options of
     density=adaptive.

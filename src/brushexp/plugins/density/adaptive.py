@@ -18,7 +18,7 @@ MIN_PITCHES = 1e-3  # smallest size of a new stroke, in pitches
 @register("density", "adaptive")
 @dataclass(kw_only=True)
 class Adaptive(Rounds):
-    """Starts with fewer strokes, adds small strokes where the error is largest, and moves unimportant strokes there.
+    """Starts with some of the strokes, adds small ones where the error is largest, and moves unimportant ones there.
 
     Each round removes hidden strokes and the strokes whose removal increases the squared error least, and adds new
     strokes where the error is largest, in the picture's colour and along its edges.

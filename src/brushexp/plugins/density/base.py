@@ -12,10 +12,10 @@ from brushexp.strokes.catalogue import Strokes
 
 @dataclass(frozen=True)
 class DensificationState:
-    """The whole painting after a step; pictures, strokes and importance refer to ``zoom`` times its size.
+    """The whole painting after a step; its picture, strokes and importance are given at ``zoom`` times its full size.
 
-    ``importance()`` returns, for each stroke (N,), the increase in squared error if it is removed, summed over pixels
-    and channels and weighted by the focus. The call takes about as long as five steps.
+    ``importance()`` returns the increase (N,) in squared error if each stroke is removed, summed over pixels and
+    channels and weighted by the focus. The call takes about as long as five steps.
     """
 
     image: Tensor  # (3, H, W) as last painted, display-referred RGB in [0, 1]
@@ -70,14 +70,14 @@ class Density(ABC):
         return budget
 
     def idle_reason(self, steps: int) -> str:
-        """Explain why the policy adds and removes no strokes in ``steps`` steps; "" if it does.
+        """Explain why the policy neither adds nor removes strokes in ``steps`` steps; "" if it does so.
 
         The text continues a sentence that begins with the policy's name.
         """
         return ""
 
     def zoom(self, n: int, size: tuple[int, int], psnr: float | None) -> float:
-        """Choose the size of the picture, relative to a canvas of ``size`` (H, W), for the next step of ``n`` strokes.
+        """Choose the size of the picture in the next step, relative to a canvas of ``size`` (H, W) with ``n`` strokes.
 
         ``psnr`` is the PSNR to reach in dB, or None.
         """

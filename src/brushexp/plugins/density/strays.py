@@ -24,9 +24,10 @@ MIN_COHERENCE = 0.5  # shortest mean direction of the neighbours; ten random dir
 class Strays(Density):
     """Removes hairlines, strokes that cross all their neighbours, and isolated marks that the picture hardly needs.
 
-    This happens once, before the last steps, which then close the gaps. A stroke is hardly needed if its removal
-    increases the squared error little, relative to its area. An isolated mark, such as a spot or a tick, stays if it is
-    in the focus, or if the picture itself differs from its surroundings there. Strokes that draw eyes and mouths stay.
+    Strokes are removed only once, and the remaining steps then close the gaps. A stroke is hardly needed if its removal
+    increases the squared error only a little, relative to its area. An isolated mark, such as a spot or a tick, stays
+    if it is in the focus, or if the picture also stands out from its surroundings there. Strokes that draw eyes and
+    mouths stay, too.
 
     Args:
         after: fraction of the steps after which strays are removed.

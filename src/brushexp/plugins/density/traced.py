@@ -36,11 +36,11 @@ Array = np.ndarray
 @register("density", "traced")
 @dataclass(kw_only=True)
 class Traced(Rounds):
-    """Starts with fewer strokes, and adds long strokes that remove most of the error, replacing the least important.
+    """Starts with some of the strokes, and adds long ones that remove most of the error.
 
     From each peak of the error, a line is extended in both directions along the picture's edges as far as this lowers
-    the error; its colour is fitted by least squares. The gain is known before the line is painted, so a stroke is
-    replaced only if the gain outweighs its importance.
+    the error; its colour is fitted by least squares. The gain is known before the line is painted, so one of the least
+    important strokes is replaced by the line only if the gain outweighs the importance of that stroke.
 
     Source: Dual Parameterization (Liu et al., 2026), which traces polylines through the residual from the peaks of its
     worst eighth. Unlike in the source, lines of three widths are traced at once, each in a picture downsampled until
@@ -70,7 +70,7 @@ class Traced(Rounds):
 
 @dataclass(frozen=True)
 class Lines:
-    """M lines, in pixels, each with the amount by which it would lower the squared error if it were painted on top."""
+    """M lines, in pixels, each with its gain: the decrease in squared error if it were painted on top."""
 
     points: Array  # (M, 2 * POINTS + 1, 2), on both sides of the seed
     used: Array  # (M, 2 * POINTS + 1) bool, the points that the line includes

@@ -223,7 +223,7 @@ class Worth(Density):
         return DensificationUpdate(keep, Strokes.none(state.strokes.position))
 
     def conclude(self, state: DensificationState) -> None:
-        """Measure the worth of the least important strokes and the gain from a hundred more strokes."""
+        """Measure what the least important strokes are worth, and what a hundred more strokes would gain."""
         n, values = len(state.strokes), state.target.numel()
         mean, ranked = _mean_error(state), state.importance().clamp_min(0).sort().values.cumsum(0)
         _, gain = proposals(state, HUNDRED, 0.0)
@@ -311,6 +311,6 @@ def _worth_more(importance: Tensor, price: float) -> Tensor:
 
 
 def _as_many_as_gain(missing: float, new: Strokes, gain: Tensor) -> tuple[Strokes, Tensor]:
-    """Select the first proposals, until their gains add up to ``missing`` or no proposals are left."""
+    """Select proposals in order until their gains add up to ``missing`` or no proposals are left."""
     count = 0 if missing <= 0 else int((gain.cumsum(0) < missing).sum()) + 1
     return new[:count], gain[:count]

@@ -41,7 +41,7 @@ class Engine(ABC):
 
     @abstractmethod
     def __call__(self, parameters: Tensor, *, seed: int, first: int = 0) -> Simulated:
-        """Simulate n strokes, which have the numbers ``first`` to ``first + n - 1``.
+        """Simulate n strokes, numbered from ``first`` to ``first + n - 1``.
 
         Each stroke depends only on its parameters, its number and ``seed``, and not on n or the number of threads.
         ``parameters`` (n, 10) in [-1, 1] have the format of `strokes.prior.parameters_of`, but any finite values can be

@@ -1,4 +1,4 @@
-"""Prepare pictures for printing, and encode PNG chunks (ISO/IEC 15948), for several exporters."""
+"""Prepare pictures for printing and encode PNG chunks (ISO/IEC 15948); several exporters share this code."""
 
 import re
 import struct
@@ -253,7 +253,7 @@ def header(width: int, height: int, kind: int) -> bytes:
 
 
 def bitmap(pixels: np.ndarray) -> bytes:
-    """Encode uint8 pixels (H, W, 4), with straight alpha, as PNG; Pillow is too slow for thousands of pictures.
+    """Encode uint8 pixels (H, W, 4), with straight alpha, as a PNG; Pillow would be too slow for thousands of pictures.
 
     Differences are computed along the longer side, which is usually the direction of the stroke's texture.
     """

@@ -20,7 +20,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Sprites:
-    """Bitmaps of a painting's visible strokes, side by side on a sheet; their order is from bottom to top."""
+    """Bitmaps of a painting's visible strokes, side by side on a sheet, bottom stroke first."""
 
     sheet: Array  # (h, SHEET_WIDTH, 4) uint8: RGBA, straight alpha
     number: Array  # (N,) index of each stroke in the catalogue
@@ -39,13 +39,13 @@ class Sprites:
 
 
 def has_sprites(job: ExportJob) -> bool:
-    """Check whether the strokes are textured and fast to render."""
+    """Check whether the strokes have textures and a fast renderer."""
     return job.renderer.warm_up is None and not isinstance(job.renderer(job.strokes[:0]), Profile)
 
 
 @torch.no_grad()
 def draw_sprites(job: ExportJob) -> Sprites:
-    """Render every stroke once, in a single pass of a blend; the strokes are kept apart, so they do not mix.
+    """Render every stroke once, side by side on a sheet, so that a single pass of a blend suffices.
 
     On black, the blend shows a stroke's contribution; on white, it also shows the light that the stroke transmits.
     Strokes are rendered at a smaller size if the sheet would exceed ``MOST_PIXELS``.
@@ -82,7 +82,7 @@ def draw_sprites(job: ExportJob) -> Sprites:
 
 
 def _boxes(job: ExportJob, strokes: Strokes) -> Array:
-    """Compute each stroke's bounding box (N, 4: left, top, width, height), int64; it is empty outside the canvas."""
+    """Compute each stroke's bounding box (N, 4: left, top, width, height), int64, empty for strokes off the canvas."""
     layers = job.renderer(strokes)
     curve, reach = layers.curve.cpu().numpy(), layers.reach.cpu().numpy()[:, None]
     low, high = np.floor(curve.min(1) - reach), np.ceil(curve.max(1) + reach)

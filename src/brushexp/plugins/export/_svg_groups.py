@@ -23,10 +23,10 @@ class Group:
 
 
 def stroke_groups(job: ExportJob, layers: int, colors: int) -> Iterator[Group]:
-    """Yield all strokes in groups: layers of equal numbers of strokes, bottom first, divided by colour, dark first.
+    """Yield all strokes in groups: layers of about equal size, from bottom to top, each divided by colour, dark first.
 
-    ``colors`` is the number of k-means clusters, in sRGB, of all stroke colours; 0 leaves layers undivided and keeps
-    the order of the strokes.
+    ``colors`` is the number of k-means clusters, in sRGB, of all stroke colours; if it is 0, layers are not divided,
+    and the strokes keep their order.
     """
     order = job.bottom_up.cpu()
     parts = order.tensor_split(max(1, min(layers, len(order))))

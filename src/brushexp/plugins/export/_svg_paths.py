@@ -21,7 +21,7 @@ def hexadecimal(color: Tensor) -> list[str]:
 
 
 def gradients(profile: Profile, number: Tensor, digits: int) -> Iterator[tuple[str, str]]:
-    """Yield each stroke's linear gradient, which is "" unless its colour drifts, and the value of its paint attribute.
+    """Yield each stroke's linear gradient ("" unless its colour drifts) and the value of its paint attribute.
 
     The gradient is the function linear in x and y that best fits 2 t - 1 along the curve.
     """

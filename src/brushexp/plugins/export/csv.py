@@ -28,7 +28,7 @@ class Csv(Exporter):
     at its start; ``red_drift``, ``green_drift`` and ``blue_drift``, which are added to the colour at the end and
     subtracted at the start; ``length_px`` along the curve; ``direction_deg``, the clockwise angle from start to end,
     where 0 points right, 90 down and -90 up (empty if start and end coincide). Numbers have seven digits, the precision
-    of float32. In a painting by gradient descent, lengths and widths come from ``init``.
+    of float32. Gradient descent hardly changes the lengths and widths that ``init`` chooses.
     """
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:

@@ -47,7 +47,7 @@ FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 @register("to", "svg")
 @dataclass(kw_only=True, eq=False)
 class Svg(Exporter):
-    """Writes ``strokes.svg``: one path per stroke, bottom first, shown by browsers and Inkscape like the painting.
+    """Writes ``strokes.svg``: one path per stroke, bottom first; it looks like the painting in browsers and Inkscape.
 
     A path is a curve with a width and round ends, or a filled outline if the thickness changes along the stroke. Sizes
     are in pixels of the canvas. A single path has a sharper edge than the rendered stroke; two ``outlines`` approximate
@@ -62,7 +62,7 @@ class Svg(Exporter):
 
     Args:
         digits: number of decimals of coordinates and widths.
-        outlines: number of stacked paths that form the soft edge of a stroke; more if it is wider than 3 pixels.
+        outlines: number of stacked paths that form the soft edge of a stroke; an edge wider than 3 pixels gets more.
         paths: whether to write paths only, without textures and light, for vector editors.
         layers: number of equal groups of strokes, bottom first, which Inkscape shows as layers; 0 = none.
         colors: number of colour groups in each layer, dark to light, which changes the order of strokes within a layer;
@@ -251,7 +251,7 @@ def soft_edge(half: Tensor, opacity: Tensor, soft: Tensor, count: int) -> tuple[
     """Approximate a stroke with a soft edge by stacked strokes with hard edges that together cover the same area.
 
     A single stroke has the same opacity in the middle as the soft stroke, C(0) of `Profile`, and blocks the same total
-    amount of light across its width, so it is wider than the soft stroke if that is thinner than its edge. Several
+    amount of light across its width. It is therefore wider than a soft stroke that is thinner than its edge. Several
     strokes have the half widths at which C(d) falls to (k + 1/2) / count of C(0); these are moved closer together so
     that, after smoothing by a pixel, the edge is as soft as that of C, whose variance is ``soft``^2 / 20 for a wide
     stroke. ``half`` (N,) and the edge widths ``soft`` (N,) are in pixels.

@@ -89,7 +89,7 @@ def nearest(points: Array, to: Array) -> Array:
 
 
 def split_cells(flat: Array, pieces: Array, height: int, width: int) -> Array:
-    """Split each of n cells (H * W,) across its longer axis, repeatedly, into the given number of ``pieces`` (n,)."""
+    """Repeatedly split each of n cells (H * W,) across its longer axis, until it is in ``pieces`` (n,) pieces."""
     points = _coordinates(height, width)
     flat, pieces = flat.copy(), pieces.copy()
     while (pieces > 1).any():

@@ -26,9 +26,9 @@ class Initializer(ABC):
         """
 
     def nearer(self) -> "Initializer":
-        """Return the initialiser for a face that keeps its detail while ``abstraction`` simplifies the rest."""
+        """Return the initialiser for faces, which keep their detail while ``abstraction`` simplifies the rest."""
         return self
 
     def details(self) -> "Initializer | None":
-        """Return the initialiser that paints an eye or mouth with a few strokes; None for small strokes in layers."""
+        """Return the initialiser that paints an eye or mouth with a few strokes; None for layers of small strokes."""
         return None

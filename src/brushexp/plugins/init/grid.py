@@ -32,7 +32,7 @@ class Grid(CellInitializer):
 def lattice(height: int, width: int, n: int, *, shift: bool = False) -> np.ndarray:
     """Assign each pixel (H, W) to one of exactly ``n`` nearly square cells of a lattice.
 
-    The numbers of cells in two rows differ by at most one. With ``shift``, rows are shifted by a quarter of a cell,
+    The numbers of cells in any two rows differ by at most one. With ``shift``, rows are shifted by a quarter of a cell,
     alternately right and left, and the cells at the edges of the canvas are narrower or wider.
     """
     rows = min(n, height, max(math.ceil(n / width), round(math.sqrt(n * height / width)), 1))

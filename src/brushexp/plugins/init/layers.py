@@ -129,7 +129,10 @@ class InLayers(Initializer):
         ).map(Tensor.float)
 
     def _trace(self, picture: Array, flow: Array, places: Array, color: Array, reach: float) -> Array:
-        """Trace a flow (H, W), in radians, from n places to where the colour changes or ``reach`` ends: (n, 2)."""
+        """Trace a flow (H, W), in radians, from n places until the colour changes, and return the ends (n, 2).
+
+        The largest distance, in pixels, is ``reach``; if this is negative, the flow is traced backwards.
+        """
         point, step = places.copy(), abs(reach) / SUBSTEPS
         angle = sampled_at(flow, *point.T)
         ahead = np.sign(reach) * np.stack([np.cos(angle), np.sin(angle)], 1)
@@ -148,14 +151,14 @@ class InLayers(Initializer):
 
 
 def _level(size: Sequence[int], pitch: float, generator: torch.Generator) -> Array:
-    """Sample structure tensors (3, H, W) of trace 1 with nearly horizontal directions that vary over a ``pitch``."""
+    """Sample structure tensors (3, H, W) of trace 1, whose nearly horizontal directions vary over ``pitch`` pixels."""
     knots = torch.randn(1, 1, *(math.ceil(side / pitch) + 1 for side in size), generator=generator, dtype=torch.float64)
     swing = SWING * nn.functional.interpolate(knots, tuple(size), mode="bicubic", align_corners=True)[0, 0].numpy()
     return np.stack([np.sin(swing) ** 2, -np.sin(swing) * np.cos(swing), np.cos(swing) ** 2])
 
 
 def _places(detail: Array, cells: int, n: int) -> Array:
-    """Divide ``detail`` (H, W) into ``cells``, and return the centres (n, 2: x, y) of the n with the largest means."""
+    """Divide a map (H, W) into cells, and return the centres (n, 2: x, y) of the n cells with the largest means."""
     flat = lattice(detail.shape[0], detail.shape[1], cells).ravel()
     area = np.bincount(flat, minlength=cells)
     best = np.sort(np.argsort(-np.bincount(flat, detail.ravel(), cells) / area, kind="stable")[:n])

@@ -23,9 +23,9 @@ GREY_LEVEL = 1 / 255  # standard deviation of colour below which the area of a c
 class Slic(CellInitializer):
     """Places strokes on SLIC superpixels (Achanta et al., 2012), denser in detailed and in-focus regions.
 
-    Each stroke is placed at its cell's centre of mass and has the cell's mean colour. Unlike in the source, the number
-    of cells is exact, and a fraction of them is obtained by splitting the superpixels with the most variation or, with
-    a focus, the most important ones.
+    Each stroke is placed at the centre of mass of a cell and has the cell's mean colour. Unlike in the source, the
+    number of cells is exact, and some of them are obtained by splitting the superpixels with the most variation or,
+    with a focus, the most important ones.
 
     Args:
         compactness: compactness of the superpixels; high values make them square, low values follow colours.
@@ -61,11 +61,11 @@ def superpixels(target: Tensor, n: int, compactness: float) -> np.ndarray:
 
 
 def refine_cells(labels: np.ndarray, n: int, picture: np.ndarray, focus: np.ndarray | None = None) -> np.ndarray:
-    """Split cells (H, W) into exactly ``n``, those with the largest area times colour standard deviation first.
+    """Split the cells of a partition (H, W), those with the largest weights first, until there are exactly ``n``.
 
-    Area times variance, which is the squared error, does not give a higher PSNR and leaves flat regions visibly too
-    coarse. If there are more than ``n`` cells, the smallest are merged into neighbours. The weight of a cell is
-    multiplied by its mean ``focus`` (H, W).
+    The weight of a cell is its area times the standard deviation of its colours, times its mean ``focus`` (H, W). Area
+    times variance, which is the squared error, does not give a higher PSNR and leaves flat regions visibly too coarse.
+    If there are more than ``n`` cells, the smallest are merged into neighbours.
     """
     height, width = labels.shape
     if labels.max() >= n:

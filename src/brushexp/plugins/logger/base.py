@@ -17,7 +17,7 @@ if TYPE_CHECKING:  # Lightning takes seconds to import; --help should not
 
 @dataclass(frozen=True)
 class Run:
-    """The description of a run: its folder and settings at the start, and also its results at the end."""
+    """The description of a run: its folder and settings and, once it has ended, its results."""
 
     folder: Path  # folder in which a logger writes
     name: str = ""  # number of the job in a sweep

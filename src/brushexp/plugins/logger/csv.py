@@ -44,5 +44,5 @@ class CsvCurves(Logger):
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:
-    """Read the rows of a table, if it exists, and drop an incomplete last row left by a killed process."""
+    """Read the rows of a table, if it exists, without an incomplete last row that a killed process may have left."""
     return [row for row in read_table(path) if None not in row.values() and re.fullmatch(r"\d{1,15}", row["step"])]

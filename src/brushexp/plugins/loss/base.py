@@ -49,7 +49,7 @@ class PaintedView:
         return (values if weights is None else values * weights).sum() / max(values.numel(), 1)
 
     def around(self, context: int, grid: int = 1) -> PaintedView:
-        """Widen the view on every side by ``context`` pixels of the canvas, without gradient."""
+        """Widen the view on every side by ``context`` pixels of the canvas, which carry no gradient."""
         if self.surroundings is None or not context:
             return self
         wide = self.surroundings.widened(context, grid)
@@ -109,8 +109,8 @@ class Loss(nn.Module, ABC):
     ``looks_at`` has one of three values: "pixels" for a mean over the pixels in ``view.image``, weighted by the focus,
     to which each part of the canvas contributes in proportion to its area; "canvas" for a value of the whole canvas,
     computed with ``view.surroundings``; or "strokes" for a loss without a gradient in the picture. The last two kinds
-    ignore the focus. With ``context``, the loss receives its region widened by this many pixels, starting at multiples
-    of ``grid`` pixels, which is the stride of a network.
+    ignore the focus. If ``context`` is set, the region that the loss receives is widened by this many pixels and starts
+    at multiples of ``grid`` pixels, the stride of a network.
 
     Args:
         weight: factor in the sum of losses; logs show the unweighted loss.

@@ -67,7 +67,7 @@ class BrushworkTransfer(BrushworkLoss):
 
 @dataclass(frozen=True)
 class Brushwork:
-    """Brushwork of M strokes; in every tensor except the last, row i describes one stroke."""
+    """Brushwork of M strokes; row i of every tensor except the last describes stroke i."""
 
     length: Tensor  # (M,) arc length, pitches
     width: Tensor  # (M,) thickness, pitches
@@ -176,7 +176,7 @@ def with_brushwork(
 
 
 def _assign(strokes: Strokes, reference: Brushwork, generator: torch.Generator) -> Tensor:
-    """Assign a row of the reference to each stroke: (N,)."""
+    """Choose the row (N,) of the reference from which each stroke takes its shape."""
     n, m = len(strokes), len(reference)
     rows = torch.cat([torch.arange(m).repeat(n // m), torch.randperm(m, generator=generator)[: n % m]])
     thickness = 2 * half_width_of(strokes)
@@ -189,7 +189,7 @@ def _assign(strokes: Strokes, reference: Brushwork, generator: torch.Generator) 
 
 
 def _flow_at(points: Tensor, strokes: Strokes) -> Tensor:
-    """Compute the mean doubled direction (Q,), as a complex number, of the strokes nearest to each point (Q, 2)."""
+    """Compute the mean direction (Q,) of the strokes nearest to each point (Q, 2), complex and with doubled angle."""
     shape = shape_of(strokes)
     near = ruler.nearest_strokes(points, strokes.position + ruler.centre_of(shape), exclude_self=False)
     return torch.view_as_complex(ruler.mean_direction(ruler.direction_of(shape), near))

@@ -27,7 +27,8 @@ class Perceptual(Loss):
 
     Args:
         weight: factor in the sum of losses. With the default, the gradient in the picture is about as long as that of
-            ``mse`` for pictures of 256 pixels blurred by two (0.0009 to 0.0024, by picture and blur).
+            ``mse`` for pictures of 256 pixels blurred by two; depending on picture and blur, weights of 0.0009 to
+            0.0024 achieve this.
         backbone: feature network: effl0, or vgg16, alexnet or squeeze, which need ``weights``.
         weights: file with the network's weights; null uses those of its package.
         taps: activations to compare; null or [] uses the network's own choice, b3.expand or relu4_3.
@@ -66,7 +67,7 @@ class Perceptual(Loss):
         return torch.stack(terms).mean() * (self._enlargement(view.image) / self._enlargement(view.whole_target))
 
     def _enlargement(self, picture: Tensor) -> float:
-        """Compute the ratio between the areas with and without the margin for shifts."""
+        """Compute the ratio of the picture's area with a margin for shifts to its area without it."""
         return math.prod((side + self.jitter) / side for side in picture.shape[1:])
 
     def _features(self, picture: Tensor, shift: tuple[int, int]) -> list[Tensor]:

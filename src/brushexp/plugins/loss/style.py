@@ -63,7 +63,7 @@ KERNELS = {
 
 
 class TapStyle(NamedTuple):
-    """The style at one tap: its mean embedding, and the mean of k(f, f), which is the unit."""
+    """The style at one tap: its mean embedding, and the mean of k(f, f), which is the unit of the distance."""
 
     kernel: str
     embed: Embedding
@@ -199,7 +199,7 @@ class Style(StyleLoss):
 
     @torch.no_grad()
     def _turn_to(self, around: Surroundings, styles: list[TapStyle]) -> None:
-        """Update the sums over the canvas, and subtract the sums over the region of the next steps."""
+        """Compute the sums over the canvas minus the sums over the region in which the next steps work."""
         last = self._surroundings
         if last is None or last.picture is not around.picture or last.target is not around.target:
             self._canvas = around.picture.clone()

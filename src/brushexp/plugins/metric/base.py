@@ -27,8 +27,8 @@ class Comparison:
 class Metric(ABC):
     """Measures the quality of a finished painting.
 
-    Class attributes define how the metric is shown in tables, plots and pages, where it follows the metrics in
-    `STANDARD`. The page report.html explains it with the first line of its docstring.
+    Class attributes define how the metric is shown in tables, plots and pages, which list it after the metrics in
+    `STANDARD`. The page report.html explains the metric with the first line of its docstring.
 
     >>> import torch
     >>> class Brightness(Metric):

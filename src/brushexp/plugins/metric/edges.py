@@ -8,7 +8,7 @@ from brushexp.registry import register
 
 @register("metric", "edges")
 class EdgeError(Metric):
-    """Mean absolute error (L1) in the differences between neighbouring pixels, which measures how well edges are kept.
+    """Mean absolute error (L1) of the differences between neighbouring pixels; it is small if edges are preserved.
 
     It is undefined for a picture that consists of a single pixel.
     """

@@ -28,4 +28,4 @@ class Optimizer(ABC):
 
     @abstractmethod
     def share(self, progress: float) -> float:
-        """Return the fraction of the full learning rate at this ``progress`` of a stage, 0 or more and below 1."""
+        """Return the fraction of the full learning rate after a fraction ``progress``, 0 to 1, of a stage."""

@@ -1,4 +1,4 @@
-"""Use any optimiser of torch.optim or of the library pytorch-optimizer."""
+"""Use any optimiser from torch.optim or from the library pytorch-optimizer."""
 
 import importlib
 import inspect

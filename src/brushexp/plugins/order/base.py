@@ -34,14 +34,14 @@ class Order(ABC):
 
     @abstractmethod
     def depth(self, strokes: Strokes, accuracy: Tensor | None) -> Tensor:
-        """Compute the height (N,) of each stroke; higher strokes are on top, and so is the later of equal strokes.
+        """Compute the height (N,) of each stroke; higher strokes are on top, as are later ones of equal height.
 
         ``accuracy`` (N,) is 1 - (sum over pixels of alpha |color - target|^2) / (sum of alpha), where alpha is the
         stroke's own alpha, whether hidden or not. It is None before the first step or if it is not needed.
         """
 
     def due(self, done: int, steps: int) -> bool:
-        """Return whether to recompute the depth after ``done`` of a stage's ``steps``; True at the start."""
+        """Return whether to recompute the depth after ``done`` of the ``steps`` of a stage; True at the start."""
         return done % self.every == 0 and (done == 0 or done < self.until * steps)
 
 

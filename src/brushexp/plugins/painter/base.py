@@ -35,7 +35,7 @@ class PaintRequest:
 
 
 class PaintState:
-    """The strokes so far, bottom first, after ``step`` of ``steps`` (strokes or iterations).
+    """The strokes so far, bottom stroke first, after ``step`` of ``steps`` steps, which may be strokes or iterations.
 
     ``steps`` may change between states; in the last state it equals ``step``.
     """

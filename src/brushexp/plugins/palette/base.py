@@ -6,7 +6,7 @@ from torch import Tensor
 
 
 class Palette(ABC):
-    """Maps the picture's colours to the target's colours, as a painter translates a scene into paint.
+    """Maps the colours of a picture to those of the target, as a painter translates a scene into paint.
 
     >>> import torch
     >>> class Grey(Palette):
@@ -18,4 +18,4 @@ class Palette(ABC):
 
     @abstractmethod
     def __call__(self, picture: Tensor) -> Tensor:
-        """Map a picture (3, H, W), display-referred RGB in [0, 1], to a target of the same kind."""
+        """Map a picture (3, H, W), display-referred RGB in [0, 1], to a target of the same shape and range."""

@@ -1,1 +1,1 @@
-"""Papers and canvases have a relief and areas that the paint skips; choose one with ``paper=cold_pressed``."""
+"""Papers and canvases, which have a relief and show through gaps in the paint; choose with ``paper=cold_pressed``."""

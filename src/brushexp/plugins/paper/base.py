@@ -18,7 +18,7 @@ class Rows:
 
     @property
     def places(self) -> tuple[Tensor, Tensor]:
-        """Pixel centres, x and y (count, W), float64, as fractions of the canvas's longer side."""
+        """Return x and y (count, W), float64, of the pixel centres, as fractions of the canvas's longer side."""
         side = max(self.size)
         y = (torch.arange(self.top, self.top + self.count, dtype=torch.float64) + 0.5) / side
         x = (torch.arange(self.size[1], dtype=torch.float64) + 0.5) / side
@@ -48,12 +48,12 @@ class Paper(ABC):
     is_smooth: ClassVar[bool] = False  # whether strokes look as painted on this paper
 
     def margin(self, size: tuple[int, int]) -> int:
-        """Return the number of extra rows needed above and below a band on a canvas of ``size`` (H, W)."""
+        """Return how many extra rows `cover` needs above and below a band on a canvas of ``size`` (H, W)."""
         return 0
 
     @abstractmethod
     def cover(self, flat: Tensor, bare: Tensor, rows: Rows) -> Tensor:
-        """Map a picture of strokes on a smooth ground of colour ``bare`` (3,) to its appearance on this paper.
+        """Turn a picture of strokes on a smooth ground of colour ``bare`` (3,) into a picture of them on this paper.
 
         Both pictures (3, h, W), in [0, 1], cover ``rows``; the result is differentiable in ``flat`` and ``bare``.
         """

@@ -1,4 +1,4 @@
-"""Paint on a smooth ground that strokes cover everywhere."""
+"""Paint on a smooth ground, which strokes cover without gaps."""
 
 import torch
 from torch import Tensor

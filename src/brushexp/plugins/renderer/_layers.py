@@ -1,4 +1,4 @@
-"""Network layers for rendering strokes: convolutions with coordinates, and noise."""
+"""Layers of networks that render strokes: convolutions with coordinates, and added noise."""
 
 import torch
 from torch import Tensor, nn
@@ -36,7 +36,7 @@ class CoordConv(nn.Module):
 class Noise(nn.Module):
     """Adds one plane of noise, multiplied by a learned strength per channel (Karras et al., 2019, arXiv:1812.04948).
 
-    During training, the noise is resampled in every call; otherwise it is the same for every stroke and call. Unlike in
+    During training, every call samples new noise; otherwise the noise is the same for every stroke and call. Unlike in
     the source, the initial strength is not 0 by default.
 
     Args:

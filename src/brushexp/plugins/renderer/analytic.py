@@ -1,4 +1,4 @@
-"""Render closed-form strokes, without training, with compiled kernels."""
+"""Render strokes from a closed formula, with compiled kernels and without training."""
 
 from typing import Annotated
 

@@ -32,7 +32,7 @@ PRECISIONS = ("float32", "bfloat16")  # precisions in which a network paints; we
 
 
 def reach_of(strokes: Strokes, edge: float) -> Tensor:
-    """Return an upper bound (N,), in pixels, on the distance between a stroke's curve and its paint, given ``edge``."""
+    """Return upper bounds (N,), in pixels, on how far paint extends from a stroke's curve, including ``edge``."""
     return PAINT_REACH * half_width_of(strokes) + 0.5 * softness_of(strokes) + edge
 
 
@@ -77,8 +77,8 @@ class Renderer(nn.Module, ABC):
     def restore(self, checkpoint: str | None, **options: Any) -> None:
         """Load the trained weights of a checkpoint; None keeps the initial weights.
 
-        The weights depend on ``options``. A checkpoint trained with other options raises a UserError; options that are
-        None are not compared.
+        Raises a UserError if the checkpoint was trained with ``options`` other than these; options that are None are
+        not compared.
         """
         plugin = plugin_of_class(type(self))
         name = type(self).__name__ if plugin is None else plugin.name
@@ -106,12 +106,12 @@ class Renderer(nn.Module, ABC):
     def distil(self, simulate: Callable[[Tensor, int], Simulated]) -> None:
         """Derive parameters directly from simulated strokes; called once, before training.
 
-        ``simulate`` paints strokes with parameters (n, 10), large enough to show details. Its second argument is the
-        number of the first stroke in the data set, which determines the brushes.
+        ``simulate`` paints strokes from parameters (n, 10), large enough to show details. Its second argument is the
+        number of the first of these strokes in the data set; this number determines the brushes.
         """
 
     def convert(self, strokes: Strokes) -> Strokes:
-        """Convert another renderer's strokes to those that this renderer draws best; called once, before the steps."""
+        """Adapt strokes made for another renderer to what this one draws best; called once, before the steps."""
         return self.clamp(strokes)
 
     def rows(self, strokes: Strokes) -> Tensor | None:
@@ -153,14 +153,14 @@ class PatchRenderer(Renderer):
         return Windows(images, strokes.position, strokes.scale, strokes.opacity, strokes.color)
 
     def _clean(self, parameters: Tensor) -> Tensor:
-        """Draw without the faint traces that a network leaves everywhere and that would slow down compositing."""
+        """Draw strokes, and remove the faint traces that a network leaves everywhere, which slow down compositing."""
         with torch.autocast(parameters.device.type, torch.bfloat16, enabled=self.precision == "bfloat16"):
             pictures = self.draw(parameters)
         color, alpha = pictures.to(parameters.dtype).split([3, 1], dim=1)
         return torch.cat([color, torch.where(alpha < LEAST_ALPHA, 0.0, alpha)], dim=1)
 
     def seconds_per_stroke(self) -> float:
-        """Measure the time, in seconds, to draw a stroke and compute its gradient, from a small sample."""
+        """Measure, on a small sample, how many seconds it takes to draw a stroke and compute its gradient."""
         parameters, was_training, times = torch.zeros(SAMPLE_STROKES, 10, requires_grad=True), self.training, []
         self.eval()  # the mode in which it paints
         for _ in range(2):  # the first call includes one-time work
@@ -186,9 +186,9 @@ class PatchRenderer(Renderer):
 
 
 def check_trained(renderer: Renderer, choice: str) -> None:
-    """Raise a UserError if a renderer lacks required trained weights; ``choice`` is the name that the user typed.
+    """Raise a UserError if a renderer needs trained weights but has none; ``choice`` is the name that the user typed.
 
-    The attribute ``weights`` of a renderer states whether it has to be trained.
+    A renderer's attribute ``weights`` states whether the renderer has to be trained.
     """
     trainable = any(True for _ in renderer.parameters())
     if renderer.weights == Renderer.weights or renderer.weights_hash or not trainable:

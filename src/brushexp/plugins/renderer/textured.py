@@ -50,12 +50,13 @@ class Textured(Renderer):
 
     Args:
         variants: number of different textures.
-        rows: number of texels across, up to ``SPREAD`` half widths on either side.
-        columns: number of texels along, including those beyond the ends; each is twice as long as wide.
+        rows: number of texels across the stroke, which extend ``SPREAD`` half-widths to either side of the curve.
+        columns: number of texels along the stroke, including those beyond its ends; a texel is twice as long as it is
+            wide.
         tone: contrast between paler and darker bristles, and depth of the furrows between them, relative to the
             textures.
-        fullness: amount of paint on the brush, as the equivalent number of equal strokes on top of each other; more
-            paint closes the gaps between bristles.
+        fullness: amount of paint on the brush, as the number of equal strokes that would have to lie on top of each
+            other to cover as much; more paint closes the gaps between bristles.
         checkpoint: trained weights: a .safetensors file, or the name of a bundled one; null for
             random bristles.
     """
@@ -96,11 +97,11 @@ class Textured(Renderer):
 
     @property
     def levels(self) -> int:
-        """Number of texture sizes at which all pieces of a texture have an integral number of columns."""
+        """Return the number of texture sizes at which every piece of a texture has a whole number of columns."""
         return min(LEVELS, 1 + (self.loop.begin & -self.loop.begin).bit_length(), self.textures.shape[2].bit_length())
 
     def _repeats(self, curve: Tensor, half: Tensor) -> Tensor:
-        """Count how often (N,) to repeat the loop so that each stroke's texels have about their natural length."""
+        """Compute how often (N,) to repeat the loop so that the texels of each stroke are stretched very little."""
         start, control, end = curve.unbind(1)
         velocity = (2 * ((1 - t) * (control - start) + t * (end - control)) for t, _ in NODES)
         length = sum((w * v.norm(dim=1) for v, (_, w) in zip(velocity, NODES, strict=True)), torch.zeros_like(half))
@@ -147,7 +148,7 @@ def _round_sheets(
 
 
 def _sheets_of(textures: Tensor, tone: float, fullness: float, loop: Loop, levels: int, *, rounded: bool) -> Sheets:
-    """Create all sizes, from double size down, of textures given as weights (V, 3, rows, columns)."""
+    """Create textures from their weights (V, 3, rows, columns) in all sizes, from double size downwards."""
     opacity, tones, height = textures.unbind(1)
     covering = opacity.sigmoid() if fullness == 1 else 1 - opacity.neg().sigmoid() ** fullness
     level = torch.full_like(height, LEVEL)
@@ -199,7 +200,9 @@ def close_loop(texels: Tensor, loop: Loop) -> Tensor:
 
 
 def weights_of_texels(texels: Tensor) -> Tensor:
-    """Convert coverage and height (2, rows, columns) to weights (3, rows, columns), before sigmoid, tanh and sigmoid.
+    """Convert coverage and height (2, rows, columns) to weights (3, rows, columns) of opacity, tone and height.
+
+    The weights are the values before the renderer applies sigmoid, tanh and sigmoid to them, in this order.
 
     Bristles with more paint than their surroundings contain more pigment and are paler; other bristles are darker.
     """
@@ -219,9 +222,9 @@ def weights_of_texels(texels: Tensor) -> Tensor:
 def double_textures(textures: Tensor, loop: Loop) -> Tensor:
     """Double the size of textures (V, 3, rows, columns) of opacity, tone and height, and add finer detail.
 
-    The finest detail in the middle of the loop is repeated at half its size and with the local strength, because a
-    closer view of a brush shows finer hairs; the added detail was not simulated. The mean of four new texels is about
-    the old texel. Heights stay smooth, so that the slopes in a painting do not depend on its size.
+    Because a closer view of a brush shows finer hairs, the finest detail in the middle of the loop is repeated at half
+    its size and with the local strength; it was not simulated. The four texels that replace an old one have about its
+    value on average. Heights stay smooth, so that the slopes in a painting do not depend on the painting's size.
     """
     rows, columns = textures.shape[2:]
     larger = partial(functional.interpolate, scale_factor=2, mode="bilinear")
@@ -239,7 +242,7 @@ def double_textures(textures: Tensor, loop: Loop) -> Tensor:
 
 
 def random_bristles(variants: int, rows: int, columns: int) -> Tensor:
-    """Sample fixed random weights (variants, 3, rows, columns), before sigmoid, tanh and sigmoid."""
+    """Sample random weights (variants, 3, rows, columns), always the same, before sigmoid, tanh and sigmoid."""
     generator = torch.Generator().manual_seed(0)
     load, begin, finish = torch.randn(3, variants, rows, 1, generator=generator)
     waver = torch.randn(variants, rows, 8, generator=generator)  # variation along a bristle

@@ -13,7 +13,7 @@ from brushexp.strokes.catalogue import Strokes
 
 
 class View:
-    """The region and the strokes of a step, which form a batch of the painting.
+    """The region that a step compares and the strokes that it moves; this is the painter's form of a batch.
 
     ``region`` is the part of the canvas that the step renders and compares, or the whole canvas if ``active`` is None.
     The step moves the strokes with indices ``active`` (A,), int64, or all strokes if it is None, and also draws the

@@ -46,7 +46,7 @@ def strokes_between_edges(image: Array) -> Array:
 
 
 def keep_brushstrokes(regions: Array) -> Array:
-    """Renumber the regions (H, W), 0 for none, that are brushstrokes from 0, and set all other pixels to -1."""
+    """Keep the regions (H, W; 0 for none) that are brushstrokes, number them from 0, and set other pixels to -1."""
     from skimage.measure import regionprops  # noqa: PLC0415  (slow to import)
 
     labels, count = np.full(regions.shape, -1, np.int32), 0
@@ -76,7 +76,7 @@ def is_brushstroke(mask: Array) -> bool:
 
 
 def longest_path(skeleton: Array) -> float:
-    """Count the steps in a longest shortest path of a skeleton (h, w)."""
+    """Count the steps between the two pixels of a skeleton (h, w) that are farthest apart along it."""
     from scipy.sparse import coo_matrix  # noqa: PLC0415  (slow to import)
     from scipy.sparse.csgraph import dijkstra  # noqa: PLC0415
 
@@ -99,7 +99,7 @@ def longest_path(skeleton: Array) -> float:
 
 
 def quantise_colors(lab: Array) -> Array:
-    """Label each pixel (H, W) of a CIELAB picture with the index of the nearest of `COLORS` cluster centres."""
+    """Divide the colours of a CIELAB picture into `COLORS` clusters, and label each pixel (H, W) with its cluster."""
     from scipy.cluster.vq import kmeans2, vq  # noqa: PLC0415  (slow to import)
 
     pixels = lab.reshape(-1, 3)

@@ -36,7 +36,7 @@ def recovery(image: Array, count: int, weights: str = SHIPPED_WEIGHTS) -> Predic
 
 
 def recovered_curves(image: Array, count: int, weights: str = SHIPPED_WEIGHTS) -> Prediction:
-    """Recover strokes, but use only their curves, as plain lines in the recovered order."""
+    """Recover strokes, but use only their curves, drawn as plain lines in the recovered order."""
     whole = recovery(image, count, weights)
     lines = prediction_from_curves(whole.curve, whole.width, whole.color, np.ones(len(whole)), image.shape[:2])
     return replace(lines, confidence=whole.confidence)

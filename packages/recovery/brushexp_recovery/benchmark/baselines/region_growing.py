@@ -1,8 +1,8 @@
 """Find brushstrokes as elliptical regions grown from seeds, after Lamberti, Sanna and Paravati (2014).
 
 Source: "Computer-assisted analysis of painting brushstrokes: digital image processing for unsupervised extraction of
-visible features from van Gogh's works". Unlike in the source, seeds are taken in ascending order of their gradient
-instead of at random, so that the same picture always gives the same strokes.
+visible features from van Gogh's works". Unlike in the source, seeds are taken in ascending order of the gradient at
+them instead of at random, so that the same picture always gives the same strokes.
 """
 # mypy: allow-untyped-defs
 
@@ -82,7 +82,10 @@ def _grow(lab, row, column, mark, labels, state, queue):
 
 @function
 def _ellipticity(places):
-    """Compute the fraction of points (n, 2) inside the ellipse with the same moments, which is 1 for an ellipse."""
+    """Count the points (n, 2) in the ellipse with the same moments, divided by its area, or by n if that is larger.
+
+    The result is 1 for an ellipse.
+    """
     n = len(places)
     my = mx = 0.0
     for k in range(n):

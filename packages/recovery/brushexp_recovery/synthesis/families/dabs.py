@@ -17,7 +17,7 @@ from brushexp_recovery.synthesis.sheets import (
 
 
 class Dabs(PaintFamily):
-    """Dabs at most three times as long as wide."""
+    """Dabs at most four times as long as wide."""
 
     depth = (0.3, 4.0)
 

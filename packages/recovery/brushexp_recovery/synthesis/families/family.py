@@ -29,7 +29,7 @@ UNEVEN = 0.3  # maximum relative change of the light within a picture
 
 
 class PaintFamily(ABC):
-    """The paint of one painting: how strokes are placed, drawn, mixed and lit, sampled from a wide prior.
+    """The paint of one painting, sampled from a wide prior: how strokes are placed, drawn, mixed and lit.
 
     Each subclass is in a separate file of this folder; the family is named after the file.
     """
@@ -47,7 +47,7 @@ class PaintFamily(ABC):
 
     @abstractmethod
     def draw(self, length: float) -> Sheet:
-        """Draw a straight stroke with a length given in stroke widths."""
+        """Draw a straight stroke whose ``length`` is given in stroke widths."""
 
     def mix(self, count: int) -> Mixing:
         """Choose how the paint of ``count`` strokes mixes with the paint below."""
@@ -81,7 +81,7 @@ class FamilyPainting:
 
 @cache
 def find_families() -> dict[str, type[PaintFamily]]:
-    """Find the families of paint by name; every other file in this folder defines one."""
+    """Find the families of paint by name; every file in this folder except this one defines a family."""
     found = {}
     for module in pkgutil.iter_modules(families.__path__):
         members = vars(importlib.import_module(f"{families.__name__}.{module.name}")).values()
@@ -112,7 +112,7 @@ def draw_weave(size: tuple[int, ...], random: Random) -> Array:
 
 
 def light_unevenly(image: Array, random: Random) -> Array:
-    """Simulate uneven lighting: vary a picture's brightness (H, W, 3) across it and with distance from its centre."""
+    """Simulate uneven light on a picture (H, W, 3), whose brightness varies across it and away from the centre."""
     height, width = image.shape[:2]
     rows, columns = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j]
     angle, bend = random.uniform(0, 2 * np.pi), random.uniform(-0.5, 0.5)

@@ -1,4 +1,4 @@
-"""Thick paint in rows of one hue, in which only the light on their ridges distinguishes neighbouring strokes."""
+"""Thick paint in rows of strokes of one hue, which can be told apart only by the light on their ridges."""
 
 from dataclasses import replace
 

@@ -15,7 +15,7 @@ from brushexp_recovery.synthesis.sheets import Sheet, draw_bristles, grey_tint
 
 
 class Scanned(PaintFamily):
-    """Strokes that are each drawn from one scan, which may be mirrored, with more or less paint."""
+    """Strokes that are each drawn from one scan, sometimes mirrored, with a varying amount of paint."""
 
     def __init__(self, random: Random) -> None:
         super().__init__(random)

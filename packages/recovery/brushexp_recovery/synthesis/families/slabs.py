@@ -1,4 +1,4 @@
-"""Slabs of palette-knife paint: flat, with sharp sides, ridges where the blade lifts, and sometimes two colours."""
+"""Slabs of palette-knife paint: flat, with sharp sides, a ridge along one side, and sometimes two colours."""
 
 from dataclasses import replace
 

@@ -12,7 +12,7 @@ from brushexp_recovery.synthesis.sheets import COLUMNS, Sheet, draw_bristles, dr
 
 
 class WetInWet(PaintFamily):
-    """Soft opaque strokes whose colours drift towards the paint below."""
+    """Nearly opaque strokes whose colours drift towards those of the paint below."""
 
     depth = (0.2, 3.0)
 
