@@ -32,9 +32,9 @@ def main() -> None:
     scene.render.resolution_x = scene.render.resolution_y = options.pixels
     scene.world = bpy.data.worlds.new("grey")
     scene.world.node_tree.nodes["Background"].inputs["Color"].default_value = (0.6, 0.6, 0.6, 1)
-    sun = placed(bpy.data.objects.new("sun", bpy.data.lights.new("sun", "SUN")))
+    sun = add_to_scene(bpy.data.objects.new("sun", bpy.data.lights.new("sun", "SUN")))
     sun.data.energy, sun.rotation_euler = 3, (radians(50), 0, radians(-40))
-    camera = scene.camera = placed(bpy.data.objects.new("camera", bpy.data.cameras.new("camera")))
+    camera = scene.camera = add_to_scene(bpy.data.objects.new("camera", bpy.data.cameras.new("camera")))
     camera.data.clip_start = 0.01
     sheet = Image.new("RGB", (len(VIEWS) * options.pixels, options.pixels))
     with tempfile.TemporaryDirectory() as folder:
@@ -48,7 +48,7 @@ def main() -> None:
     sheet.save(options.sheet)
 
 
-def placed(thing: bpy.types.Object) -> bpy.types.Object:
+def add_to_scene(thing: bpy.types.Object) -> bpy.types.Object:
     """Add an object to the scene and return it."""
     bpy.context.scene.collection.objects.link(thing)
     return thing

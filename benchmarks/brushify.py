@@ -30,7 +30,7 @@ BRUSHIFY = "7,0.25,4,64,25,12,0,2,4,0.2,0.5,30,1,1,1,5,0,0.2,1"
 CELL, ZOOM, GAP = 320, 4, 8  # CELL and GAP in pixels of the figure
 
 
-def brushified(target: Image.Image, path: Path) -> None:
+def brushify(target: Image.Image, path: Path) -> None:
     """Paint a picture with G'MIC's Brushify and save the result."""
     with tempfile.TemporaryDirectory() as folder:
         target.save(source := Path(folder) / "target.png")
@@ -43,7 +43,7 @@ def paintings(picture: str, looks: list[str], folder: Path) -> list[Image.Image]
     for painter in [*(["brushify"] if shutil.which("gmic") else []), *looks]:
         path = folder / f"{quote(picture, safe='')}_{painter}.png"  # a/1.jpg and b/1.jpg are different pictures
         if not path.exists() and painter == "brushify":
-            brushified(Image.fromarray(to_bytes(load_picture(picture, SIDE))), path)
+            brushify(Image.fromarray(to_bytes(load_picture(picture, SIDE))), path)
         elif not path.exists():
             Image.fromarray(brushexp.paint(picture, look=painter, resolution=SIDE, frames=0).image).save(path)
         found.append(Image.open(path).convert("RGB"))

@@ -28,14 +28,14 @@ FAR = 40  # pixels from a border beyond which a pixel counts as far from it
 SETTINGS = ("look=even", "steps=40", "report=false", "pyramid=none")
 
 
-def mirrored(side: int) -> Image.Image:
+def mirror_photograph(side: int) -> Image.Image:
     """Make a picture of ``side`` x ``side`` pixels by repeating a photograph by reflection, without visible joins."""
     picture = data.coffee()
     more = [(0, max(0, side - length)) for length in picture.shape[:2]]
     return Image.fromarray(np.pad(picture, [*more, (0, 0)], mode="symmetric")[:side, :side])
 
 
-def painted(picture: Path, folder: Path, workers: int, *more: str) -> dict[str, float]:
+def paint_canvas(picture: Path, folder: Path, workers: int, *more: str) -> dict[str, float]:
     """Paint a picture with ``workers`` workers in a separate process, and return the metrics of the run."""
     words = [str(picture), f"canvas={folder / 'canvas.zarr'}", f"output={folder / 'run'}", f"workers={workers}", *more]
     subprocess.run([sys.executable, "-m", "brushexp", *words, *SETTINGS], check=True)
@@ -47,9 +47,11 @@ def tell_seams(grids: tuple[int, int], workers: int) -> None:
     """Print the errors along the borders of two grids, each relative to the other grid's error at the same pixels."""
     errors, distances = [], []
     with TemporaryDirectory() as folder:
-        mirrored(side := round(math.sqrt(SMALL * 1e6))).save(picture := Path(folder, "picture.png"), compress_level=1)
+        mirror_photograph(side := round(math.sqrt(SMALL * 1e6))).save(
+            picture := Path(folder, "picture.png"), compress_level=1
+        )
         for tile in grids:
-            painted(picture, own := Path(folder, str(tile)), workers, f"tile={tile}")
+            paint_canvas(picture, own := Path(folder, str(tile)), workers, f"tile={tile}")
             root = zarr.open_group(own / "canvas.zarr", mode="r")
             painting, target = (root[name]["0"][:].astype(np.float32) for name in ("painting", "target"))
             errors.append(np.square(painting - target).sum(0))
@@ -77,10 +79,10 @@ def main() -> None:
     for megapixels in options.sizes:
         for workers in options.workers if megapixels <= SMALL else options.workers[-1:]:
             with TemporaryDirectory() as folder:
-                mirrored(round(math.sqrt(megapixels * 1e6))).save(
+                mirror_photograph(round(math.sqrt(megapixels * 1e6))).save(
                     picture := Path(folder, "picture.png"), compress_level=1
                 )
-                figures = painted(picture, Path(folder), workers)
+                figures = paint_canvas(picture, Path(folder), workers)
             seconds = figures["seconds"]
             print(
                 f"| {megapixels} | {figures['n_strokes']:,} | {workers} | {seconds:.0f} "

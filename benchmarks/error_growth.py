@@ -76,7 +76,7 @@ def strokes_of(n: int, *, side: float = 8.0, length: float = 12.0, width: float 
     )
 
 
-def painted(
+def paint_with_gradients(
     blend: Blend, renderer: Renderer, strokes: Strokes, size: tuple[int, int], weight: Tensor
 ) -> tuple[Tensor, dict[str, Tensor]]:
     """Return the picture's last columns, and the gradient of their weighted sum with respect to each field."""
@@ -95,9 +95,9 @@ def errors_of(blend: Blend, renderer: Renderer, strokes: Strokes, side: int, *, 
     """
     weight = torch.randn(3, side, side, generator=torch.Generator().manual_seed(1))
     moved = strokes.moved(shift=(far, 0))
-    image, gradient = painted(blend, renderer, moved, (side, far + side), weight)
+    image, gradient = paint_with_gradients(blend, renderer, moved, (side, far + side), weight)
     here = moved.map(Tensor.double).moved(shift=(-far, 0))
-    exact, slope = painted(REFERENCE, renderer, here, (side, side), weight)
+    exact, slope = paint_with_gradients(REFERENCE, renderer, here, (side, side), weight)
     apart = [
         float((gradient[name] - slope[name]).norm() / slope[name].norm())
         for name in slope
@@ -158,7 +158,7 @@ def sizes() -> tuple[Table, Table]:
                 found = errors_of(EXACT, renderer, strokes, 24)
                 plain[pixels][f"{name}: {what}"] = found
                 weight = torch.zeros(3, 24, 24)
-                image = painted(REFERENCE, renderer, strokes.map(Tensor.double), (24, 24), weight)[0]
+                image = paint_with_gradients(REFERENCE, renderer, strokes.map(Tensor.double), (24, 24), weight)[0]
                 change = float((image - BACKGROUND.double().view(3, 1, 1)).abs().max())
                 relative[pixels][f"{name}: {what}"] = replace(found, picture=found.picture / max(change, 1e-30))
     return plain, relative
@@ -188,14 +188,14 @@ def sums() -> dict[int, dict[str, float]]:
             whole = torch.cat(list(values(pixels, part)))
             row[name] = abs(float(whole.sum() / pixels if name == "ssim" else whole.mean()) - exact) / exact
             if name == "mse":
-                row["(running sum in float32)"] = abs(float(running(whole.numpy())) / pixels - exact) / exact
+                row["(running sum in float32)"] = abs(float(sum_in_sequence(whole.numpy())) / pixels - exact) / exact
                 row["gradient of a stroke on all pixels"] = of_a_stroke(whole)
             del whole
         found[pixels] = row
     return found
 
 
-def running(numbers: "np.ndarray[tuple[int], np.dtype[np.float32]]") -> np.float32:
+def sum_in_sequence(numbers: "np.ndarray[tuple[int], np.dtype[np.float32]]") -> np.float32:
     """Sum numbers in sequence, in float32."""
     total = np.float32(0)
     for begin in range(0, len(numbers), 10**7):

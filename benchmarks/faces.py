@@ -92,7 +92,7 @@ def read(table: Path) -> dict[str, list[Truth]]:
     return pictures
 
 
-def turned(picture: Image.Image, truths: list[Truth], tilt: float) -> tuple[Image.Image, list[Truth]]:
+def rotate_faces(picture: Image.Image, truths: list[Truth], tilt: float) -> tuple[Image.Image, list[Truth]]:
     """Rotate a picture and its faces clockwise by ``tilt`` degrees."""
     canvas = picture.rotate(-tilt, Image.Resampling.BICUBIC, expand=True)
     c, s = math.cos(math.radians(tilt)), math.sin(math.radians(tilt))
@@ -122,7 +122,7 @@ def main() -> None:
                 picture = Image.open(path).convert("RGB")
                 zoom = min(1, size / max(picture.size))
                 small = picture.resize([max(1, round(zoom * side)) for side in picture.size], Image.Resampling.LANCZOS)
-                small, there = turned(small, [(zoom * x, zoom * y, zoom * side) for x, y, side in truths], tilt)
+                small, there = rotate_faces(small, [(zoom * x, zoom * y, zoom * side) for x, y, side in truths], tilt)
                 planes = torch.from_numpy(np.array(small)).movedim(-1, 0) / 255
                 start = time.process_time()
                 found = find_faces(planes, asked.least)

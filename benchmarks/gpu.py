@@ -42,7 +42,7 @@ CARE = "run this where there is one, with a CUDA build of PyTorch and pip instal
 Step = Callable[[], tuple[torch.Tensor, ...]]
 
 
-def missing() -> str | None:
+def missing_requirement() -> str | None:
     """Describe what this machine lacks for the benchmark; return None if nothing is missing."""
     if not torch.cuda.is_available():
         return f"PyTorch {torch.__version__} finds no CUDA device"
@@ -115,7 +115,7 @@ def side_by_side() -> Iterator[str]:
     yield f"Plain steps by the number of tiles per program ({chosen} is the default): {', '.join(times)}."
 
 
-def painting(picture: Path | None) -> Iterator[str]:
+def time_painting(picture: Path | None) -> Iterator[str]:
     """Paint a picture of 768 x 512 pixels, the size of Kodak's pictures, until it reaches the target PSNR."""
     source: Any = picture or transform.resize(data.rocket(), (512, 768))
     for again in ("first", "again"):
@@ -171,7 +171,7 @@ def report(picture: Path | None) -> str:
         size,
         "\n".join(steps()),
         *side_by_side(),
-        "\n".join(painting(picture)),
+        "\n".join(time_painting(picture)),
         "\n".join(where_time_goes()),
     ]
     return "\n\n".join(parts)
@@ -182,7 +182,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("picture", type=Path, nargs="?", help="a picture of 768 x 512 pixels")
     picture = parser.parse_args().picture
-    if lacks := missing():
+    if lacks := missing_requirement():
         sys.exit(f"benchmarks/gpu.py: {lacks}; {CARE}")
     before, _, _ = PAGE.read_text().partition(HEADING)
     PAGE.write_text(f"{before}{HEADING}\n{report(picture)}\n")

@@ -57,7 +57,7 @@ def program(*overrides: str) -> tuple[float, float]:
     return time.perf_counter() - begin, memory
 
 
-def exported(catalogue: Path, folder: Path, form: str, *overrides: str) -> Path:
+def export_as(catalogue: Path, folder: Path, form: str, *overrides: str) -> Path:
     """Export a painting in one format, print a row of the table, and return the folder of the export."""
     seconds, memory = program(
         "task=export", f"catalogue={catalogue}", f"to=[{form}]", f"output={folder / form}", *overrides
@@ -86,7 +86,7 @@ def chromium() -> Iterator[Any]:
         browser.close()
 
 
-def replayed(browser: Any, run: Path) -> bytes:
+def last_replay_frame(browser: Any, run: Path) -> bytes:
     """Return the last frame of the replay on a run's page, as an encoded picture."""
     width, height = Image.open(run / "painting.png").size
     tab = browser.new_page(viewport={"width": 1440, "height": round(1560 * height / width)}, reduced_motion="reduce")
@@ -97,7 +97,7 @@ def replayed(browser: Any, run: Path) -> bytes:
     return base64.b64decode(address.partition(",")[2])
 
 
-def painted(look: str, folder: Path) -> Path:
+def paint_look(look: str, folder: Path) -> Path:
     """Paint the default picture in a look, and return the folder of the run."""
     program(f"look={look}", "frames=0", f"output={folder / look}")
     return folder / look
@@ -117,7 +117,7 @@ def vectors(runs: Iterable[Path]) -> None:
             width, height = Image.open(painting).size
             tab = browser.new_page(viewport={"width": width, "height": height})
             tab.goto(svg.as_uri())
-            found = [psnr(drawn, painting) for drawn in (by_resvg, tab.screenshot(), replayed(browser, run))]
+            found = [psnr(drawn, painting) for drawn in (by_resvg, tab.screenshot(), last_replay_frame(browser, run))]
         sizes = [path.stat().st_size / 1e6 for path in (svg, run / "report.html")]
         print(f"| `{run.name}` |", " | ".join(f"{value:.1f}" for value in [*found, *sizes]), "|", flush=True)
 
@@ -162,7 +162,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         if options.looks or options.runs:
-            vectors([*(options.runs or ()), *(painted(look, folder) for look in options.looks or ())])
+            vectors([*(options.runs or ()), *(paint_look(look, folder) for look in options.looks or ())])
             return
         program("look=even", "report=false", f"output={folder / 'default'}")
         program(
@@ -176,9 +176,9 @@ def main() -> None:
         catalogue = folder / "default" / "catalogue.h5"
         print("| export of the default painting | seconds | MB | memory MB |\n|---|---|---|---|")
         for form in ("svg", "json", "csv", "gcode", "hpgl", "process", "relief"):
-            exported(catalogue, folder, form)
-        exported(catalogue, folder, "png", f"resolution={options.resolution}")
-        exported(catalogue, folder / "large", "relief", f"resolution={options.resolution}")
+            export_as(catalogue, folder, form)
+        export_as(catalogue, folder, "png", f"resolution={options.resolution}")
+        export_as(catalogue, folder / "large", "relief", f"resolution={options.resolution}")
         seconds, memory = program("task=analyse", f"catalogue={catalogue}", f"output={folder / 'analysis'}")
         print(f"| `task=analyse` | {seconds:.1f} | | {memory:.0f} |")
         page(folder / "many")

@@ -42,7 +42,7 @@ def second(rounds: int, words: list[str]) -> None:
         print(f"| {look} | {seconds:.2f} |")
 
 
-def spent_on(words: list[str]) -> tuple[float, float]:
+def time_program(words: list[str]) -> tuple[float, float]:
     """Return the wall and CPU seconds of one run of the program."""
     since, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
     subprocess.run([sys.executable, "-m", "brushexp", *words], check=True, stdout=subprocess.DEVNULL)
@@ -62,9 +62,9 @@ def folder(place: str, count: int, rounds: int, words: list[str]) -> None:
         for path in pictures:
             os.symlink(path, photos / path.name)
         for _ in range(rounds):
-            alone = [spent_on([f"image={path}", f"output={scratch}/{path.stem}", *singly]) for path in pictures]
+            alone = [time_program([f"image={path}", f"output={scratch}/{path.stem}", *singly]) for path in pictures]
             found = {"one by one": tuple(map(sum, zip(*alone, strict=True)))}
-            found["the folder"] = spent_on([f"image={photos}", f"output={scratch}/all", *words])
+            found["the folder"] = time_program([f"image={photos}", f"output={scratch}/all", *words])
             least = {way: tuple(map(min, zip(least[way], found[way], strict=True))) for way in least}
             for path in Path(scratch).iterdir():
                 if path != photos:

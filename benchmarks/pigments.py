@@ -10,7 +10,7 @@ colours are those that painters expect, not measurements.
 """
 
 import torch
-from brushexp_media.colors.decoding import linear_of, shown_of
+from brushexp_media.colors.decoding import display_of, linear_of
 from brushexp_media.colors.pigment import DEEPEST, PURE, paints
 from torch import Tensor
 
@@ -33,7 +33,7 @@ def logarithms(light: Tensor, spectra: Tensor) -> Tensor:
     return (paints(light) @ spectra + DEEPEST).log()
 
 
-def started() -> Tensor:
+def initial_logits() -> Tensor:
     """Return the logits of the initial spectra, which are blocks with soft edges."""
     place = torch.linspace(0, 1, BANDS, dtype=torch.float64)
 
@@ -50,17 +50,17 @@ def main() -> None:
     pure, white = torch.tensor(PURE, dtype=torch.float64), torch.ones(1, BANDS, dtype=torch.float64)
     light = [torch.stack([linear_of(color(pair.split()[k])) for pair in MIXTURES]) for k in (0, 1)]
     wanted = torch.stack([color(text) for text in MIXTURES.values()])
-    numbers = started().requires_grad_()
+    numbers = initial_logits().requires_grad_()
     optimizer = torch.optim.Adam([numbers], lr=RATE)
     schedule = torch.optim.lr_scheduler.LinearLR(optimizer, 1.0, 0.01, STEPS)
     for _ in range(STEPS):
         spectra = torch.cat([white, numbers.sigmoid()])
         seen = torch.linalg.solve(spectra, pure)
         one, other = (logarithms(part, spectra) for part in light)
-        mixed = shown_of((0.5 * (one + other)).exp().sub(DEEPEST) @ seen)
+        mixed = display_of((0.5 * (one + other)).exp().sub(DEEPEST) @ seen)
         first, second = linear_of((torch.rand(2, 256, 3, dtype=torch.float64) * 1.6 - 0.3).clamp(0, 1))
         chance = torch.lerp(logarithms(first, spectra), logarithms(second, spectra), torch.rand(256, 1).double())
-        shown = shown_of(chance.exp().sub(DEEPEST) @ seen)
+        shown = display_of(chance.exp().sub(DEEPEST) @ seen)
         outside = (shown - shown.clamp(0, 1)).square().sum()
         rough = 0.01 * (spectra[1:] + DEEPEST).log().diff(n=2).square().mean() + 0.05 * seen.T.diff(n=2).square().mean()
         loss = (mixed - wanted).square().sum() + 0.3 * outside + rough

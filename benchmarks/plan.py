@@ -37,7 +37,7 @@ THESIS12 = Path(__file__).parents[1] / "src/brushexp/conf/pictures/thesis12.yaml
 QUIET = {"frames": 0, "report": False, "logger": []}
 
 
-def shown(job: ExportJob) -> Tensor:
+def render_job(job: ExportJob) -> Tensor:
     """Render a painting as a tensor (3, H, W) in [0, 1]."""
     return torch.from_numpy(job.picture()).movedim(2, 0) / 255
 
@@ -70,11 +70,11 @@ def compare(image: str, options: dict[str, object], counts: list[int]) -> Iterat
             planned = paint_picture(cfg).job
         plain = plain or paint_plain(cfg, len(planned.strokes), target)
         plan, afterwards = plan_of(planned, table, scale), plan_of(plain, table, scale)
-        played, own = shown(plan.play_back()), replace(afterwards, order=plain.bottom_up)
+        played, own = render_job(plan.play_back()), replace(afterwards, order=plain.bottom_up)
         row = {
             "pixels": median_difference(best_pixels(target, table), target),
-            "plain": median_difference(shown(plain), target),
-            "afterwards": min(median_difference(shown(each.play_back()), target) for each in (afterwards, own)),
+            "plain": median_difference(render_job(plain), target),
+            "afterwards": min(median_difference(render_job(each.play_back()), target) for each in (afterwards, own)),
             "planned": median_difference(played, target),
             "photograph": median_difference(played, picture),
         }

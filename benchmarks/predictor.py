@@ -78,7 +78,7 @@ def table(title: str, head: Row, rows: Sequence[Row]) -> None:
         )
 
 
-def paired(ours: Sequence[float], theirs: Sequence[float]) -> str:
+def format_difference(ours: Sequence[float], theirs: Sequence[float]) -> str:
     """Format the mean difference between paired values with its confidence interval."""
     mean, low, high = interval(one - other for one, other in zip(ours, theirs, strict=True))
     digits = 2 if max(map(abs, theirs)) > 1 else 3
@@ -94,7 +94,7 @@ def by_strokes(names: Sequence[str], side: int, counts: Sequence[int]) -> None:
         seconds = statistics.median(begin(name, side, "predicted", n)[1] for name in names)
         wall = statistics.median(wall_of(name, side, n) for name in names)
         psnr, distance = statistics.mean(row[0] for row in ours), statistics.mean(row[1] for row in ours)
-        gain = paired([row[0] for row in ours], [row[0] for row in slic])
+        gain = format_difference([row[0] for row in ours], [row[0] for row in slic])
         rows.append([n, psnr, f"{distance:.3f}", gain, seconds, wall])
     head = ["strokes", "dB", "perceptual", "dB over slic", "CPU s", f"s on {CORES} threads"]
     table("No step of the optimiser", head, rows)
@@ -116,7 +116,11 @@ def by_steps(names: Sequence[str], side: int, n: int, steps: Sequence[int]) -> N
     for count in steps:
         found = {init: [paint(name, side, init, n, count)[0] for name in names] for init in INITS}
         rows.append(
-            [count, *(statistics.mean(found[init]) for init in INITS), paired(found["predicted"], found["slic"])]
+            [
+                count,
+                *(statistics.mean(found[init]) for init in INITS),
+                format_difference(found["predicted"], found["slic"]),
+            ]
         )
     table(f"{n} strokes, by steps, dB", ["steps", *INITS, "predicted over slic"], rows)
 
@@ -133,7 +137,7 @@ def by_seconds(names: Sequence[str], side: int, n: int, budgets: Sequence[float]
         }
         cells = [f"{statistics.mean(found[init]):.2f} ({steps[init]})" if init in found else "" for init in INITS]
         both = "predicted" in found and "slic" in found
-        rows.append([budget, *cells, paired(found["predicted"], found["slic"]) if both else ""])
+        rows.append([budget, *cells, format_difference(found["predicted"], found["slic"]) if both else ""])
     table(f"{n} strokes, by CPU seconds, dB (steps)", ["s", *INITS, "predicted over slic"], rows)
 
 
@@ -177,7 +181,11 @@ def by_draft(names: Sequence[str], side: int) -> None:
         before = found[0]
         for keys, (psnr, distance, seconds) in zip(choices, found, strict=True):
             words = " ".join(f"{key}={value}" for key, value in keys.items())
-            gains = [paired(psnr, before[0]), paired(distance, before[1])] if psnr is not before[0] else ["", ""]
+            gains = (
+                [format_difference(psnr, before[0]), format_difference(distance, before[1])]
+                if psnr is not before[0]
+                else ["", ""]
+            )
             spent = statistics.mean(seconds)
             times = f"{spent / statistics.mean(before[2]):.2f}"
             perceptual = f"{statistics.mean(distance):.3f}"

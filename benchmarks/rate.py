@@ -105,14 +105,14 @@ def _badge(draw: ImageDraw.ImageDraw) -> None:
 def pictures(kodak: Path | None) -> Iterator[tuple[str, str, np.ndarray]]:
     """Yield the set, name and pixels (H, W, 3) of each picture, alternating between the sets."""
     drawn = [("icons", name, np.asarray(picture)) for name, picture in icons().items()]
-    taken = [("scikit-image", name, _shrunk(Image.fromarray(getattr(data, name)()), SIDE)) for name in PHOTOGRAPHS]
+    taken = [("scikit-image", name, _downsample(Image.fromarray(getattr(data, name)()), SIDE)) for name in PHOTOGRAPHS]
     paths = [] if kodak is None else [kodak / f"{name}.png" for name in KODAK]
-    given = [("Kodak", path.stem, _shrunk(Image.open(path).convert("RGB"), SIDE)) for path in paths]
+    given = [("Kodak", path.stem, _downsample(Image.open(path).convert("RGB"), SIDE)) for path in paths]
     for turn in zip_longest(drawn, taken, given):
         yield from (picture for picture in turn if picture is not None)
 
 
-def _shrunk(picture: Image.Image, side: int) -> np.ndarray:
+def _downsample(picture: Image.Image, side: int) -> np.ndarray:
     zoom = side / max(picture.size)
     size = round(picture.width * zoom), round(picture.height * zoom)
     return np.asarray(picture.resize(size, Image.Resampling.LANCZOS))

@@ -70,7 +70,7 @@ def row_of(name):
     def psnr(picture):
         return picture_psnr(to_bytes(picture), pixels)
 
-    def coded(loss):
+    def measure_code(loss):
         allowed = own * (10 ** (loss / 10) - 1)
         data = code(job, allowed=allowed, goal=goal).data
         return 8 * len(data) / len(job.strokes), psnr(draw(read_bits(data).strokes))
@@ -81,9 +81,9 @@ def row_of(name):
     packed, plain = pack(strokes)
     bits, lost = 8 * len(packed) / len(strokes), psnr(draw(plain))
     start = time.process_time()
-    fine = coded(LOSS)
+    fine = measure_code(LOSS)
     spent = time.process_time() - start
-    coarse = coded(whole - lost)
+    coarse = measure_code(whole - lost)
     pairs = "".join(f" | {one:.1f}, {dB:.2f}" for one, dB in ((bits, lost), fine, coarse))
     print(f"| {name} | {whole:.2f}{pairs} | {spent:.1f} |", flush=True)
     return fine[0] / bits, coarse[0] / bits

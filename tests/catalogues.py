@@ -20,7 +20,7 @@ from brushexp.plugins.renderer.base import Renderer
 from brushexp.shading.light import UNLIT, Light
 from brushexp.strokes.catalogue import FIELDS, Strokes
 from brushexp.strokes.storage import Saved, load_catalogue
-from brushexp.system.hdf5 import fixed
+from brushexp.system.hdf5 import encode_fixed
 
 CONFIG = "renderer: {_target_: brushexp.plugins.renderer.analytic.Analytic, soft: 1.5, taper: 0.0}\nimage: größe.png\n"
 
@@ -82,7 +82,7 @@ def give_attribute(path: Path, name: str, value: object) -> None:
     with h5py.File(path, "a") as file:
         del file.attrs[name]
         if value is not None:
-            file.attrs[name] = fixed(value) if isinstance(value, str) else value
+            file.attrs[name] = encode_fixed(value) if isinstance(value, str) else value
 
 
 def spoil_every(path: Path, step: int, unchanged: Callable[[], None]) -> None:

@@ -24,7 +24,7 @@ import brushexp_training
 import pytest
 
 import brushexp.__main__
-from brushexp.system.published import published
+from brushexp.system.published import entry_points_of
 
 ROOT = Path(__file__).parents[1]
 THEIRS = ["antlr4.LL1Analyzer", "av", "filelock", "hydra.main", "jinja2", "lightning.pytorch.callbacks"]
@@ -36,7 +36,9 @@ OURS = [
     for module in pkgutil.walk_packages(it.__path__, f"{it.__name__}.")
 ]
 OURS += [
-    point.module for group in ("plugins", "tasks", "stand_ins") for point in published(f"brushexp.{group}").values()
+    point.module
+    for group in ("plugins", "tasks", "stand_ins")
+    for point in entry_points_of(f"brushexp.{group}").values()
 ]
 FORKS = multiprocessing.get_context("forkserver")
 FORKS.set_forkserver_preload(["ready", *THEIRS, *OURS])

@@ -10,9 +10,9 @@ from refusals import refuses
 import brushexp
 from brushexp.api.settings import settings_of
 from brushexp.cli.program import expand_arguments
-from brushexp.config.changes import expand_changes, shortened
+from brushexp.config.changes import expand_changes, shorten_words
 from brushexp.config.check import check
-from brushexp.config.compose import composed
+from brushexp.config.compose import compose_config
 from brushexp.painting.changes import build_changes
 from brushexp.plugins.change.base import Change, by_rank
 from brushexp.plugins.sampler.whole import Whole
@@ -53,7 +53,7 @@ def test_words_stand_for_options_of_changes_which_they_choose(words, expanded):
     (["smallest=1", "width_cm=40"], ["smallest=1", "width_cm=40"]),
 ])  # fmt: skip
 def test_they_are_written_again_as_they_were_typed(words, short):
-    assert shortened(expand_changes(words)) == short
+    assert shorten_words(expand_changes(words)) == short
     assert expand_changes(short) == expand_changes(words), "and mean the same"
 
 
@@ -81,7 +81,7 @@ def test_a_list_of_a_sweep_gets_the_name_of_a_word_and_a_sweep_of_lists_does_not
 
 def chosen_by(*words):
     words = expand_arguments([*words])
-    cfg = composed(words)
+    cfg = compose_config(words)
     check(cfg, words)
     return cfg.change
 

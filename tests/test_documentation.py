@@ -259,7 +259,7 @@ def presets(tmp_path, hydra_restore_singletons):
 
 
 def composed(folders, *overrides):
-    cfg = compose.composed(overrides, folders)
+    cfg = compose.compose_config(overrides, folders)
     check(cfg)
     return cfg
 

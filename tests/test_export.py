@@ -43,7 +43,7 @@ from brushexp.plugins.export.png import Png
 from brushexp.plugins.export.svg import Svg, soft_edge
 from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.registry import build_named, plugins
-from brushexp.results.exports import exported as files_beside
+from brushexp.results.exports import exported_files as files_beside
 from brushexp.results.exports import move_beside
 from brushexp.runs.run_folder import clear
 from brushexp.shading.light import Light

@@ -38,7 +38,7 @@ from brushexp.pictures.faces.detection import (
     rotate_back,
 )
 from brushexp.pictures.faces.marked import marked_faces
-from brushexp.pictures.faces.network import HEADS, LANDMARKS, STRIDES, _decoded, open_network
+from brushexp.pictures.faces.network import HEADS, LANDMARKS, STRIDES, _decode, open_network
 from brushexp.pictures.faces.spots import MOST_SPOTS, contrast_of_spot, find_eyes, find_spots
 from brushexp.pictures.focus import attention
 from brushexp.pictures.load import load_picture
@@ -81,7 +81,7 @@ def test_the_network_keeps_channels_side_by_side():
 def test_answers_are_decoded_place_by_place():
     generator = torch.Generator().manual_seed(0)
     answers = {head: torch.randn(count, 3, 5, generator=generator) for head, count in HEADS.items()}
-    score, middle, size, landmarks = _decoded(answers, 16)
+    score, middle, size, landmarks = _decode(answers, 16)
     for row in range(3):
         for column in range(5):
             here = {head: values[:, row, column].tolist() for head, values in answers.items()}

@@ -128,7 +128,7 @@ def test_tiles_hold_every_activation_once(monkeypatch):
     network, taps = open_backbone("effl0"), ["stem", "b2", "b3.expand"]
     picture = torch.rand(3, 77, 101)
     expected = network(picture[None], taps)
-    tiles = list(network.tiled(picture, taps))
+    tiles = list(network.activations_by_tile(picture, taps))
     assert len(tiles) == 12
     for tap, pieces in zip(taps, zip(*tiles, strict=True), strict=True):
         result, everything = torch.cat(pieces, 1), expected[tap][0].flatten(1)

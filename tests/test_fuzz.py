@@ -44,7 +44,7 @@ from tifffile import imwrite
 
 from brushexp.compat.hydra import shared_store
 from brushexp.config.check import check
-from brushexp.config.compose import composed, folders_of
+from brushexp.config.compose import compose_config, folders_of
 from brushexp.config.mistakes import explanation
 from brushexp.config.publish import prepare
 from brushexp.errors import UserError
@@ -64,7 +64,7 @@ from brushexp.runs.sweep_jobs import check_same
 from brushexp.runs.trainer import fit as fit_module
 from brushexp.strokes.catalogue import check_strokes
 from brushexp.strokes.storage import load_catalogue, save_catalogue
-from brushexp.system.hdf5 import fixed, numbers_of
+from brushexp.system.hdf5 import encode_fixed, numbers_of
 from brushexp.system.run_files import CHECKPOINT
 
 EXAMPLES = int(os.environ.get("BRUSHEXP_FUZZ", "12"))  # examples of damage per kind of file; use thousands to search
@@ -194,7 +194,7 @@ def read_look(path: Path) -> None:
     try:
         with shared_store():
             prepare(path.parents[2], words)
-            check(composed(words, folders), words)
+            check(compose_config(words, folders), words)
     except (CompactHydraException, OmegaConfBaseException) as error:
         raise UserError(explanation(error, folders, words)) from error
 
@@ -316,7 +316,7 @@ def change_hdf5(file: h5py.File, chance: random.Random, folder: Path) -> None:
     if chance.random() < 0.5:
         value = chance.choice(HOSTILE)
         long = isinstance(value, str) and chance.random() < 0.8
-        file.attrs[chance.choice(list(file.attrs))] = fixed(value) if long else value
+        file.attrs[chance.choice(list(file.attrs))] = encode_fixed(value) if long else value
         return
     name = chance.choice(list(file))
     held = file[name][()]
@@ -340,7 +340,7 @@ def change_hdf5(file: h5py.File, chance: random.Random, folder: Path) -> None:
     ]
     chance.choice(ways)()
     if isinstance(file.get(name, getlink=True), h5py.HardLink):
-        file[name].attrs["unit"] = fixed("x")
+        file[name].attrs["unit"] = encode_fixed("x")
 
 
 def test_a_chunk_that_unpacks_to_more_than_it_says_is_refused_before_there_is_room_for_it(tmp_path):

@@ -235,7 +235,7 @@ def test_parts_make_kernels_of_their_own_which_other_processes_find_again_and_lo
     assert first.tobytes() == second.tobytes()
     values, names = np.ones(3), set()
     for choice in (twice, thrice, twice):
-        chosen = apply.having(part=choice)
+        chosen = apply.with_parts(part=choice)
         chosen(values)
         names.add(chosen.dispatcher.py_func.__qualname__)
     assert values.tolist() == [12.0] * 3

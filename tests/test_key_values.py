@@ -182,10 +182,10 @@ def test_a_name_stays_itself_however_often_it_is_resolved(name, tmp_path, monkey
     (word,) = (word for word in expand_pictures([f"image={name}"], False) if word.startswith("output="))
     assert "${" not in word, "Hydra cannot write there"
     Image.new("RGB", (64, 48)).save(tmp_path / f"{name}.png")
-    cfg = compose.composed(expand_arguments([f"image={name}.png", f"style={name}.png", f"focus={name}.png"]))
+    cfg = compose.compose_config(expand_arguments([f"image={name}.png", f"style={name}.png", f"focus={name}.png"]))
     assert (cfg.image, cfg.focus) == (f"{name}.png",) * 2
     assert options_in(cfg.style.loss, "style.loss")["image"] == f"{name}.png"
-    assert f"{name}.png" == compose.composed(expand_arguments(["export", f"{name}.png"])).catalogue
+    assert f"{name}.png" == compose.compose_config(expand_arguments(["export", f"{name}.png"])).catalogue
 
 
 def test_where_nothing_can_be_written_is_told_and_a_number_is_no_path(tmp_path, monkeypatch):

@@ -44,7 +44,7 @@ PLAIN_VARIETY = build_named("change", "variety", {}).amount
 
 
 def composed(words: str = ""):
-    return compose.composed(expand_arguments(words.split()))
+    return compose.compose_config(expand_arguments(words.split()))
 
 
 @pytest.fixture
@@ -107,8 +107,8 @@ def test_a_look_that_does_not_fit_is_refused_where_it_is_chosen(tmp_path, text, 
     (tmp_path / "look" / "wrong.yaml").write_text(f"# @package _global_\n{text}")
     folders = [*conf_folders(), tmp_path]
     offer(folders)
-    assert compose.composed(["look=plain"], folders).task == "paint", "nobody has chosen it"
-    refuses(message, compose.composed, ["look=wrong"], folders)
+    assert compose.compose_config(["look=plain"], folders).task == "paint", "nobody has chosen it"
+    refuses(message, compose.compose_config, ["look=wrong"], folders)
 
 
 @pytest.mark.parametrize(("name", "content", "message"), [
@@ -153,7 +153,7 @@ def test_a_look_may_have_the_words_for_options_of_changes(tmp_path, hydra_restor
     (tmp_path / "look" / "mine.yaml").write_text(f"# @package _global_\n{lines}\n")
     folders = [*conf_folders(), tmp_path]
     offer(folders)
-    cfg = compose.composed(["look=mine"], folders)
+    cfg = compose.compose_config(["look=mine"], folders)
     check(cfg)
     assert {name: node.amount for name, node in cfg.change.items()} == {
         name: amount for name, amount in (("variety", variety), ("wet", wet)) if amount is not None
@@ -208,9 +208,9 @@ def test_a_word_adds_a_change_whose_options_another_look_sets(tmp_path, hydra_re
     folders = [*conf_folders(), tmp_path]
     offer(folders)
     for look, amount in (("look=plain", 0.2), ("look=mine", 0.2), ("look=pastel", 0.2)):
-        cfg = compose.composed(expand_arguments([look, f"wet={amount}"]), folders)
+        cfg = compose.compose_config(expand_arguments([look, f"wet={amount}"]), folders)
         check(cfg)
         assert cfg.change.wet.amount == amount
         assert "variety" in cfg.change
-    assert compose.composed(expand_arguments(["look=mine"]), folders).change.wet.amount == 0.5
+    assert compose.compose_config(expand_arguments(["look=mine"]), folders).change.wet.amount == 0.5
     offer(conf_folders())

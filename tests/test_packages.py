@@ -40,7 +40,7 @@ class Absent:
             raise ModuleNotFoundError(name)
 
 sys.meta_path.insert(0, Absent)
-published._installed = lambda: SimpleNamespace(select=lambda group: ())
+published._all_entry_points = lambda: SimpleNamespace(select=lambda group: ())
 
 import brushexp
 from brushexp.__main__ import main

@@ -20,7 +20,7 @@ LADDER = ("draft", "normal", "fine", "best")
 
 
 def composed(*words: str, own=()):
-    return compose.composed(words, [*conf_folders(), *own])
+    return compose.compose_config(words, [*conf_folders(), *own])
 
 
 def listed(study: str) -> list[str]:

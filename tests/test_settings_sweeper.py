@@ -17,7 +17,7 @@ from brushexp.config.mistakes import explanation
 from brushexp.errors import UserError
 from brushexp.results.runs import read_result
 from brushexp.runs.run_folder import check_place
-from brushexp.runs.sweep_jobs import check_jobs, moved
+from brushexp.runs.sweep_jobs import check_jobs, move_job
 from brushexp.system.words import SHIPPED, conf_folders
 
 FOUND = search_path(conf_folders())  # lets Hydra find the configs of packages
@@ -108,7 +108,7 @@ def test_jobs_have_folders_of_their_own_where_they_go_on_and_no_run_is_moved_awa
         "chdir=true would break relative paths in the settings; drop it",
         places, ["camera"], "hydra.job.chdir=true",
     )  # fmt: skip
-    assert moved(["seed=1", "hydra.sweep.subdir=a"], "b c") == ["seed=1", "hydra.sweep.subdir=b c"]
+    assert move_job(["seed=1", "hydra.sweep.subdir=a"], "b c") == ["seed=1", "hydra.sweep.subdir=b c"]
 
 
 @pytest.mark.parametrize(("override", "message"), [

@@ -11,7 +11,7 @@ from refusals import refuses
 from brushexp.cli.help import help_text
 from brushexp.cli.many_pictures import pictures_named
 from brushexp.config.check import check
-from brushexp.config.compose import composed, folders_of
+from brushexp.config.compose import compose_config, folders_of
 from brushexp.config.publish import prepare
 from brushexp.system.reading import decode_text, read_text
 
@@ -46,15 +46,15 @@ def test_every_kind_of_config_is_read_as_windows_writes_it(tmp_path, way, hydra_
     write(tmp_path, way)
     prepare(tmp_path)
     folders = folders_of(tmp_path)
-    cfg = composed(["experiment=study", "quality=slow", "loss=[strong]"], folders)
+    cfg = compose_config(["experiment=study", "quality=slow", "loss=[strong]"], folders)
     check(cfg)
     assert (cfg.change.variety.amount, cfg.strokes, cfg.loss.strong.weight) == (0.2, 33, 3.0)
-    assert cfg.steps == composed(["look=mine", "effort=3"], folders).steps
-    cfg = composed(["look=mine", "loss=both"], folders)
+    assert cfg.steps == compose_config(["look=mine", "effort=3"], folders).steps
+    cfg = compose_config(["look=mine", "loss=both"], folders)
     assert {name: node.weight for name, node in cfg.loss.items()} == {"mse": 5.0, "l1": 1.0}
-    assert composed(["task=export", "to=[fine]", "catalogue=x"], folders).to.fine.digits == 4
+    assert compose_config(["task=export", "to=[fine]", "catalogue=x"], folders).to.fine.digits == 4
     assert pictures_named("set", folders) == ["coffee", "chelsea"]
-    text = help_text(composed(["look=plain"], folders), ["look=plain", "quality=draft", "loss=mse"], folders)
+    text = help_text(compose_config(["look=plain"], folders), ["look=plain", "quality=draft", "loss=mse"], folders)
     for words in ("größer", "langsam", "stark", "beide"):
         assert words in text
 

@@ -126,7 +126,7 @@ def test_the_longest_part_that_pays_is_as_good_as_any_from_the_seed_on():
         gains = {}
         for begin in range(traced.POINTS):
             for end in range(traced.POINTS + 1, 2 * traced.POINTS + 1):
-                gains[begin, end] = float(traced._explained(moments[:, k, begin : end + 1].sum(1))[1])
+                gains[begin, end] = float(traced._fit_colors(moments[:, k, begin : end + 1].sum(1))[1])
         assert 0.8 * max(gains.values()) <= lines.gain[k] <= max(gains.values()) * (1 + 1e-9)
 
 
@@ -149,7 +149,7 @@ def test_a_painting_that_ends_early_has_no_more_strokes_than_were_asked_for():
     painter = painter_of(Traced(surplus=0.4), n=60, steps=120, target=picture((72, 96)))
     take(painter, 50)
     assert len(painter.catalogue) > 60
-    strokes, judged = painter.strokes(), painter._judged()
+    strokes, judged = painter.strokes(), painter._measure_importance()
     painter.hand_over()
     assert len(painter.catalogue) == len(painter.visits) == len(painter.front_to_back) == 60
     kept = (strokes.position[:, None] == painter.strokes().position).all(2).any(1)

@@ -12,7 +12,7 @@ from films import decoded, unrolled
 from PIL import Image
 from refusals import refuses
 
-from brushexp.painting.timelapse import FPS, HOLD_SECONDS, MIN_FPS, Timelapse, moments, shrink, timing
+from brushexp.painting.timelapse import FPS, HOLD_SECONDS, MIN_FPS, Timelapse, choose_ticks, moments, shrink
 from brushexp.pictures.video import GIF_SIDE, GIF_TOLERANCE, LARGEST_SIDE, MOST_FPS, filming, largest_side
 
 
@@ -196,7 +196,7 @@ def test_as_many_frames_as_asked_are_due_ever_fewer_and_the_first_and_last_step_
 @pytest.mark.parametrize("seconds", [0.5, 3.0, 7.3, 60.0])
 def test_a_chosen_length_is_kept_and_players_can_follow(tmp_path, seconds):
     for n_frames in (1, 2, 3, 11, 60, 2000):
-        rate, ticks = timing(n_frames, seconds)
+        rate, ticks = choose_ticks(n_frames, seconds)
         assert MIN_FPS <= rate <= MOST_FPS
         assert rate == MOST_FPS or abs(ticks * n_frames / rate - seconds) < 1e-3 * seconds
     for impossible in (0.0, -seconds, 1.1, 301.0, float("nan")):

@@ -12,13 +12,13 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf, read_write
 from omegaconf.errors import OmegaConfBaseException
 
-from brushexp.config.compose import CHOSEN_GROUPS, composed
+from brushexp.config.compose import CHOSEN_GROUPS, compose_config
 from brushexp.registry import FAMILIES, MULTI_SELECT, plugins
 from brushexp.system.words import conf_folders
 
 PARSER = OverridesParser.create()
 TASK_OF = {"engine": "simulate", "to": "export"}  # families missing from the config of task=paint
-_composed = cache(lambda *words: composed(words))
+_composed = cache(lambda *words: compose_config(words))
 
 
 def configured(words: Sequence[str]) -> DictConfig:
@@ -29,10 +29,10 @@ def configured(words: Sequence[str]) -> DictConfig:
         cfg = _composed(*choices).copy()
         overrides = PARSER.parse_overrides([word for word in words if word not in choices])
         if any(override.is_sweep_override() for override in overrides):
-            return composed(words)
+            return compose_config(words)
         _set(overrides, cfg)
     except (HydraException, OmegaConfBaseException):
-        return composed(words)  # raises the program's own message
+        return compose_config(words)  # raises the program's own message
     return cfg
 
 
@@ -71,7 +71,7 @@ def nodes() -> dict[tuple[str, str], DictConfig]:
         choices = ([f"[{','.join(members(one))}]"] if one in MULTI_SELECT else members(one) for one in families)
         for row in zip_longest(*choices):
             chosen = {one: choice for one, choice in zip(families, row, strict=True) if choice}
-            cfg = composed([f"task={task}", *(f"{one}={choice}" for one, choice in chosen.items())])
+            cfg = compose_config([f"task={task}", *(f"{one}={choice}" for one, choice in chosen.items())])
             for one, choice in chosen.items():
                 several = cfg[one].items() if one in MULTI_SELECT else [(choice, cfg[one])]
                 found.update({(one, key): value for key, value in several})

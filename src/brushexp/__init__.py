@@ -34,17 +34,17 @@ def __getattr__(name: str) -> Any:
     for module, names in HOMES.items():
         if name in names:
             return getattr(import_module(module), name)
-    if not name.startswith("_") and (point := _published().get(name)) is not None:
+    if not name.startswith("_") and (point := _published_functions().get(name)) is not None:
         return point.load()
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return [*__all__, *_published()]
+    return [*__all__, *_published_functions()]
 
 
-def _published() -> Any:
+def _published_functions() -> Any:
     """Map the name of each function that an installed package publishes to its entry point."""
-    from brushexp.system.published import published  # noqa: PLC0415  (slow to import)
+    from brushexp.system.published import entry_points_of  # noqa: PLC0415  (slow to import)
 
-    return published(FUNCTIONS)
+    return entry_points_of(FUNCTIONS)

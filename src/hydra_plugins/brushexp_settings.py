@@ -60,7 +60,7 @@ class SettingsSweeper(Sweeper):
 
     def sweep(self, arguments: list[str]) -> None:
         """Check all jobs before writing anything, then launch them batch by batch."""
-        from brushexp.runs.sweep_jobs import begin_sweep, check_jobs, launch_jobs, moved  # noqa: PLC0415
+        from brushexp.runs.sweep_jobs import begin_sweep, check_jobs, launch_jobs, move_job  # noqa: PLC0415
 
         jobs = self.combine([*(f"{key}={value}" for key, value in (self.options.params or {}).items()), *arguments])
         places = check_jobs(self.hydra_context.config_loader, self.config, jobs, self.options.lenient)
@@ -68,7 +68,7 @@ class SettingsSweeper(Sweeper):
         OmegaConf.save(self.config, Path(self.config.hydra.sweep.dir) / "multirun.yaml")
         assert self.launcher is not None
         if self.options.resume:
-            jobs = [moved(job, place) for job, place in zip(jobs, places, strict=True)]
+            jobs = [move_job(job, place) for job, place in zip(jobs, places, strict=True)]
         size = self.options.max_batch_size or len(jobs)
         for first in range(0, len(jobs), size):
             launch_jobs(self.launcher.launch, self.config, jobs[first : first + size], first, self.options.resume)

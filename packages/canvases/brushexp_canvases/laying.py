@@ -29,7 +29,7 @@ def lay(store: CanvasStore, tile: Tile, cfg: DictConfig, target: Tensor, focus: 
     grid, window, region = store.grid, store.grid.window(tile), store.grid.region(tile)
     before = sorted(grid.before(tile))
     stored, depth = store.strokes_of(before)
-    near = reaching(stored, window, 0)
+    near = mark_overlapping(stored, window, 0)
     inner = Region(region.top - window.top, region.left - window.left, region.height, region.width)
     own, _ = first_strokes(cfg, inner.of(target).contiguous(), Fixed(), None if focus is None else inner.of(focus))
     passing = own[:0]
@@ -41,7 +41,7 @@ def lay(store: CanvasStore, tile: Tile, cfg: DictConfig, target: Tensor, focus: 
     return Laid(stored[near], depth[near], own.moved(shift=(region.left, region.top)), passing)
 
 
-def reaching(strokes: Strokes, region: Region, edge: float) -> Tensor:
+def mark_overlapping(strokes: Strokes, region: Region, edge: float) -> Tensor:
     """Mark the strokes (N,) whose bounding boxes, widened by ``edge`` pixels, overlap a region."""
     low, high = boxes_of(strokes, 1 + edge)
     first = low.new_tensor([region.left, region.top])

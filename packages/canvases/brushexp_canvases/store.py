@@ -84,11 +84,11 @@ class CanvasStore:
     def strokes_of(self, tiles: Iterable[Tile]) -> tuple[Strokes, Tensor]:
         """Read the N strokes of painted tiles, in canvas pixels, and their depths (N,); larger depths are on top."""
         rows = [self.root["strokes"][tile.row, tile.column, : self.count_of(tile)] for tile in tiles]
-        return unpacked(np.concatenate([np.empty((0, NUMBERS), np.float32), *rows]))
+        return rows_to_strokes(np.concatenate([np.empty((0, NUMBERS), np.float32), *rows]))
 
     def put_strokes(self, tile: Tile, strokes: Strokes, depth: Tensor) -> None:
         """Store a tile's strokes with their depths (N,), and mark it as painted."""
-        self.root["strokes"][tile.row, tile.column, : len(strokes)] = packed(strokes, depth)
+        self.root["strokes"][tile.row, tile.column, : len(strokes)] = strokes_to_rows(strokes, depth)
         self.root["count"][tile.row, tile.column] = len(strokes)
 
     def put_squares(self, tile: Tile, squares: Sequence[float]) -> None:
@@ -110,14 +110,14 @@ class CanvasStore:
         return counts
 
 
-def packed(strokes: Strokes, depth: Tensor) -> np.ndarray:
+def strokes_to_rows(strokes: Strokes, depth: Tensor) -> np.ndarray:
     """Pack strokes and their depths (N,) into rows (N, `NUMBERS`) of float32."""
     columns = [value.detach().reshape(len(strokes), FIELDS[name].size or 1) for name, value in strokes.items()]
     columns += [column[:, None].to(columns[0]) for column in (strokes.brush, depth)]
     return torch.cat(columns, dim=1).to("cpu", torch.float32).numpy()
 
 
-def unpacked(rows: np.ndarray) -> tuple[Strokes, Tensor]:
+def rows_to_strokes(rows: np.ndarray) -> tuple[Strokes, Tensor]:
     """Unpack strokes, including their brushes, and depths from rows (N, `NUMBERS`)."""
     sizes = [field.size or 1 for field in FIELDS.values()]
     *columns, brush, depth = torch.from_numpy(np.ascontiguousarray(rows)).split([*sizes, 1, 1], 1)

@@ -29,7 +29,7 @@ from brushexp.contracts.pictures import Region, background_color
 from brushexp.contracts.runs import conclude, fit, load_plugins, make_trainer
 from brushexp.contracts.strokes import Catalogue, Strokes
 from brushexp_canvases.grid import Tile
-from brushexp_canvases.laying import lay, reaching
+from brushexp_canvases.laying import lay, mark_overlapping
 from brushexp_canvases.pyramid import grey_of, slices_of
 from brushexp_canvases.store import HEIGHT, CanvasStore
 
@@ -184,7 +184,7 @@ def job_of(store: CanvasStore, cfg: DictConfig, region: Region) -> ExportJob:
     """Return a region as a painting, with all strokes that reach into it, in pixels from the region's corner."""
     near = sorted({other for tile in store.grid.tiles_in(region) for other in (tile, *store.grid.around(tile))})
     strokes, depth = store.strokes_of(near)
-    seen = reaching(strokes, region, LIGHT_MARGIN)
+    seen = mark_overlapping(strokes, region, LIGHT_MARGIN)
     renderer = build_stages(cfg)[-1].renderer
     compositor = Compositor(take_built(cfg.blend), take_built(cfg.color))
     job = bare_job(cfg, renderer, compositor, (region.height, region.width))

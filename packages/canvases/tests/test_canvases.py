@@ -17,7 +17,7 @@ import torch
 from brushexp_canvases.grid import Grid, Tile
 from brushexp_canvases.jobs import blocked_interrupts, paint_all, workers
 from brushexp_canvases.page import write_strokes
-from brushexp_canvases.store import NUMBERS, CanvasStore, packed, unpacked
+from brushexp_canvases.store import NUMBERS, CanvasStore, rows_to_strokes, strokes_to_rows
 from brushexp_canvases.task import begin, check_same, relevant_settings
 from brushexp_canvases.tile import THICK, Canvas, draw_tile, job_of, paint_tile
 from omegaconf import OmegaConf
@@ -58,13 +58,13 @@ def test_tiles_cover_a_canvas_once_wait_for_earlier_rounds_only_and_windows_of_o
 
 def test_one_small_tile_is_a_canvas_whose_strokes_are_the_same_after_they_were_stored(tmp_path):
     strokes, depth = sample_prior(7), torch.rand(7)
-    again, depth_again = unpacked(packed(strokes, depth))
-    assert packed(strokes, depth).shape == (7, NUMBERS)
+    again, depth_again = rows_to_strokes(strokes_to_rows(strokes, depth))
+    assert strokes_to_rows(strokes, depth).shape == (7, NUMBERS)
     assert torch.equal(depth, depth_again)
     assert torch.equal(again.brush, strokes.brush)
     for name, value in strokes.items():
         assert torch.equal(getattr(again, name), value.float())
-    assert len(unpacked(packed(sample_prior(0), torch.empty(0)))[0]) == 0
+    assert len(rows_to_strokes(strokes_to_rows(sample_prior(0), torch.empty(0)))[0]) == 0
     Image.new("RGB", (5, 3), (200, 100, 0)).save(tmp_path / "small.png")
     store, _ = painted(tmp_path / "small.png", tmp_path / "small.zarr", pixels_per_stroke=4)
     assert store.grid.shape == (1, 1)
@@ -131,12 +131,12 @@ def test_the_parts_are_those_of_one_picture_which_looks_like_the_target_and_the_
 def test_a_canvas_goes_on_with_its_settings_and_a_tile_that_was_not_finished_to_the_same_bits(picture, tmp_path, done):
     store, canvas = painted(picture, tmp_path / "c.zarr")
     tile = Tile(1, 1)
-    before = packed(*store.strokes_of([tile]))
+    before = strokes_to_rows(*store.strokes_of([tile]))
     store.root["strokes"][1, 1] = 0.5  # as if the process had been killed while writing the tile
     store.root["count"][1, 1] = -1
     assert not store.is_painted(tile)
     paint_tile(canvas, tile)
-    np.testing.assert_array_equal(packed(*CanvasStore(store.path).strokes_of([tile])), before)
+    np.testing.assert_array_equal(strokes_to_rows(*CanvasStore(store.path).strokes_of([tile])), before)
     store, _ = done
     check_same(store, config_of(picture, store.path, workers=2))
     refuses("begun with steps=4, but now steps=5", check_same, store, config_of(picture, store.path, steps=5))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 from brushexp_changes.tubes.mixtures import all_mixtures, choose_mixtures, differences, map_tones
-from brushexp_changes.tubes.paints import SETS, load_tubes, seen
+from brushexp_changes.tubes.paints import SETS, load_tubes, srgb_of_reflectance
 from refusals import refuses
 
 from brushexp.pictures.color import to_lab
@@ -40,7 +40,7 @@ def test_paints_make_what_painters_know_white_is_white_and_every_mixture_is_list
     assert np.hypot(*grey[1:]) < 5
     tint = to_lab(np.stack([mix(ultramarine_blue=1), mix(ultramarine_blue=1, titanium_white=8)]))
     assert tint[1, 0] > tint[0, 0] + 30
-    np.testing.assert_allclose(seen(np.array([[1.0] * 16, [0.0] * 16])), [[1] * 3, [0] * 3], atol=1e-6)
+    np.testing.assert_allclose(srgb_of_reflectance(np.array([[1.0] * 16, [0.0] * 16])), [[1] * 3, [0] * 3], atol=1e-6)
     mixtures = all_mixtures(load_tubes("zorn"))
     shares = mixtures.parts / mixtures.parts.sum(1, keepdims=True)
     assert len(np.unique(shares.round(9), axis=0)) == len(mixtures)
@@ -54,7 +54,7 @@ def test_a_file_of_reflectances_and_one_of_colours_are_read(tmp_path):
     flat = tmp_path / "flat.csv"
     flat.write_text("tube," + ",".join(f"R{w}" for w in waves) + "\ngrey," + ",".join(["0.2"] * 16) + "\n")
     (grey,) = load_tubes(str(flat)).mix(np.ones((1, 1)))
-    assert grey == pytest.approx([seen(np.full((1, 16), 0.2))[0, 0]] * 3, abs=1e-6)
+    assert grey == pytest.approx([srgb_of_reflectance(np.full((1, 16), 0.2))[0, 0]] * 3, abs=1e-6)
     for between in ";\t":  # separators of spreadsheets where the decimal mark is a comma
         text = flat.read_text().replace(",", between).replace("0.2", "0,2")
         (tmp_path / "theirs.csv").write_text(text)

@@ -14,7 +14,7 @@ from skimage import io
 from brushexp.cli.program import expand_arguments
 from brushexp.compositing.layers import SOFT_EDGE
 from brushexp.config.check import check
-from brushexp.config.compose import composed
+from brushexp.config.compose import compose_config
 from brushexp.painting.changes import changed_settings
 from brushexp.pictures.load import load_mask
 from brushexp.runs.runner import perform
@@ -31,7 +31,7 @@ QUIET = ["threads=1", "frames=0", "report=false", "logger=[]"]
 def perform_in(folder, *words):
     folder.mkdir()
     words = expand_arguments([*words, *QUIET])
-    cfg = composed(words)
+    cfg = compose_config(words)
     check(cfg, words)
     perform(paint, cfg, folder, time.monotonic())
     saved = load_catalogue(folder / "catalogue.h5")
@@ -100,7 +100,7 @@ def test_a_typed_working_resolution_replaces_that_of_the_painting(folder, tmp_pa
     perform_in(tmp_path / "first", "image=chelsea", "look=plain", "pixels_per_stroke=400", "steps=0", *first.split())
     words = [f"catalogue={tmp_path / 'first'}", f"region={folder / 'mask.png'}", "image=chelsea", *typed.split()]
     words = expand_arguments(words)
-    check(cfg := composed(words), words)
+    check(cfg := compose_config(words), words)
     assert changed_settings(cfg).working_resolution == side
 
 
@@ -144,12 +144,12 @@ def test_what_cannot_be_repainted_is_told_with_its_cure(folder, monkeypatch, wor
     monkeypatch.chdir(folder)
     image = [] if "image=" in words else ["image=chelsea"]
     words = expand_arguments([*image, *words.split()])
-    refuses(message, check, composed(words), words)
+    refuses(message, check, compose_config(words), words)
 
 
 def test_typed_settings_of_the_painting_itself_are_told_to_stay(folder, monkeypatch, caplog):
     monkeypatch.chdir(folder)
     typed = ["renderer=textured", "strokes=70", "steps=3"]
     words = expand_arguments(["chelsea", "catalogue=plain", "region=mask.png", *typed])
-    check(composed(words), words)
+    check(compose_config(words), words)
     assert "change=region sets renderer and strokes itself, so the typed value has no effect" in caplog.text

@@ -18,7 +18,7 @@ from test_paints import EIGHT
 from brushexp.api.settings import settings_of
 from brushexp.cli.program import expand_arguments
 from brushexp.config.check import check
-from brushexp.config.compose import composed
+from brushexp.config.compose import compose_config
 from brushexp.painting.build import build_painter
 from brushexp.painting.components import standard_components
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
@@ -106,7 +106,7 @@ def folder(tmp_path_factory):
     """Paint a small picture with tubes, and return the folder of the run."""
     folder = tmp_path_factory.mktemp("tubes")
     words = ["chelsea", "tubes=zorn", "mixtures=5", "brushes=[40,20]", "strokes=60", "steps=20", "resolution=64"]
-    cfg = composed(
+    cfg = compose_config(
         expand_arguments([*words, *(f"{key}={value}".replace("False", "false") for key, value in QUIET.items())])
     )
     assert set(cfg.change) == {"tubes", "variety"}

@@ -35,12 +35,12 @@ class Distribution:
     power: int = 0  # index into `POWERS`
     at_zero: int = 0  # index into `AT_ZERO`
 
-    def packed(self) -> int:
+    def pack(self) -> int:
         """Pack the distribution into an integer."""
         return ((self.shift * len(SCALES) + self.scale) * len(POWERS) + self.power) * len(AT_ZERO) + self.at_zero
 
     @classmethod
-    def unpacked(cls, packed: int) -> "Distribution":
+    def unpack(cls, packed: int) -> "Distribution":
         """Unpack a distribution; raise ValueError if the number does not represent one."""
         rest, at_zero = divmod(packed, len(AT_ZERO))
         rest, power = divmod(rest, len(POWERS))

@@ -39,7 +39,7 @@ class Bits(Exporter):
         self.fidelity, self.size, self.steps = fidelity, size, steps
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
-        coded = self._coded(job.bare())
+        coded = self._encode(job.bare())
         path, count = folder / "strokes.bits", len(job.strokes)
         write_bytes(path, coded.data)
         bits = 8 * len(coded.data) / max(1, count)
@@ -47,7 +47,7 @@ class Bits(Exporter):
         log.info("%s: %d bytes, %.1f bits per stroke, %.2f dB against the exported painting", *about)
         return [path]
 
-    def _coded(self, job: ExportJob) -> Coded:
+    def _encode(self, job: ExportJob) -> Coded:
         if self.size is None:
             return code(job, allowed=10 ** (-self.fidelity / 10), steps=self.steps)
         option = f"{self.key}.size"

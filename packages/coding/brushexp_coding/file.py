@@ -67,18 +67,18 @@ def file_of(rounded: Rounded, saved: Saved) -> bytes:
     mask |= HAS_WINDOWS * rounded.windows | HAS_BRUSHES * (rounded.brushes is not None)
     background = np.rint(saved.background.double().numpy() * LEVELS).astype(int).tolist()
     body = SIZES.pack(len(rounded), *saved.size, mask, *background, len(settings), len(alpha)) + settings + alpha
-    body += bytes(rounded.rungs[present].astype(np.uint8)) + _coded(rounded, present)
+    body += bytes(rounded.rungs[present].astype(np.uint8)) + _encode(rounded, present)
     return HEAD.pack(MAGIC, VERSION, zlib.crc32(body)) + body
 
 
 def read_bits(data: bytes) -> Saved:
     """Decode the contents of a file as a painting; raise UserError if they are not valid."""
-    rounded, saved = rounded_of(data)
+    rounded, saved = read_rounded(data)
     strokes = rounded.strokes()
     return Saved(strokes, torch.arange(len(strokes), dtype=torch.int32), *saved[:2], **saved[2])
 
 
-def rounded_of(data: bytes) -> tuple[Rounded, tuple[tuple[int, int], torch.Tensor, dict[str, Any]]]:
+def read_rounded(data: bytes) -> tuple[Rounded, tuple[tuple[int, int], torch.Tensor, dict[str, Any]]]:
     """Decode the rounded strokes in a file, the size and background of its canvas, and its settings."""
     magic, version, checksum = HEAD.unpack_from(data) if len(data) >= HEAD.size else (b"", 0, 0)
     if magic != MAGIC:
@@ -98,12 +98,12 @@ def rounded_of(data: bytes) -> tuple[Rounded, tuple[tuple[int, int], torch.Tenso
     rungs = np.zeros(columns, np.int64)
     at += alpha
     rungs[present] = np.frombuffer(body, np.uint8, sum(present), at)
-    rounded = _decoded(body[at + sum(present) :], count, rungs, present, mask)
+    rounded = _decode(body[at + sum(present) :], count, rungs, present, mask)
     bare = (torch.tensor(background, dtype=torch.float64) / LEVELS).float()
     return rounded, ((height, width), bare, settings)
 
 
-def _coded(rounded: Rounded, present: list[bool]) -> bytes:
+def _encode(rounded: Rounded, present: list[bool]) -> bytes:
     """Encode the coarseness, the brushes and the columns, using the best prediction for each group of columns."""
     writer, alike = Writer(), np.zeros(len(rounded), np.int64)
     for kind in rounded.coarseness.T:
@@ -130,8 +130,8 @@ def _coded(rounded: Rounded, present: list[bool]) -> bytes:
     return writer.to_bytes()
 
 
-def _decoded(data: bytes, count: int, rungs: np.ndarray, present: list[bool], mask: int) -> Rounded:
-    """Decode the output of `_coded`."""
+def _decode(data: bytes, count: int, rungs: np.ndarray, present: list[bool], mask: int) -> Rounded:
+    """Decode the output of `_encode`."""
     reader, alike = Reader(data), np.zeros(count, np.int64)
     coarseness = np.stack([reader.read_column(alike) for _ in range(2)], axis=1)
     if (np.abs(coarseness) > MAX_COARSENESS).any():

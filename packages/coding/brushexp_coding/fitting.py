@@ -76,7 +76,7 @@ def code(job: ExportJob, *, allowed: float, goal: Tensor | None = None, steps: i
         steps: total number of gradient steps; 0 rounds all columns at once.
     """
     fit = _Fit(job, goal)
-    return fit.coded(fit.coarsest(allowed, steps))
+    return fit.encode(fit.coarsest(allowed, steps))
 
 
 def code_within(job: ExportJob, *, size: int, goal: Tensor | None = None, steps: int = 60, option: str) -> Coded:
@@ -85,13 +85,13 @@ def code_within(job: ExportJob, *, size: int, goal: Tensor | None = None, steps:
     Raises UserError, with a message that ``option`` is too small, if the coarsest rounding needs more bytes.
     """
     fit = _Fit(job, goal)
-    coded = fit.coded(fit.finest(size, steps))
+    coded = fit.encode(fit.finest(size, steps))
     if len(coded.data) <= size and coded.loss <= MOST_ERROR:
         return coded
-    coded = fit.coded(fit.coarsest(MOST_ERROR, steps))
+    coded = fit.encode(fit.coarsest(MOST_ERROR, steps))
     if len(coded.data) <= size:
         return coded
-    empty = len(fit.coded(Rounded.none()).data)
+    empty = len(fit.encode(Rounded.none()).data)
     count = len(job.strokes)
     fitting = int(count * (size - empty) / max(1, len(coded.data) - empty))
     cure = f"type {option}={size_text(len(coded.data))}"
@@ -129,7 +129,7 @@ class _Fit:
         in_stages = finest(self._at(steps), self._size_of, size, at_once[1], SLOW_TRIALS, limits=limits)
         return min((trial[0] for trial in (at_once, in_stages) if trial is not None), key=self._loss_of)
 
-    def coded(self, rounded: Rounded) -> Coded:
+    def encode(self, rounded: Rounded) -> Coded:
         """Encode rounded strokes, draw them, and compute the loss."""
         with torch.no_grad():
             picture = self._canvas.draw(rounded.strokes())
@@ -178,7 +178,7 @@ class Template:
         values = values_of(self.strokes, windows=self.windows)
         return orient_right(values) if self.turned else values
 
-    def made_of(self, values: Tensor) -> Strokes:
+    def make_strokes(self, values: Tensor) -> Strokes:
         """Make strokes from values (N, C), float64, as the decoder does."""
         strokes = strokes_of(values, windows=self.windows).map(lambda value: value.float())
         return replace(strokes, brush=self.strokes.brush) if self.brushes else strokes
@@ -194,7 +194,7 @@ def template_of(canvas: Canvas, strokes: Strokes, own: Tensor) -> Template:
     )
     with torch.no_grad():
         for template in least_first:
-            if mean_square(canvas.draw(template.made_of(template.values())) - own) < SAME:
+            if mean_square(canvas.draw(template.make_strokes(template.values())) - own) < SAME:
                 return template
     return Template(strokes, windows=True, brushes=True)
 
@@ -233,17 +233,17 @@ class _Rounding:
             numbers = torch.from_numpy(round_values(values, rounded.steps))
             values = torch.where(fixed, numbers * torch.from_numpy(rounded.steps), values)
             if any(column < values.shape[1] for column in stage):
-                values = self._descended(values, fixed, rounded.steps, steps // (len(STAGES) - 1))
+                values = self._descend(values, fixed, rounded.steps, steps // (len(STAGES) - 1))
         return replace(rounded, numbers=round_values(values, rounded.steps))
 
-    def _descended(self, values: Tensor, fixed: Tensor, steps: np.ndarray, count: int) -> Tensor:
+    def _descend(self, values: Tensor, fixed: Tensor, steps: np.ndarray, count: int) -> Tensor:
         """Optimise the columns that are not ``fixed`` (C,), so that the picture approaches the goal."""
         unit = torch.from_numpy(steps)
         moving = (values / unit).requires_grad_()
         optimizer = torch.optim.Adam([moving], lr=RATE, betas=(0.9, 0.99))
         schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimizer, max(1, count))
         for _ in range(count):
-            picture = self._canvas.draw(self._template.made_of(torch.where(fixed, values, moving * unit)))
+            picture = self._canvas.draw(self._template.make_strokes(torch.where(fixed, values, moving * unit)))
             optimizer.zero_grad()
             (picture - self._goal).square().sum().backward()
             optimizer.step()
@@ -253,7 +253,7 @@ class _Rounding:
     def _sensitivity(self) -> Tensor:
         """Estimate the RMS change (N, C) of the picture, over pixels and channels, per unit change in each number."""
         values = self._values.clone().requires_grad_()
-        picture = self._canvas.draw(self._template.made_of(values))
+        picture = self._canvas.draw(self._template.make_strokes(values))
         random, squares = torch.Generator().manual_seed(0), torch.zeros_like(self._values)
         for probe in range(PROBES):
             noise = torch.randn(picture.shape, generator=random)

@@ -53,7 +53,7 @@ class BitsPerPixel(Metric):
         self.remarks, self.files = {}, {}
         try:
             with torch.enable_grad():
-                data = self._coded(comparison, job).data
+                data = self._encode(comparison, job).data
         except UserError as error:
             log.warning("%s was not written: %s", FILE, error)
             return None
@@ -68,7 +68,7 @@ class BitsPerPixel(Metric):
             log.info("%s: %d bytes, %.1f bits per stroke, %.2f dB after decoding", FILE, len(data), bits, psnr)
         return 8 * len(data) / target[0].numel()
 
-    def _coded(self, comparison: Comparison, job: ExportJob) -> Coded:
+    def _encode(self, comparison: Comparison, job: ExportJob) -> Coded:
         target = comparison.target
         goal = target if max(job.size) <= SIDE else None
         if self.size is not None:

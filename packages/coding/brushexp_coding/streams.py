@@ -32,7 +32,7 @@ class Writer:
         for number in range(int(classes.max(initial=0)) + 1):
             part = numbers[classes == number] - middle
             distribution = entropy.fit(part)
-            self.write(distribution.packed())
+            self.write(distribution.pack())
             self.groups.append((distribution, part))
 
     def to_bytes(self) -> bytes:
@@ -66,5 +66,5 @@ class Reader:
         middle, numbers = self.read(), np.zeros(len(classes), np.int64)
         for number in range(int(classes.max(initial=0)) + 1):
             chosen = classes == number
-            numbers[chosen] = self._decoder.decode(Distribution.unpacked(self.read()), int(chosen.sum()))
+            numbers[chosen] = self._decoder.decode(Distribution.unpack(self.read()), int(chosen.sum()))
         return numbers + middle

@@ -11,7 +11,7 @@ import torch
 from brushexp_coding import entropy
 from brushexp_coding.entropy import LARGEST, Decoder
 from brushexp_coding.export import Bits
-from brushexp_coding.file import HEAD, MAGIC, SIZES, VERSION, file_of, read_bits, rounded_of
+from brushexp_coding.file import HEAD, MAGIC, SIZES, VERSION, file_of, read_bits, read_rounded
 from brushexp_coding.fitting import Canvas, code, mean_square
 from brushexp_coding.metric import BitsPerPixel
 from brushexp_coding.ordering import neighbouring_order
@@ -58,7 +58,7 @@ def test_coded_numbers_come_back_to_the_bit(parts):
     coded = [(entropy.fit(part), part) for part in parts]
     decoder = Decoder(entropy.encode(coded))
     for distribution, part in coded:
-        assert entropy.Distribution.unpacked(distribution.packed()) == distribution
+        assert entropy.Distribution.unpack(distribution.pack()) == distribution
         assert np.array_equal(decoder.decode(distribution, len(part)), part)
 
 
@@ -108,7 +108,7 @@ def rounded_strokes(count, seed, *, windows=False, brushes=False, spread=200.0):
 @settings(max_examples=15, deadline=None)
 def test_a_file_holds_what_is_coded_to_the_bit(count, seed, windows, brushes, spread):
     coded, saved = rounded_strokes(count, seed, windows=windows, brushes=brushes, spread=spread), catalogue()
-    found, (size, background, about) = rounded_of(file_of(coded, saved))
+    found, (size, background, about) = read_rounded(file_of(coded, saved))
     for name in ("numbers", "coarseness", "rungs"):
         assert np.array_equal(getattr(found, name), getattr(coded, name)), name
     assert (found.windows, found.brushes is None) == (windows, not brushes)

@@ -55,7 +55,7 @@ class Gltf(Exporter):
         if len(ribbons.number):
             self._add_strokes(file, ribbons, len(job.strokes), unit)
         with replacing(folder / "painting.glb") as temporary:
-            temporary.write_bytes(file.packed())
+            temporary.write_bytes(file.pack())
         return [folder / "painting.glb"]
 
     def _add_strokes(self, file: "_Glb", ribbons: Ribbons, count: int, unit: float) -> None:
@@ -134,7 +134,7 @@ class _Glb:
         self.sampler.append({"input": times, "output": sizes, "interpolation": "STEP"})
         self.channels.append({"sampler": len(self.sampler) - 1, "target": {"node": node, "path": "scale"}})
 
-    def packed(self) -> bytes:
+    def pack(self) -> bytes:
         """Return the scene as the bytes of a .glb file."""
         document: dict[str, Any] = {"asset": {"version": "2.0", "generator": "brushexp"}, "scene": 0}
         document |= {"scenes": [{"nodes": [*range(len(self.scene["nodes"]))]}], **self.scene}

@@ -30,8 +30,8 @@ def layers_of(job: ExportJob, count: int) -> tuple[np.ndarray, list[Layer]]:
     painting to within `ROUNDING`, a layer ``light and paper`` with the remaining difference. All layers are transparent
     where the painting is transparent.
     """
-    picture, alpha, layers = job.picture(), job.alpha(), [*_painted(job, count)]
-    shown = _flattened(layers, job.size)
+    picture, alpha, layers = job.picture(), job.alpha(), [*_paint_layers(job, count)]
+    shown = _flatten(layers, job.size)
     if not job.is_bare or np.abs(shown.astype(int) - picture).max() > ROUNDING:
         layers.append(Layer("light and paper", overlay(shown, picture)))
     if alpha is None:
@@ -39,7 +39,7 @@ def layers_of(job: ExportJob, count: int) -> tuple[np.ndarray, list[Layer]]:
     return np.dstack([picture, alpha]), [replace(layer, pixels=_cut(layer.pixels, alpha)) for layer in layers]
 
 
-def _painted(job: ExportJob, count: int) -> Iterator[Layer]:
+def _paint_layers(job: ExportJob, count: int) -> Iterator[Layer]:
     """Yield the layer of the ground and the layers of strokes, bottom to top."""
     ground = np.empty((*job.size, 4), np.uint8)
     ground[:] = [*(255 * job.saved.background.cpu()).round().tolist(), 255]
@@ -48,10 +48,10 @@ def _painted(job: ExportJob, count: int) -> Iterator[Layer]:
         if len(number):
             width = 2 * float(half_width_of(job.strokes[number]).median())
             name = f"{len(number)} strokes, {width:.3g} pixels wide"
-            yield Layer(name, _drawn(job, number))
+            yield Layer(name, _draw(job, number))
 
 
-def _drawn(job: ExportJob, number: Tensor) -> np.ndarray:
+def _draw(job: ExportJob, number: Tensor) -> np.ndarray:
     """Draw the strokes with indices ``number`` (n,) as RGBA (H, W, 4), uint8, with straight alpha.
 
     Ground, light and paper are omitted, and paint is mixed in RGB. Composited over black or over white, the result
@@ -74,7 +74,7 @@ def _cut(pixels: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     return np.concatenate([pixels[..., :3], ((share + 127) // 255).astype(np.uint8)], axis=2)
 
 
-def _flattened(layers: list[Layer], size: tuple[int, int]) -> np.ndarray:
+def _flatten(layers: list[Layer], size: tuple[int, int]) -> np.ndarray:
     """Composite layers over black, as other programs do; return (H, W, 3) uint8."""
     below = np.zeros((*size, 3), np.float32)
     for layer in layers:

@@ -18,7 +18,7 @@ from brushexp.contracts.files import to_bytes, with_progress
 from brushexp.contracts.layers import Drawer, Impasto, cuts, normals_of, shade_picture, surface_height, typical_width
 from brushexp.contracts.members import Rgb, profile_of
 from brushexp.contracts.pictures import filming, largest_side
-from brushexp.contracts.strokes import LATER_FIELDS, Strokes, cut_short
+from brushexp.contracts.strokes import LATER_FIELDS, Strokes, truncate
 
 log = logging.getLogger(__name__)
 GROWTH = 0.25  # seconds from the beginning of a stroke to its end
@@ -125,7 +125,7 @@ def _lay_in_steps(
         if begun > bottom:
             picture = canvas.clone()
             growing = torch.from_numpy(share[bottom:begun]).to(strokes.start)
-            _lay(picture, cut_short(strokes[bottom:begun], growing), renderer, job.blend, space)
+            _lay(picture, truncate(strokes[bottom:begun], growing), renderer, job.blend, space)
         yield space.decode(picture)
 
 

@@ -18,7 +18,7 @@ from brushexp.plugins.blend.tiled import Tiled
 from brushexp.plugins.export.base import ExportJob
 from brushexp.registry import build_named
 from brushexp.shading.light import Light
-from brushexp.strokes.bezier import curve_of, cut_short, drift_of, half_width_of, point_at
+from brushexp.strokes.bezier import curve_of, drift_of, half_width_of, point_at, truncate
 from brushexp.strokes.catalogue import Strokes
 from brushexp.system.files import to_bytes
 
@@ -33,7 +33,7 @@ def painted_at_once(job: ExportJob, share: np.ndarray) -> torch.Tensor:
     """Draw each stroke up to its fraction in ``share``, bottom to top, in a single pass."""
     n = int((share > 0).sum())
     with torch.no_grad():
-        layers = job.renderer(cut_short(job.strokes[job.bottom_up[:n]], torch.from_numpy(share[:n]).float()))
+        layers = job.renderer(truncate(job.strokes[job.bottom_up[:n]], torch.from_numpy(share[:n]).float()))
         return job.blend(layers, torch.arange(n).flip(0), job.size, job.saved.background).image
 
 
@@ -82,9 +82,9 @@ def test_a_growing_stroke_is_a_part_of_it():
     strokes = with_shapes(random_strokes(5, (30, 40)))
     share = torch.tensor([1e-6, 0.3, 0.5, 0.9, 1.0])
     for point in torch.linspace(0, 1, 9)[:, None]:
-        part = seen_at(cut_short(strokes, share), point.expand(5))
+        part = seen_at(truncate(strokes, share), point.expand(5))
         torch.testing.assert_close(part, seen_at(strokes, point * share))
-    assert torch.equal(cut_short(strokes, share).end[-1], strokes.end[-1])
+    assert torch.equal(truncate(strokes, share).end[-1], strokes.end[-1])
 
 
 def test_growing_strokes_have_no_more_than_their_renderer_draws():

@@ -70,7 +70,7 @@ class Carrier:
         if region is None:
             return cel
         cel = self._relaid(cel, target, changed, moves, region)
-        return replace(cel, strokes=self._optimised(cel, painted, target, moves, region))
+        return replace(cel, strokes=self._optimise(cel, painted, target, moves, region))
 
     def _relaid(self, cel: Cel, target: Tensor, changed: Tensor, moves: Tensor, region: Region) -> Cel:
         """Replace the harmful and the least important moving strokes with new strokes where the error is largest."""
@@ -97,7 +97,7 @@ class Carrier:
         front_to_back = torch.cat([removed, cel.front_to_back[~above[cel.front_to_back]]])
         return replace(cel, strokes=cel.strokes.with_rows(removed, new), front_to_back=front_to_back)
 
-    def _optimised(self, cel: Cel, painted: Tensor, target: Tensor, moves: Tensor, region: Region) -> Strokes:
+    def _optimise(self, cel: Cel, painted: Tensor, target: Tensor, moves: Tensor, region: Region) -> Strokes:
         """Optimise the moving strokes by gradient steps; the strokes around them are drawn but stay fixed."""
         active, around = moves.nonzero()[:, 0], torch.zeros_like(moves)
         around[find_strokes(cel.strokes, region, self.renderer.edge)] = True

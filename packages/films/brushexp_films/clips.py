@@ -14,17 +14,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from brushexp.contracts import UserError
-from brushexp.contracts.files import check_file, find_path, in_short
+from brushexp.contracts.files import check_file, find_path, shorten_value
 from brushexp.contracts.pictures import (
     FILM_SUFFIXES,
     MAX_PIXELS,
     MOVING,
     boxes,
-    declared_by,
     decode_image,
     has_end,
     open_of_any_size,
     picture_size,
+    read_declared,
 )
 from brushexp_films.cropping import crop_of
 from brushexp_films.frames import Shape, size_of, srgb_of
@@ -84,7 +84,7 @@ def moving_pictures(path: Path) -> Iterator[Timed]:
     """Decode an animation as `read_picture` does, and yield pictures and times; decoders may raise any exception."""
     time = Fraction(0)
     with open_of_any_size(path, MOVING) as file:
-        declared = declared_by(file)
+        declared = read_declared(file)
         is_apart = "default_image" in file.info and file.info["default_image"]  # a PNG's fallback picture
         for number in range(int(bool(is_apart)), getattr(file, "n_frames", 1)):
             file.seek(number)
@@ -102,11 +102,13 @@ def open_clip(path: Path) -> Clip:
         lengths = [length for _, _, length in moving_pictures(path)]
         rate = (len(lengths) / sum(lengths, Fraction(0))).limit_denominator(1000)
         return Clip(path, picture_size(path), rate, len(lengths))
-    with _decoding(path) as (container, stream):
+    with _open_film(path) as (container, stream):
         try:
             first = list(islice(_frames(container, stream), 1 if _is_rate(stream.average_rate) else SAMPLE))
         except _errors() as error:
-            raise UserError(f"image={path}: none of its pictures can be decoded ({in_short(error)}); {CURE}") from error
+            raise UserError(
+                f"image={path}: none of its pictures can be decoded ({shorten_value(error)}); {CURE}"
+            ) from error
         if not first:
             raise UserError(f"image={path} is a film without pictures; {CURE}")
         rate = stream.average_rate if _is_rate(stream.average_rate) else _rate_of(first)
@@ -136,7 +138,7 @@ def timed_pictures(clip: Clip) -> Iterator[TimedPicture]:
     otherwise for as long as the picture before it.
     """
     last: Timed | None = None
-    for picture, time, length in _decoded(clip):
+    for picture, time, length in _decode(clip):
         if last is None:
             last = picture, time, length
             continue
@@ -171,13 +173,13 @@ def pictures_between(clip: Clip, start: float, stop: float | None, every: int) -
         yield held
 
 
-def _decoded(clip: Clip) -> Iterator[Timed]:
+def _decode(clip: Clip) -> Iterator[Timed]:
     """Yield decoded pictures with their start times and durations, and warn if the film ends too early."""
     if is_moving(clip.path):
         yield from moving_pictures(clip.path)
         return
     count, end = 0, Fraction(0)
-    with _decoding(clip.path) as (container, stream):
+    with _open_film(clip.path) as (container, stream):
         zero, shape, base = beginning_of(container), _shape_of(clip.path, stream), stream.time_base
         try:
             for frame in _frames(container, stream):
@@ -187,7 +189,7 @@ def _decoded(clip: Clip) -> Iterator[Timed]:
                 yield srgb_of(frame, shape), max(time, Fraction(0)), length
                 count, end = count + 1, time + (length or 1 / clip.rate)
         except _errors() as error:
-            log.warning("%s breaks off after %d pictures: %s", clip.path, count, in_short(error))
+            log.warning("%s breaks off after %d pictures: %s", clip.path, count, shorten_value(error))
             return
     is_early = count + 1 < clip.count if clip.is_counted else float(end) + max(float(zero), 0) + MISSING < clip.seconds
     if is_early and count < clip.count:
@@ -241,11 +243,11 @@ def _why_unread(path: Path, error: Exception) -> str:
     if names[0] in FIRST_BOXES and b"moov" not in names:
         why = "lacks the list of its pictures (moov), which is written last: recording or copying was interrupted"
         return f"{why}; copy it again, or repair it with a program such as untrunc"
-    return f"cannot be read as a film ({getattr(error, 'strerror', None) or in_short(error)}); {CURE}"
+    return f"cannot be read as a film ({getattr(error, 'strerror', None) or shorten_value(error)}); {CURE}"
 
 
 @contextmanager
-def _decoding(path: Path) -> Iterator[tuple[Any, Any]]:
+def _open_film(path: Path) -> Iterator[tuple[Any, Any]]:
     """Open a film, and yield its container and its first video stream."""
     check_file(path, "give a film, image=clip.mp4")
     try:

@@ -124,7 +124,7 @@ class PaintedFilm:
             self.reel.paint(target)
         else:
             self.reel.follow(target, cel)
-        picture = self.lit()
+        picture = self.finished_picture()
         if self.before is None or self.before.resolve() != self.folder.resolve():
             save_catalogue(frame_in(self.folder, number), self.job().saved)
         self.psnr.append(psnr_of(float((self.reel.image - target).square().mean())))
@@ -133,7 +133,7 @@ class PaintedFilm:
             self.seconds.append(time.monotonic() - since)
         return picture
 
-    def lit(self) -> np.ndarray:
+    def finished_picture(self) -> np.ndarray:
         """Return the last painting (H, W, 3) with its paper and light."""
         return to_bytes(self.reel.image) if self.bare.is_bare else self.job().picture(self.reel.image)
 
@@ -201,7 +201,7 @@ def conclude_film(film: PaintedFilm, start: float | None, failure: BaseException
     pictures = []
     for number in sorted({0, count // 2, count - 1}):
         film.reel.show(cel_of(load_catalogue(frame_in(folder, number)), film.device))
-        pictures.append(film.lit())
+        pictures.append(film.finished_picture())
     ended = Status.INTERRUPTED if isinstance(failure, KeyboardInterrupt) else Status.FAILED
     status = Status.COMPLETED if failure is None else ended
     write_picture(folder / "preview.png", np.concatenate(pictures, axis=1))

@@ -27,7 +27,7 @@ from refusals import refuses
 from brushexp.cli.program import expand_arguments
 from brushexp.compositing.layers import SOFT_EDGE
 from brushexp.config.check import check
-from brushexp.config.compose import composed
+from brushexp.config.compose import compose_config
 from brushexp.painting.canvas_memory import find_reaching
 from brushexp.painting.components import standard_components
 from brushexp.painting.stroke_optimizer import StrokeOptimizer
@@ -281,7 +281,7 @@ def test_the_words_for_a_picture_paint_a_film_too_and_keys_for_which_it_has_no_u
         assert "task=film" in expand_arguments(words)
         assert "task=paint" not in expand_arguments(words)
     assert "task=film" not in expand_arguments(["-m", "image=a.mp4,photo.jpg"])
-    refuses("task=film handles this, not task=paint", check, composed(["image=clip.mp4"]))
+    refuses("task=film handles this, not task=paint", check, compose_config(["image=clip.mp4"]))
     words = [f"image={encoded(tmp_path / 'clip.mp4', scene(2))}", "task=film", "frames=3", "report=false"]
     with caplog.at_level(logging.WARNING):
         check(config(*words), words)

@@ -5,7 +5,7 @@ import torch
 from brushexp_films.changes import Changes, Flicker, difference, is_cut, optical_flow
 from films import as_tensor, scene
 
-from brushexp.config.compose import composed
+from brushexp.config.compose import compose_config
 from brushexp.registry import plugin_of
 
 
@@ -18,7 +18,7 @@ from brushexp.registry import plugin_of
     ("look=oil init=layers", "layers", None),
 ])  # fmt: skip
 def test_scenes_begin_with_strokes_of_a_network_but_for_starts_that_make_a_look(words, name, checkpoint):
-    film, painting = (composed([f"task={of}", *words.split()]) for of in ("film", "paint"))
+    film, painting = (compose_config([f"task={of}", *words.split()]) for of in ("film", "paint"))
     assert (plugin_of(film.init).name, film.init.get("checkpoint")) == (name, checkpoint)
     assert (film.steps, film.detail) == (painting.steps, painting.detail)
 

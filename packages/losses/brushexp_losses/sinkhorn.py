@@ -65,7 +65,7 @@ class Sinkhorn(Loss):
     def forward(self, view: PaintedView) -> Tensor:
         # Debiased: OT(a, b) - OT(a, a) / 2 - OT(b, b) / 2, with equally many updates each, so equal masses give 0.
         theirs, own_theirs = self.of_target(view.whole_target, self._masses_and_potential)
-        ours = masses(self._downsampled(view), self.floor)
+        ours = masses(self._downsample_canvas(view), self.floor)
         a, b = ours.log(), theirs.log()
         forth, back, own = potentials(torch.stack([b, a, a]), [1, 0, 2], self.blurs)
         divergence = (ours * (forth - own) + theirs * (back - own_theirs)).sum((1, 2))
@@ -76,7 +76,7 @@ class Sinkhorn(Loss):
         theirs = masses(downsample(at_least_single(target), self.side), self.floor)
         return theirs, potentials(theirs.log()[None], [0], self.blurs)[0]
 
-    def _downsampled(self, view: PaintedView) -> Tensor:
+    def _downsample_canvas(self, view: PaintedView) -> Tensor:
         """Downsample the whole canvas to (3, h, w), with gradients for the part that the step compares."""
         around = view.surroundings
         if around is None:
@@ -88,10 +88,10 @@ class Sinkhorn(Loss):
                 pooling_weights(region.top, region.height, around.picture.shape[1], small.shape[1]).to(small),
                 pooling_weights(region.left, region.width, around.picture.shape[2], small.shape[2]).to(small),
             )
-            self._rest = small - self._downsampled_part(region.of(around.picture))
-        return self._rest + self._downsampled_part(view.image)
+            self._rest = small - self._downsample_part(region.of(around.picture))
+        return self._rest + self._downsample_part(view.image)
 
-    def _downsampled_part(self, part: Tensor) -> Tensor:
+    def _downsample_part(self, part: Tensor) -> Tensor:
         rows, columns = self._shares
         return rows.T @ at_least_single(part) @ columns
 

@@ -142,7 +142,7 @@ def flat(variant: int) -> Tensor:
     return torch.stack([opacity, tone.clamp(-0.35, 0.35), (0.45 + 0.4 * hairs).clamp(0.05, 1)])
 
 
-def loaded(variant: int) -> Tensor:
+def loaded_brush(variant: int) -> Tensor:
     """Draw the mark of a brush with thick paint: a blunt start, a pointed end, furrows, and paint pushed aside."""
     across, outside, t, along = _grid()
     furrows = gradient_noise(along / 30, across / 0.34, 1000 + variant)
@@ -194,4 +194,4 @@ def dab(variant: int) -> Tensor:
     return torch.stack([(inside / 0.36).clamp(0, 1), tone.clamp(-0.3, 0.3), 0.3 + 0.3 * t + 0.2 * inside.clamp(0, 1)])
 
 
-DRAWN = {"chalk": chalk, "flat": flat, "loaded": loaded, "knife": knife, "wash": wash, "dab": dab}
+DRAWN = {"chalk": chalk, "flat": flat, "loaded": loaded_brush, "knife": knife, "wash": wash, "dab": dab}

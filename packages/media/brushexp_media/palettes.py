@@ -9,14 +9,14 @@ from torch import Tensor
 
 from brushexp.contracts import between, register
 from brushexp.contracts.families import Palette
-from brushexp.contracts.pictures import as_lab, as_picture, flattened, load_picture, palette, recolor
+from brushexp.contracts.pictures import as_lab, as_picture, flatten_picture, load_picture, palette, recolor
 from brushexp.contracts.tasks import PICTURE
 from brushexp_media.picture.lines import edge_lines
 
 Array = np.ndarray
 
 
-def grouped(lightness: Array, values: int, blend: float) -> Array:
+def group_tones(lightness: Array, values: int, blend: float) -> Array:
     """Move lightness, 0 to 100, towards the nearest of ``values`` evenly spaced tones, by the fraction ``blend``."""
     if values == 0:
         return lightness
@@ -25,7 +25,7 @@ def grouped(lightness: Array, values: int, blend: float) -> Array:
     return lightness + blend * (middle - lightness)
 
 
-def spread_out(lightness: Array, share: float) -> Array:
+def equalise_tones(lightness: Array, share: float) -> Array:
     """Equalise lightness, 0 to 100, so that tones are more equally frequent; ``share`` is the strength, 0 to 1.
 
     Source: contrast-limited histogram equalisation (Zuiderveld, 1994). Unlike in the source, the histogram is computed
@@ -40,14 +40,14 @@ def spread_out(lightness: Array, share: float) -> Array:
     return lightness + share * (even - lightness)
 
 
-def limited(chroma: Array, most: Array) -> Array:
+def compress_chroma(chroma: Array, most: Array) -> Array:
     """Compress chroma so that it stays below ``most``; chroma up to half of this limit is unchanged."""
     half = most.clip(1e-6) / 2
     bent: Array = np.minimum(chroma, half) + half * (1 - np.exp(-(chroma - half).clip(0) / half))
     return bent
 
 
-def harmonised(ab: Array, hues: int, share: float) -> Array:
+def harmonise(ab: Array, hues: int, share: float) -> Array:
     """Shift a* and b* (H, W, 2) towards the nearest of ``hues`` colours, found by k-means, and keep the chroma.
 
     Colours that are far from all of these, such as small accents, keep their hue. To make such colours rare, k-means
@@ -115,8 +115,8 @@ class Toned(Palette):
     def __call__(self, picture: Tensor) -> Tensor:
         lines = edge_lines(picture.numpy()) if self.outlines else None
         own = as_lab(picture)[..., 0]
-        lab = as_lab(flattened(picture, self.flatness * max(picture.shape) / FLAT_AT))
-        lightness = grouped(spread_out(lab[..., 0], self.spread), self.values, self.grouping)
+        lab = as_lab(flatten_picture(picture, self.flatness * max(picture.shape) / FLAT_AT))
+        lightness = group_tones(equalise_tones(lab[..., 0], self.spread), self.values, self.grouping)
         if self.irradiation:
             lightness = lightness + self.irradiation * (lightness - _around(lightness))
         tone = (lightness / self.white).clip(0, 1) ** self.gamma
@@ -131,9 +131,11 @@ class Toned(Palette):
             raised += tint * (NEUTRAL * chroma - raised)
         if self.most_chroma:
             yellow = (lab[..., 2] / chroma.clip(1e-6)).clip(0) ** 2  # yellow may be pure even where it is light
-            raised = limited(raised, self.most_chroma * np.sqrt(1 - ((1 - yellow) * (2 * tone - 1).clip(0)) ** 2))
+            raised = compress_chroma(
+                raised, self.most_chroma * np.sqrt(1 - ((1 - yellow) * (2 * tone - 1).clip(0)) ** 2)
+            )
         if self.hues:
-            lab[..., 1:] = harmonised(lab[..., 1:], self.hues, self.harmony)
+            lab[..., 1:] = harmonise(lab[..., 1:], self.hues, self.harmony)
         purity = raised / chroma.clip(1e-6)
         lab[..., 0] = toned + share * (own - toned)
         bleached = ((tone - 0.9) / 0.1).clip(0, 1) * (2 - 2 * chroma / CLEAR).clip(0, 1) * (self.white < 100)

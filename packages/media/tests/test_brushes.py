@@ -9,7 +9,7 @@ import pytest
 import torch
 from brushexp_media.brushes.brush import Brush, dry_brush
 from brushexp_media.brushes.gimp import Stamp, read_stamps
-from brushexp_media.brushes.marks import columns_for, dragged, place_of, read_marks
+from brushexp_media.brushes.marks import columns_for, drag_stamps, place_of, read_marks
 from brushexp_media.brushes.photoshop import read_abr
 from brushexp_media.brushes.rule import BRUSH
 from brushexp_media.brushes.task import STROKES, sheet_of
@@ -194,8 +194,8 @@ def test_shapes_of_procreate_and_bundles_of_krita_are_brushes(folder):
 
 def test_a_stamp_is_dragged_with_its_spacing_and_dabs_lie_over_each_other():
     half = Stamp(np.full((4, 4), 0.5, np.float32), 0.5)
-    assert_close(dragged([half])[0, :8], np.float32([0.5, 0.5, 0.75, 0.75, 0.75, 0.75, 0.75, 0.75]))
-    apart = dragged([Stamp(np.ones((4, 4), np.float32), 2.0)])[0]
+    assert_close(drag_stamps([half])[0, :8], np.float32([0.5, 0.5, 0.75, 0.75, 0.75, 0.75, 0.75, 0.75]))
+    apart = drag_stamps([Stamp(np.ones((4, 4), np.float32), 2.0)])[0]
     assert_close(apart[:16], np.float32([1, 1, 1, 1, 0, 0, 0, 0] * 2))
 
 

@@ -10,7 +10,7 @@ from brushexp_media.init.drawing import DEPTHS
 from brushexp_media.init.hatching import ANGLES, TURN, forms, hatching
 from brushexp_media.init.rows import CLOSEST_MARKS, WIDER
 from brushexp_media.marks import DRAWN, DRY, KINDS, LEVELS, VARIANTS, WITH_DRY_ENDS
-from brushexp_media.picture.decolorization import contrast_weights, decolorized
+from brushexp_media.picture.decolorization import contrast_weights, decolorize
 from brushexp_media.picture.lines import LUMA, edge_lines
 from brushexp_testing.families import some_strokes
 from scenes import straight
@@ -106,7 +106,7 @@ def test_colours_of_one_luma_differ_in_grey():
     weights = contrast_weights(picture)
     assert weights.min() >= 0
     assert weights.sum() == pytest.approx(1)
-    grey = decolorized(picture, weights)
+    grey = decolorize(picture, weights)
     assert abs(grey[0, 0] - grey[0, -1]) > 0.1
     assert (contrast_weights(picture[:, :, ::-1].copy()) == weights).all()
 
@@ -120,7 +120,7 @@ def test_greys_have_about_the_weights_of_luma(size):
 def test_colours_of_one_luma_have_a_line_between_them():
     picture = np.full((3, 40, 60), 0.5)
     picture[:, :, 30:] = np.array([0.1, 0.5 + 0.4 * LUMA[0] / LUMA[1], 0.5])[:, None, None]
-    assert decolorized(picture, np.array(LUMA)).std() < 1e-9
+    assert decolorize(picture, np.array(LUMA)).std() < 1e-9
     lines = edge_lines(picture)
     assert lines[20, 28:32].max() > 0.8
     assert lines[:, :26].max() == lines[:, 40:].max() == 0

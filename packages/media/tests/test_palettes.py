@@ -13,12 +13,12 @@ from brushexp_media.palettes import (
     LAMPLIGHT,
     NIGHT,
     STEEPEST,
-    grouped,
-    harmonised,
-    limited,
+    compress_chroma,
+    equalise_tones,
+    group_tones,
+    harmonise,
     share_of_dark,
     share_of_night,
-    spread_out,
 )
 from brushexp_media.picture.smoothing import gaussian_blur
 from omegaconf import OmegaConf
@@ -53,9 +53,9 @@ def test_chroma_asks_for_pure_colours_alone():
 
 
 def test_values_are_grouped():
-    groups = grouped(np.linspace(0, 100, 1001), 4, 1.0)
+    groups = group_tones(np.linspace(0, 100, 1001), 4, 1.0)
     assert np.unique(groups.round(6)).tolist() == [12.5, 37.5, 62.5, 87.5]
-    assert np.array_equal(grouped(np.linspace(0, 100, 11), 0, 1.0), np.linspace(0, 100, 11))
+    assert np.array_equal(group_tones(np.linspace(0, 100, 11), 0, 1.0), np.linspace(0, 100, 11))
 
 
 @pytest.mark.parametrize("look", ["impasto", "gouache", "watercolour", "pastel", "vangogh", "pointillist", "ink"])
@@ -91,8 +91,8 @@ def test_the_colours_of_another_picture_have_its_mean():
 
 def test_tones_go_apart_until_all_are_as_frequent():
     lightness = np.random.default_rng(0).normal(50, 18, (80, 90)).clip(0, 100)
-    assert np.array_equal(spread_out(lightness, 0.0), lightness)
-    half, whole = (spread_out(lightness, share) for share in (0.5, 1.0))
+    assert np.array_equal(equalise_tones(lightness, 0.0), lightness)
+    half, whole = (equalise_tones(lightness, share) for share in (0.5, 1.0))
     assert lightness.std() < half.std() < whole.std()
     assert whole.std() == pytest.approx(100 / np.sqrt(12), rel=0.1)
     order = lightness.argsort(None)
@@ -101,7 +101,7 @@ def test_tones_go_apart_until_all_are_as_frequent():
 
 def test_even_pictures_stay_even_when_tones_go_apart():
     lightness = 60 + 2 * np.random.default_rng(0).random((40, 50))
-    assert np.ptp(spread_out(lightness, 1.0)) < (STEEPEST + 1) * np.ptp(lightness)
+    assert np.ptp(equalise_tones(lightness, 1.0)) < (STEEPEST + 1) * np.ptp(lightness)
 
 
 def test_light_things_beside_dark_ones_become_lighter():
@@ -123,7 +123,7 @@ def test_white_keeps_clear_colours():
 
 def test_chroma_stays_below_its_limit_and_half_of_that_stays():
     chroma = np.linspace(0, 200, 401)
-    bent = limited(chroma, np.full(401, 60.0))
+    bent = compress_chroma(chroma, np.full(401, 60.0))
     assert np.array_equal(bent[chroma <= 30], chroma[chroma <= 30])
     assert (np.diff(bent) > 0).all()
     assert 55 < bent.max() < 60
@@ -143,7 +143,7 @@ def test_hues_are_drawn_towards_the_few_of_the_picture_and_keep_their_chroma():
     middle = np.array([[30.0, 0.0], [-15.0, 26.0]])[random.integers(2, size=(40, 50))]
     ab = middle + random.normal(0, 5, (40, 50, 2))
     ab[7, 9] = middle[7, 9] = accent = 2.0, -40.0
-    drawn = harmonised(ab, 2, 0.5)
+    drawn = harmonise(ab, 2, 0.5)
     off = [np.abs(np.angle(each.view(complex) / middle.view(complex))).mean() for each in (ab, drawn)]
     assert 0.45 < off[1] / off[0] < 0.7
     assert np.allclose(drawn[7, 9], accent, atol=1)  # far from both colours
@@ -160,4 +160,4 @@ def test_a_green_tint_of_white_is_not_raised_and_a_warm_one_and_a_dark_green_are
 
 def test_greys_have_no_hues_to_be_drawn_towards():
     grey = np.zeros((4, 5, 2))
-    assert np.array_equal(harmonised(grey, 3, 1.0), grey)
+    assert np.array_equal(harmonise(grey, 3, 1.0), grey)

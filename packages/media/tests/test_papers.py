@@ -9,7 +9,7 @@ import pytest
 import torch
 from brushexp_media.paper import papers
 from brushexp_media.paper.wetness import density_of_edges, gather_pigment
-from brushexp_media.picture.noise import evened, fractal_noise
+from brushexp_media.picture.noise import fractal_noise, map_to_uniform
 from brushexp_testing.families import some_strokes
 from PIL import Image
 from torch.testing import assert_close
@@ -63,10 +63,10 @@ def test_gradients_pass_a_paper(name):
 
 def test_noise_is_even_in_its_ranks_and_repeats_for_its_seed():
     x, y = torch.meshgrid(torch.arange(200) * 0.37, torch.arange(200) * 0.37, indexing="ij")
-    rank = evened(fractal_noise(x.double(), y.double(), 3))
+    rank = map_to_uniform(fractal_noise(x.double(), y.double(), 3))
     for share in (0.2, 0.5, 0.8):
         assert float((rank < share).float().mean()) == pytest.approx(share, abs=0.05)
-    assert torch.equal(rank, evened(fractal_noise(x.double(), y.double(), 3)))
+    assert torch.equal(rank, map_to_uniform(fractal_noise(x.double(), y.double(), 3)))
 
 
 def test_pigment_gathers_on_the_dark_side_of_an_edge():

@@ -5,11 +5,11 @@ import pytest
 import torch
 from brushexp_media.picture.smoothing import (
     FAINT,
-    averaged_along,
+    average_along,
     coherence_of_edges,
     gaussian_blur,
     luma_of,
-    parted,
+    sharpen_edges,
     with_clean_edges,
 )
 from torch import Tensor
@@ -35,7 +35,7 @@ def test_a_frayed_edge_becomes_even_and_stays_sharp():
     assert float(places[1].std()) < 0.7 * float(places[0].std())
     assert float(places[1].mean()) == pytest.approx(float(places[0].mean()), abs=0.5)
     between = ((clean[0] - 0.55).abs() < 0.25)[inner].float().sum(1)
-    averaged = averaged_along(picture, torch.full((80, 80), torch.pi / 2), 5.0)
+    averaged = average_along(picture, torch.full((80, 80), torch.pi / 2), 5.0)
     assert float(between.mean()) < 0.8 * float(((averaged[0] - 0.55).abs() < 0.25)[inner].float().sum(1).mean())
 
 
@@ -73,12 +73,12 @@ def test_parted_colours_agree_with_a_loop():
             choose, share = (min if darker[row, column] > 0 else max), min(abs(float(darker[row, column])), 1)
             r, c = choose(near, key=lambda place: float(luma[0][place]))
             expected[:, row, column] += share * (picture[:, r, c] - picture[:, row, column])
-    assert_close(parted(picture, 1.0, 1), expected)
+    assert_close(sharpen_edges(picture, 1.0, 1), expected)
 
 
 def test_lines_average_what_they_cross():
     picture = torch.rand(1, 5, 40, generator=torch.Generator().manual_seed(3), dtype=torch.float64)
-    means = averaged_along(picture, torch.zeros(5, 40), 7.0)[0, 2, 10:30]
+    means = average_along(picture, torch.zeros(5, 40), 7.0)[0, 2, 10:30]
     expected = [np.mean([picture[0, 2, column + step] for step in range(-7, 8)]) for column in range(10, 30)]
     assert_close(means, torch.tensor(expected, dtype=torch.float64), atol=1e-6, rtol=0)
 

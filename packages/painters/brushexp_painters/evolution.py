@@ -8,7 +8,7 @@ import numpy as np
 
 from brushexp.contracts import at_least, between, register
 from brushexp.contracts.families import Painter, PaintRequest, PaintState
-from brushexp.contracts.pictures import sampled_at
+from brushexp.contracts.pictures import sample_at
 from brushexp.contracts.strokes import Strokes
 from brushexp_painters._laying import PORTIONS, Array, numpy_generator, strokes_from_arrays, vectors
 from brushexp_painters.greedy import LARGEST_CANDIDATE, SMALLEST_CANDIDATE, worst_places
@@ -160,7 +160,7 @@ def random_genes(middle: Array, length: Array, target: Array, depth: Array, rand
     n = len(length)
     along = vectors(length, random.uniform(0, np.pi, n))
     half = (length * random.uniform(0.2, 0.7, n)).clip(LEAST_HALF, None)
-    color = sampled_at(target.transpose(2, 0, 1), *middle.T).T
+    color = sample_at(target.transpose(2, 0, 1), *middle.T).T
     return Genes(middle, along, random.normal(0, 0.25, n), half, color, depth)
 
 

@@ -9,7 +9,7 @@ import torch
 
 from brushexp.contracts import above, between, one_of, register
 from brushexp.contracts.families import Painter, PaintRequest, PaintState
-from brushexp.contracts.pictures import along_edges, sampled_at, structure_tensor
+from brushexp.contracts.pictures import along_edges, sample_at, structure_tensor
 from brushexp_painters._laying import lay, numpy_generator, strokes_from_arrays, vectors
 
 
@@ -55,8 +55,8 @@ class Haeberli(Painter):
         x, y = (share * request.size[::-1]).T
         thickness = request.pitch * np.geomspace(self.largest, self.smallest, n)
         tensor = structure_tensor(picture, max(0.5, request.pitch * self.smallest))
-        angle = along_edges(sampled_at(tensor, x, y)) + np.radians(self.stray) * random.standard_normal(n)
+        angle = along_edges(sample_at(tensor, x, y)) + np.radians(self.stray) * random.standard_normal(n)
         along = vectors(0.5 * max(self.length - 1, 0) * thickness, angle)  # round ends add half a thickness each
         middle = np.stack([x, y], 1)
         curves = np.stack([middle - along, middle, middle + along], 1)
-        yield from lay(strokes_from_arrays(curves, thickness, sampled_at(picture, x, y).T, self.opacity))
+        yield from lay(strokes_from_arrays(curves, thickness, sample_at(picture, x, y).T, self.opacity))

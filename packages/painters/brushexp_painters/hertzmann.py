@@ -8,7 +8,7 @@ import numpy as np
 
 from brushexp.contracts import UserError, above, at_least, between, register
 from brushexp.contracts.families import Painter, PaintRequest, PaintState
-from brushexp.contracts.pictures import sampled_at, worst_of_cells
+from brushexp.contracts.pictures import sample_at, worst_of_cells
 from brushexp.contracts.strokes import Strokes
 from brushexp_painters._laying import LUMINANCE, Array, lay, numpy_generator, strokes_from_arrays
 
@@ -107,7 +107,7 @@ class Hertzmann(Painter):
         if not len(chosen):
             return Strokes.none()
         x, y = x[chosen] + 0.5, y[chosen] + 0.5
-        color = sampled_at(reference, x, y)
+        color = sample_at(reference, x, y)
         points, steps = self._trace(reference, canvas, x, y, color, radius)
         owner, curves = fit_curves(points, steps, self.tolerance * radius)
         place = random.permutation(len(x))
@@ -128,9 +128,9 @@ class Hertzmann(Painter):
         points, steps = [place], np.zeros(len(x), int)
         goes_on = np.ones(len(x), bool)
         for step in range(1, self.max_length + 1):
-            here = sampled_at(reference, *place.T)
-            nearer = np.linalg.norm(here - sampled_at(canvas, *place.T), axis=0) < np.linalg.norm(here - color, axis=0)
-            gx, gy = sampled_at(slope, *place.T)
+            here = sample_at(reference, *place.T)
+            nearer = np.linalg.norm(here - sample_at(canvas, *place.T), axis=0) < np.linalg.norm(here - color, axis=0)
+            gx, gy = sample_at(slope, *place.T)
             steepness = np.hypot(gx, gy)
             goes_on &= ~((step > self.min_length) & nearer) & (steepness > FLAT)
             normal = np.stack([-gy, gx], 1) / np.maximum(steepness, FLAT)[:, None]

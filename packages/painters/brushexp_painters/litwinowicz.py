@@ -8,7 +8,7 @@ import numpy as np
 
 from brushexp.contracts import at_least, between, register
 from brushexp.contracts.families import Painter, PaintRequest, PaintState
-from brushexp.contracts.pictures import sampled_at
+from brushexp.contracts.pictures import sample_at
 from brushexp_painters._laying import LUMINANCE, Array, lay, numpy_generator, strokes_from_arrays
 
 DATA_WEIGHT = 1e3  # weight of reliable directions relative to the bending of the field
@@ -74,7 +74,7 @@ class Litwinowicz(Painter):
         middle, ahead = np.stack([x, y], 1), np.stack([np.cos(angle), np.sin(angle)], 1)
         reach = 0.5 * spacing * random.uniform(min(self.length), max(self.length), len(x))
         ends = [middle + way * self._grow(smooth, middle, way * ahead, reach)[:, None] * ahead for way in (-1, 1)]
-        color = sampled_at(picture, x, y).T + self.stray_color / 255 * random.uniform(-1, 1, (len(x), 3))
+        color = sample_at(picture, x, y).T + self.stray_color / 255 * random.uniform(-1, 1, (len(x), 3))
         color = color * (1 + self.stray_intensity * random.uniform(-1, 1, (len(x), 1)))
         thickness = spacing * random.uniform(min(self.thickness), max(self.thickness), len(x))
         curves = np.stack([ends[0], (ends[0] + ends[1]) / 2, ends[1]], 1)
@@ -85,7 +85,7 @@ class Litwinowicz(Painter):
         """Compute angles (n,) normal to the gradient at a grid's nodes, interpolated where the gradient is weak."""
         padded = np.pad(255 * smooth, 1, mode="edge")
         slope = np.stack([padded[1:-1, 2:] - padded[1:-1, :-2], padded[2:, 1:-1] - padded[:-2, 1:-1]]) / 2
-        gx, gy = sampled_at(slope, x, y)
+        gx, gy = sample_at(slope, x, y)
         reliable = (np.maximum(abs(gx), abs(gy)) >= self.flat).astype(float)
         twice = 2 * np.arctan2(gx, -gy)  # the doubled angle of the normal
         field = thin_plate(np.stack([np.cos(twice), np.sin(twice)], 1), reliable, grid)

@@ -11,7 +11,7 @@ from torch.optim import Optimizer, RMSprop
 
 from brushexp.contracts import above, at_least, between, build_named, register
 from brushexp.contracts.families import PaintedView, Painter, PaintRequest, PaintState
-from brushexp.contracts.pictures import sampled_at
+from brushexp.contracts.pictures import sample_at
 from brushexp.contracts.strokes import Catalogue, Strokes
 from brushexp_painters._laying import numpy_generator, strokes_from_arrays, vectors
 
@@ -121,7 +121,7 @@ def initial_strokes(request: PaintRequest, strokes: Strokes, m: int, random: np.
     angle, length, thickness = random.uniform(0, np.pi, m * m), *(block * random.uniform(*INITIAL_SIZES, (2, m * m)))
     along = vectors(0.5 * length, angle)
     curves = np.stack([middle - along, middle, middle + along], 1)
-    color = sampled_at(request.target.cpu().numpy(), *middle.T).T
+    color = sample_at(request.target.cpu().numpy(), *middle.T).T
     new = with_windows(strokes_from_arrays(curves, thickness, color, 0.95), block)
     return new.map(lambda value: value.to(request.target))
 

@@ -34,7 +34,7 @@ def test_pictures_to_learn_from_are_decided_by_seed_and_number_and_batches_go_on
     assert len({float(picture.sum()) for picture in pictures}) == 6
     assert not torch.equal(pictures[0], Subjects(subjects.photographs, 1)(0, 48))
     data = PredictorData(subjects, 2)
-    whole, later = data._training(0, 0), data._training(0, 2)
+    whole, later = data._training_batches(0, 0), data._training_batches(0, 2)
     batches = [next(whole) for _ in range(3)]
     again = next(later)
     assert again.levels == batches[2].levels
@@ -47,7 +47,7 @@ def test_pictures_to_learn_from_are_decided_by_seed_and_number_and_batches_go_on
 def test_it_learns(subjects: Subjects) -> None:
     torch.manual_seed(0)
     module = PredictorModule(StrokePredictor(width=16, blocks=2), 3e-3, 0)
-    batch = PredictorData(subjects, 2).held_out(0)
+    batch = PredictorData(subjects, 2).held_out_batch(0)
     small = batch._replace(targets=[target[:, :64, :64] for target in batch.targets])
     optimizer = torch.optim.Adam(module.network.parameters(), 3e-3)
 

@@ -72,7 +72,7 @@ def application(photos: Photos, works: Works, drafts: Drafts) -> FastAPI:
         return FileResponse(path, filename=filename, content_disposition_type=disposition)
 
     @app.get("/works/{number}/made/{form}")
-    def made(number: int, form: str) -> Response:
+    def send_download(number: int, form: str) -> Response:
         work = works[number]
         download = work.downloads[form]
         if download.path is None:
@@ -124,12 +124,12 @@ class OwnPages:
                 await Response("only pages of the studio may request this", 403)(scope, receive, send)
             return
 
-        async def guarded(message: Message) -> None:
+        async def send_guarded(message: Message) -> None:
             if message["type"] == "http.response.start":
                 message["headers"] = [*message["headers"], *GUARDS]
             await send(message)
 
-        await self.app(scope, receive, guarded)
+        await self.app(scope, receive, send_guarded)
 
 
 async def _receive(request: Request, use: Any) -> dict[str, Any]:

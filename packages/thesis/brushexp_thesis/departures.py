@@ -48,17 +48,17 @@ def departures(settings: Mapping[str, str]) -> Iterator[dict[str, str]]:
         allowed = row["value"] if isinstance(row["value"], list) else [row["value"]]
         own = settings.get(row["key"], ABSENT)
         if not any(_equal(own, one) for one in allowed):
-            words = row.get("thesis") or " or ".join(map(_typed, allowed))
+            words = row.get("thesis") or " or ".join(map(_word_of, allowed))
             run = row.get("run", own)
             yield {"setting": row["key"], "thesis": words, "this run": run, "where": row["source"]}
 
 
-def _typed(value: Any) -> str:
+def _word_of(value: Any) -> str:
     return value if isinstance(value, str) else json.dumps(value)
 
 
 def _equal(own: str, allowed: Any) -> bool:
     try:
-        return float(own) == float(_typed(allowed))
+        return float(own) == float(_word_of(allowed))
     except ValueError:
-        return own == _typed(allowed)
+        return own == _word_of(allowed)

@@ -9,7 +9,7 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.contracts import UserError
-from brushexp.contracts.files import in_short, read_text, yaml_of
+from brushexp.contracts.files import read_text, shorten_value, yaml_of
 
 Kind = TypeVar("Kind")
 
@@ -25,7 +25,7 @@ def read_plain_yaml(path: Path, cure: str) -> dict[str, Any]:
 def entries_in(kind: type[Kind], listed: Any, where: str) -> list[Kind]:
     """Convert a list of mappings to dataclasses of type ``kind``."""
     if not isinstance(listed, list):
-        raise UserError(f"{where} is {in_short(listed)}; give a list of entries")
+        raise UserError(f"{where} is {shorten_value(listed)}; give a list of entries")
     return [entry_of(kind, entry, f"entry {number} of {where}") for number, entry in enumerate(listed, 1)]
 
 
@@ -33,7 +33,7 @@ def entry_of(kind: type[Kind], mapping: Any, where: str) -> Kind:
     """Convert a mapping to a dataclass of type ``kind``, with values converted to the types of its fields."""
     keys = ", ".join(field.name for field in fields(kind))  # type: ignore[arg-type]
     if not isinstance(mapping, dict):
-        raise UserError(f"{where} is {in_short(mapping)}; give a mapping of {keys}")
+        raise UserError(f"{where} is {shorten_value(mapping)}; give a mapping of {keys}")
     try:
         config = OmegaConf.merge(kind, mapping)
         if missing := OmegaConf.missing_keys(config):

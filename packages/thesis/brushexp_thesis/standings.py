@@ -43,12 +43,12 @@ IGNORED_KEYS = {
 }  # keys that do not distinguish two rows
 
 
-def credited(painter: str) -> str:
+def name_with_author(painter: str) -> str:
     """Append the original author to the name of a re-implemented painter, or of a preset of such a painter.
 
     A preset's name begins with its painter's name.
 
-    >>> credited("hertzmann_wash"), credited("gradient"), credited("gone")
+    >>> name_with_author("hertzmann_wash"), name_with_author("gradient"), name_with_author("gone")
     ('hertzmann_wash (after Hertzmann)', 'gradient', 'gone')
     """
     known = {plugin.name: plugin for plugin in plugins("painter")}
@@ -84,7 +84,7 @@ class Row:
 
     @property
     def words(self) -> dict[str, str]:
-        return {"painter": credited(self.painter), "settings": self.settings, "strokes": count_of(self.strokes)}
+        return {"painter": name_with_author(self.painter), "settings": self.settings, "strokes": count_of(self.strokes)}
 
     @property
     def label(self) -> str:

@@ -93,7 +93,7 @@ class Painting:
 
     def render(self, size: int | None = None, *, light: bool = True) -> np.ndarray:
         """Render the painting as (H, W, 3) uint8, sharp at any ``size`` (longer side); ``light`` turns on its lamp."""
-        job = _sized(self.finished.job, size)
+        job = _resize(self.finished.job, size)
         with undisturbed():
             return (job if light else replace(job, light=UNLIT)).picture()
 
@@ -112,7 +112,7 @@ class Painting:
             The paths of the files, main file first.
         """
         exporter = build_named("to", form, options)
-        job = _sized(self.finished.job, size)
+        job = _resize(self.finished.job, size)
         exporter.check(len(job.strokes), job.size)
         into = find_path(folder)
         into.mkdir(parents=True, exist_ok=True)
@@ -159,7 +159,7 @@ class Painting:
         return f"Painting({len(self.strokes)} strokes on {width} x {height} pixels{quality})"
 
 
-def _sized(job: ExportJob, size: int | None) -> ExportJob:
+def _resize(job: ExportJob, size: int | None) -> ExportJob:
     """Scale a painting to ``size`` pixels on the longer side; None keeps its size."""
     if size is None:
         return job

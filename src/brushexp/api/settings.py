@@ -15,7 +15,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.config.changes import expand_changes
 from brushexp.config.check import check, check_stand_ins
-from brushexp.config.compose import composed, folders_of
+from brushexp.config.compose import compose_config, folders_of
 from brushexp.config.key_types import type_of_key
 from brushexp.config.mistakes import explanation
 from brushexp.config.publish import prepare
@@ -29,7 +29,7 @@ from brushexp.system.spellings import find_path
 from brushexp.system.words import table_of_words
 
 PICTURE = "image="
-_composed = lru_cache(maxsize=32)(composed)  # Hydra takes a while to compose
+_composed = lru_cache(maxsize=32)(compose_config)  # Hydra takes a while to compose
 RESERVED = {"task": "call another function", "output": "set output=", "resume": "type brushexp resume=... in a shell"}
 
 

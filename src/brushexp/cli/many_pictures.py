@@ -18,7 +18,7 @@ from brushexp.pictures.load import samples
 from brushexp.registry import literal
 from brushexp.results.runs import JOBS
 from brushexp.runs.sweep_jobs import PICTURE
-from brushexp.system.published import published
+from brushexp.system.published import entry_points_of
 from brushexp.system.reading import digest_of, read_text, yaml_of
 from brushexp.system.spellings import find_path
 
@@ -47,7 +47,7 @@ def expand_jobs(words: Sequence[str], pictures: int = 0) -> list[str]:
 
 def launcher() -> str:
     """Choose the launcher for parallel jobs: a package's own if it works on this machine, otherwise Hydra's joblib."""
-    suiting = (name for name, works_here in published(LAUNCHERS).items() if works_here.load()())
+    suiting = (name for name, works_here in entry_points_of(LAUNCHERS).items() if works_here.load()())
     return next(suiting, "joblib")
 
 

@@ -65,7 +65,7 @@ def opening_line(words: Sequence[str]) -> str:
     ('', 'starting: train', 'checking the jobs of a sweep')
     """
     flags = {word for word in words if word.startswith("-")}
-    keys, alone = _sorted([word for word in words if word not in flags])
+    keys, alone = _separate([word for word in words if word not in flags])
     if flags - {"-m", "--multirun"}:
         return ""
     if "resume" in keys:
@@ -95,7 +95,7 @@ def is_sample(name: str) -> bool:
     return name == "grace_hopper" or any((folder / f"{name}{end}").is_file() for folder in folders for end in ENDS)
 
 
-def _sorted(words: Sequence[str]) -> tuple[dict[str, str], list[str]]:
+def _separate(words: Sequence[str]) -> tuple[dict[str, str], list[str]]:
     """Separate ``key=value`` arguments from bare words; painters' words are expanded to key and value."""
     keys: dict[str, str] = {}
     alone = []

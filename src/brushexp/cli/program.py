@@ -19,7 +19,7 @@ from brushexp.cli.many_pictures import expand_pictures
 from brushexp.compat.hidden_packages import REMARKS
 from brushexp.compat.hydra import parse_arguments, shared_store, skip_sweep_check
 from brushexp.config.changes import expand_changes
-from brushexp.config.compose import composed, folders_of, search_path, without_folder
+from brushexp.config.compose import compose_config, folders_of, search_path, without_folder
 from brushexp.config.key_types import type_of_key
 from brushexp.config.keys import keys_of
 from brushexp.config.mistakes import explanation
@@ -65,7 +65,7 @@ def run(start: float) -> None:
         if typed.help:  # Hydra's own help takes seconds to list the config groups
             settings = [word for word in typed.overrides if not word.endswith("=")]  # renderer= asks for its members
             heartbeat.end()
-            print(help_text(composed(settings, folders), typed.overrides, folders, topic))
+            print(help_text(compose_config(settings, folders), typed.overrides, folders, topic))
         else:
             sys.argv[1:] = search_path(folders) + without_folder(words)
             with shared_store(), skip_sweep_check(words):

@@ -1,9 +1,9 @@
 """Compile functions with Numba on their first call, so that only programs that need Numba spend a second importing it.
 
-A compiled function can have **parts**: functions that it calls by name and that `Compiled.having` can replace, so one
-loop can serve many formulas. Numba infers the types of each part once for all of its callers. Machine code is stored
-under a hash of the function and everything it calls, so changing any of that code triggers recompilation. An `IntEnum`
-can name the columns of an array; its members are compiled as integers.
+A compiled function can have **parts**: functions that it calls by name and that `Compiled.with_parts` can replace, so
+one loop can serve many formulas. Numba infers the types of each part once for all of its callers. Machine code is
+stored under a hash of the function and everything it calls, so changing any of that code triggers recompilation. An
+`IntEnum` can name the columns of an array; its members are compiled as integers.
 
 Compiled code runs on one thread and releases the GIL. A loop over independent iterations takes its start and end
 indices as arguments, and `system.runtime.share` distributes it over threads. Numba's own parallel loops take three
@@ -49,7 +49,7 @@ class Compiled:
     def __call__(self, *args: Any) -> Any:
         return self.dispatcher(*args)
 
-    def having(self, **parts: Any) -> "Compiled":
+    def with_parts(self, **parts: Any) -> "Compiled":
         """Return a copy of the function that calls ``parts`` in place of the functions with the same names."""
         return Compiled(self.function, {**self.parts, **parts})
 
@@ -57,13 +57,13 @@ class Compiled:
     def dispatcher(self) -> Any:
         import numba  # noqa: PLC0415  (it takes a second)
 
-        function, digest = self._linked(self.function)
+        function, digest = self._link(self.function)
         function.__qualname__ = f"{self.function.__qualname__}_{digest[:16]}"  # name of the file of machine code
         compiled = numba.njit(pipeline_class=_compiler(), **OPTIONS)(function)
         keep_compiled(compiled)
         return compiled
 
-    def _linked(self, function: FunctionType) -> tuple[FunctionType, str]:
+    def _link(self, function: FunctionType) -> tuple[FunctionType, str]:
         """Return a copy of a function that calls Numba versions of its callees, with a digest of all the code used."""
         import numba  # noqa: PLC0415
 
@@ -73,7 +73,7 @@ class Compiled:
             if isinstance(value, type) and issubclass(value, IntEnum):
                 value = _numbers_of(value)
             if isinstance(value, FunctionType) and getattr(value, "is_inline", False):
-                linked, digest = self._linked(value)
+                linked, digest = self._link(value)
                 value = _inlined.setdefault(
                     digest, numba.njit(forceinline=True, pipeline_class=_compiler(), **OPTIONS)(linked)
                 )

@@ -53,7 +53,7 @@ class TileKernel:
         """Compile, for ``channels`` channels, the forward pass and the pass for stroke gradients or importance."""
         rows = self._rows[0] + self._rows[1] * channels
         parts = self._parts | channel_rows(channels) | {"ROWS": rows}
-        return forward_pass.having(**parts), backward_pass.having(**parts, pull=self._pull)
+        return forward_pass.with_parts(**parts), backward_pass.with_parts(**parts, pull=self._pull)
 
 
 @dataclass(frozen=True)

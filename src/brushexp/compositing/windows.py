@@ -182,13 +182,13 @@ def _gather(
 ) -> tuple[Array, Array]:
     """Compute the gradients of ``places`` (N, 4) and of the images (N, C + 1, S, S)."""
     gradients = np.zeros_like(places), np.zeros_like(data[0])
-    share(_gathering(len(grad_image)), len(order), places, *data, order, row, there, left, grad_image, *gradients)
+    share(_gather_kernel(len(grad_image)), len(order), places, *data, order, row, there, left, grad_image, *gradients)
     return gradients
 
 
 @cache
-def _gathering(channels: int) -> Compiled:
-    return _over_strokes.having(CHANNELS=channels)
+def _gather_kernel(channels: int) -> Compiled:
+    return _over_strokes.with_parts(CHANNELS=channels)
 
 
 @function

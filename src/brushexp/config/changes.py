@@ -39,8 +39,8 @@ def expand_changes(words: Sequence[str], beside: Sequence[str] = (), *, sweep: b
     tunes = {word: paths for word, paths in table_of_words("change_options").items() if word not in keys}
     meant = [path_of(stands_for[key])[0] for key, value in pairs_in(words) if key in stands_for and value not in NONE]
     brought = [word for name in dict.fromkeys(meant) for word in table_of_words("brings").get(name, ())]
-    words = [*words, *missing(brought, [*beside, *words])]
-    by_words, by_looks = chosen_by([*beside, *words])
+    words = [*words, *unset_words(brought, [*beside, *words])]
+    by_words, by_looks = chosen_changes([*beside, *words])
     present = {*meant, *by_words}.union(*by_looks)
     expanded = []
     for word in words:
@@ -115,7 +115,7 @@ def names_in(word: str) -> list[str]:
     return re.findall(r"\w+", found[1]) if found else []
 
 
-def chosen_by(words: Sequence[str]) -> tuple[set[str], list[set[str]]]:
+def chosen_changes(words: Sequence[str]) -> tuple[set[str], list[set[str]]]:
     """Return the changes that arguments choose directly, and the changes that each look named by them chooses."""
     looks = (value_of("look", words) or PaintTask.presets["look"]).split(",")
     typed = [word for word in words if word.startswith((f"{GROUP}=", f"+{GROUP}="))]
@@ -129,7 +129,7 @@ def changes_of(look: str) -> list[str]:
     return [*choices_of(look_node, PaintTask.groups)[GROUP]]
 
 
-def missing(brought: Iterable[str], words: Sequence[str]) -> list[str]:
+def unset_words(brought: Iterable[str], words: Sequence[str]) -> list[str]:
     """List the implied arguments, ``brought``, whose keys the user has not set."""
     typed = {key.lstrip("+~") for key, _ in pairs_in(words)}
     return [word for word in brought if word.partition("=")[0].lstrip("+") not in typed]
@@ -178,10 +178,10 @@ def as_typed_word(name: str, node: Mapping[str, Any] | DictConfig) -> str:
     return f"{GROUP}={name}"
 
 
-def shortened(words: Iterable[str]) -> list[str]:
+def shorten_words(words: Iterable[str]) -> list[str]:
     """Shorten expanded arguments to those that a user would type.
 
-    >>> shortened(["image=a.png", "+change=[guides]", "change.guides.lines=b.png"])
+    >>> shorten_words(["image=a.png", "+change=[guides]", "change.guides.lines=b.png"])
     ['image=a.png', 'guides=b.png']
     """
     words = [*words]

@@ -83,7 +83,7 @@ def quote(text: str) -> str:
     return '"' + escaped + '"'
 
 
-def composed(words: Sequence[str], folders: Sequence[Path] = ()) -> DictConfig:
+def compose_config(words: Sequence[str], folders: Sequence[Path] = ()) -> DictConfig:
     """Compose the config for command-line arguments; ``folders`` defaults to the shipped config folders.
 
     The function is thread-safe and does not disturb other users of Hydra in this process.

@@ -114,7 +114,7 @@ def publish_looks(folders: Sequence[Path], schema: type[Any], left_out: Collecti
     tuned: set[str] = set()
     for name, path in paths.items():
         store_when_read("look", name, partial(_keys_of, path, schema), str(path))
-        for family, chosen in _tuned_by(_parse(path), schema.groups):
+        for family, chosen in _tuned_members(_parse(path), schema.groups):
             options = partial(_options_of, path, family, chosen, schema.groups)
             store_when_read(f"{LOOK_OPTIONS}/{family}", f"{name}_{chosen}", options, str(path), package=None)
             if family in MULTI_SELECT:
@@ -186,7 +186,7 @@ def _values(options: Any) -> list[Any]:
 def _keys_of(path: Path, schema: type[Any]) -> DictConfig:
     """Build a look's config without plugin options; its numbers are scaled by ``detail`` and similar keys."""
     look = _read(path)
-    for family, chosen in _tuned_by(look, schema.groups):
+    for family, chosen in _tuned_members(look, schema.groups):
         _options_of(path, family, chosen, schema.groups)  # raises a UserError if the plugin lacks them
     values = {key: value for key, value in look.items() if key not in FAMILIES}
     for key in SCALED:
@@ -200,7 +200,7 @@ def _as_scaled(key: str, value: object) -> object:
     return f"${{scaled:{key},{value}}}" if isinstance(value, int | float) else value
 
 
-def _tuned_by(look: Mapping[str, Any], groups: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+def _tuned_members(look: Mapping[str, Any], groups: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield the family and name of each member whose options are set by a look."""
     chosen = choices_of(look, groups)
     for family in FAMILIES:

@@ -15,13 +15,13 @@ from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from brushexp.config.check import nearest_first, unknown_key, unknown_option
-from brushexp.config.compose import CHOSEN_GROUPS, composed, files_of
+from brushexp.config.compose import CHOSEN_GROUPS, compose_config, files_of
 from brushexp.config.key_types import type_of_key
 from brushexp.config.keys import groups_of, keys_of
 from brushexp.config.tasks import TASKS, add_task
 from brushexp.config.words import as_typed
 from brushexp.registry import MULTI_SELECT, loaded_plugins, plugins
-from brushexp.registry.loading import missing_because
+from brushexp.registry.loading import reasons_for_missing
 
 LIGHTNINGS = "; a plugin can wrap any other callback of Lightning, see docs/tutorial.md"
 EXAMPLES = {int: "100", float: "10"}  # values that messages propose if the default is null
@@ -56,7 +56,11 @@ def translate(text: str, task: str, folders: Sequence[Path], arguments: Sequence
         more = LIGHTNINGS if match[1] == "callbacks" else ""
         near = f"{nearest_first(match[2], names)} (all: --help)"
         near += f", or {match[1]}=[] for none" if match[1] in MULTI_SELECT and match[2] in NONE else ""
-        return f"{match[1]}={match[2]} does not exist; choose one of {near}{more}{missing_because()}" if names else None
+        return (
+            f"{match[1]}={match[2]} does not exist; choose one of {near}{more}{reasons_for_missing()}"
+            if names
+            else None
+        )
     if match := re.search(r"Could not override '([\w.@/]+)'.*No match in the defaults list", text):
         owners = [f"task={name}" for name, schema in TASKS.items() if match[1] in groups_of(schema)]
         more = f". {match[1]} is one of {', '.join(owners)}" if owners else ""
@@ -154,7 +158,7 @@ def task_of(arguments: Sequence[str], folders: Sequence[Path]) -> str:
         typed = [word.removeprefix("task=") for word in words]
         return next((name for name in reversed(typed) if name in TASKS), "paint")
     try:
-        return str(composed(words, folders).task)
+        return str(compose_config(words, folders).task)
     except (CompactHydraException, OmegaConfBaseException):
         return "paint"
 

@@ -21,7 +21,7 @@ from brushexp.config.tasks import TASKS
 from brushexp.errors import UserError
 from brushexp.registry import MULTI_SELECT, plugins
 from brushexp.registry.loading import load_plugins
-from brushexp.system.published import published
+from brushexp.system.published import entry_points_of
 from brushexp.system.reading import decode_text
 from hydra_plugins.brushexp_settings import SettingsSweeperConf
 
@@ -115,7 +115,7 @@ def offer_sweepers() -> None:
     """
     Plugins.instance()  # publishes Hydra's own sweepers at first use
     ConfigStore.instance().store(group="hydra/sweeper", name="basic", node=SettingsSweeperConf, provider=PUBLISHER)
-    for name, point in published(SWEEPERS).items():
+    for name, point in entry_points_of(SWEEPERS).items():
         if sweeper := point.load()():
             ConfigStore.instance().store(group="hydra/sweeper", name=name, node=sweeper, provider=PUBLISHER)
     groups = ConfigStore.instance().repo["hydra"]

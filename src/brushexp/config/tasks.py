@@ -7,7 +7,7 @@ from typing import Any
 from brushexp.config.schema import ExportTask, PaintTask, Task
 from brushexp.config.vocabulary import STAND_INS, TASK_POINTS
 from brushexp.registry.plugin import import_or_explain
-from brushexp.system.published import published
+from brushexp.system.published import entry_points_of
 
 
 class Tasks(Mapping[str, type[Task]]):
@@ -17,18 +17,18 @@ class Tasks(Mapping[str, type[Task]]):
         self._loaded = dict(own)
 
     def __iter__(self) -> Iterator[str]:
-        return iter(dict.fromkeys([*self._loaded, *published(TASK_POINTS)]))
+        return iter(dict.fromkeys([*self._loaded, *entry_points_of(TASK_POINTS)]))
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
 
     def __contains__(self, name: object) -> bool:
-        return name in self._loaded or name in published(TASK_POINTS)
+        return name in self._loaded or name in entry_points_of(TASK_POINTS)
 
     def __getitem__(self, name: str) -> type[Task]:
         """Return a task; if its module cannot be imported, raise a UserError that explains why."""
         if name not in self._loaded:
-            point = published(TASK_POINTS)[name]
+            point = entry_points_of(TASK_POINTS)[name]
             self._loaded[name] = import_or_explain(point.load, f"entry point {name} ({point.value})")
         return self._loaded[name]
 
@@ -38,7 +38,7 @@ TASKS = Tasks({"paint": PaintTask, "export": ExportTask})
 
 def stand_ins_of(name: str) -> list[str]:
     """List the tasks that may replace a task if their `Task.suits` agrees."""
-    points = (point.partition(".") for point in published(STAND_INS))
+    points = (point.partition(".") for point in entry_points_of(STAND_INS))
     return [other for of, _, other in points if of == name]
 
 

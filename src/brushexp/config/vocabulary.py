@@ -5,7 +5,7 @@ import re
 from functools import cache
 from pathlib import Path
 
-from brushexp.system.published import published
+from brushexp.system.published import entry_points_of
 from brushexp.system.spellings import find_spelling
 from brushexp.system.words import conf_folders, table_of_words
 
@@ -91,7 +91,7 @@ def respell_task(word: str) -> str:
 def task_names() -> set[str]:
     """List the names of the tasks without importing them."""
     own = {path.stem for path in (PACKAGE / "tasks").glob("[a-z]*.py")}
-    return own | set(published(TASK_POINTS))
+    return own | set(entry_points_of(TASK_POINTS))
 
 
 def is_path(text: str) -> bool:
@@ -106,17 +106,19 @@ def spell_paths(word: str) -> str:
     """
     if word.isascii() or is_path(word):
         return word
-    if is_path(found := _found(word)):
+    if is_path(found := _correct_spelling(word)):
         return found
     key, equal, value = word.partition("=")
     if not equal:
         return word
-    if key == "output" or is_path(_found(value)):
-        return key + equal + _found(value)
-    return key + equal + PARTS.sub(lambda part: found if is_path(found := _found(part[0])) else part[0], value)
+    if key == "output" or is_path(_correct_spelling(value)):
+        return key + equal + _correct_spelling(value)
+    return (
+        key + equal + PARTS.sub(lambda part: found if is_path(found := _correct_spelling(part[0])) else part[0], value)
+    )
 
 
-def _found(path: str) -> str:
+def _correct_spelling(path: str) -> str:
     """Expand the home folder in a path and give it the existing file's spelling; a correct path stays unchanged."""
     whole = os.path.expanduser(path)
     found = find_spelling(whole)

@@ -3,7 +3,16 @@
 from brushexp.system.checkpoint import CheckpointFormat, weights_hash
 from brushexp.system.earlier import todays_settings
 from brushexp.system.files import TEMPORARY, replacing, to_bytes, write_bytes, write_json, write_picture, write_text
-from brushexp.system.hdf5 import HDF5, check_chunk, dataset_of, fixed, numbers_of, opened, text_of, whole_number_of
+from brushexp.system.hdf5 import (
+    HDF5,
+    check_chunk,
+    dataset_of,
+    encode_fixed,
+    numbers_of,
+    open_hdf5,
+    text_of,
+    whole_number_of,
+)
 from brushexp.system.progress import counting, showing, with_progress
 from brushexp.system.published import catalogue_suffixes
 from brushexp.system.reading import (
@@ -11,9 +20,9 @@ from brushexp.system.reading import (
     check_format_version,
     check_plain,
     explaining,
-    in_short,
     json_of,
     read_text,
+    shorten_value,
     yaml_of,
 )
 from brushexp.system.run_files import CHECKPOINT, METRICS_FILE, note_files
@@ -38,16 +47,16 @@ __all__ = [
     "conf_folders",
     "counting",
     "dataset_of",
+    "encode_fixed",
     "explaining",
     "find_path",
-    "fixed",
-    "in_short",
     "json_of",
     "note_files",
     "numbers_of",
-    "opened",
+    "open_hdf5",
     "read_text",
     "replacing",
+    "shorten_value",
     "showing",
     "text_of",
     "to_bytes",

@@ -3,12 +3,12 @@
 from brushexp.features import NETWORKS, open_backbone
 from brushexp.features.base import Backbone, packaged_file, read_tensors
 from brushexp.features.distance import Distance, bundled_distance
-from brushexp.pictures.abstraction import flattened
+from brushexp.pictures.abstraction import flatten_picture
 from brushexp.pictures.boxes import Crop, boxes, clean_aperture_in, properties_of_film
 from brushexp.pictures.color import as_lab, as_picture, hex_of, nearest_ink, palette, recolor, to_lab, to_rgb
 from brushexp.pictures.colorimetry import BT709, HIGH_RANGE, decode_srgb, encode_srgb, encoding_of, unless_srgb
 from brushexp.pictures.cut_short import has_end
-from brushexp.pictures.decode import MOVING, declared_by, decode_image, open_picture, picture_size, read_picture
+from brushexp.pictures.decode import MOVING, decode_image, open_picture, picture_size, read_declared, read_picture
 from brushexp.pictures.focus import sharpness
 from brushexp.pictures.folders import picture_suffixes, pictures_of
 from brushexp.pictures.kinds import FILM_SUFFIXES
@@ -31,7 +31,7 @@ from brushexp.pictures.load import (
 )
 from brushexp.pictures.region import Region
 from brushexp.pictures.similarity import picture_psnr, psnr_of
-from brushexp.pictures.structure import FarStructure, along_edges, sampled_at, structure_tensor, worst_of_cells
+from brushexp.pictures.structure import FarStructure, along_edges, sample_at, structure_tensor, worst_of_cells
 from brushexp.pictures.video import FAST_START, filming, largest_side
 
 __all__ = [
@@ -56,14 +56,13 @@ __all__ = [
     "bundled_distance",
     "check_ratio",
     "clean_aperture_in",
-    "declared_by",
     "decode_image",
     "decode_srgb",
     "downsample",
     "encode_srgb",
     "encoding_of",
     "filming",
-    "flattened",
+    "flatten_picture",
     "has_end",
     "hex_of",
     "largest_side",
@@ -85,10 +84,11 @@ __all__ = [
     "planes_of",
     "properties_of_film",
     "psnr_of",
+    "read_declared",
     "read_picture",
     "read_tensors",
     "recolor",
-    "sampled_at",
+    "sample_at",
     "samples",
     "sharpness",
     "sides_of_picture",

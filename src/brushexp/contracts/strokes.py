@@ -4,7 +4,6 @@ from brushexp.strokes import measures
 from brushexp.strokes.bezier import (
     closest_parameter,
     curve_of,
-    cut_short,
     drift_of,
     half_width_of,
     length_of,
@@ -13,6 +12,7 @@ from brushexp.strokes.bezier import (
     shape_of,
     softness_of,
     strokes_along,
+    truncate,
 )
 from brushexp.strokes.catalogue import (
     FARTHEST_POSITION,
@@ -89,7 +89,6 @@ __all__ = [
     "config_of",
     "control_offset",
     "curve_of",
-    "cut_short",
     "direction_of",
     "drawable",
     "drift_of",
@@ -114,6 +113,7 @@ __all__ = [
     "softness_of",
     "strokes_along",
     "strokes_of",
+    "truncate",
     "width_of",
     "width_parameter",
 ]

@@ -5,9 +5,9 @@ from pathlib import Path
 from brushexp.errors import UserError
 from brushexp.features.base import OPTION, Backbone, packaged_file, read_tensors
 from brushexp.features.efficientnet_lite import FILE, PACKAGE, EfficientNetLite0
-from brushexp.system.published import published
+from brushexp.system.published import entry_points_of
 
-PUBLISHED = published("brushexp.networks")  # functions that build a network from its name and tensors
+PUBLISHED = entry_points_of("brushexp.networks")  # functions that build a network from its name and tensors
 NETWORKS = ("effl0", *PUBLISHED)  # names that `open_backbone` accepts
 
 

@@ -53,7 +53,7 @@ class Backbone(nn.Module, ABC):
             asked = repr(wrong[0]) if wrong else "an empty list"
             raise UserError(f"taps: {asked} names no activation of this network; choose from {', '.join(self.taps)}")
 
-    def tiled(self, picture: Tensor, taps: Sequence[str]) -> Iterator[list[Tensor]]:
+    def activations_by_tile(self, picture: Tensor, taps: Sequence[str]) -> Iterator[list[Tensor]]:
         """Compute the activations (C, positions) of each tap for a picture (3, H, W) of any size, tile by tile.
 
         Each tile is evaluated together with ``context`` pixels around it, and the activations are then cropped.

@@ -50,8 +50,8 @@ def line_chart(
         "kind": "line",
         "title": f"{title}, {unit}" if unit else title,
         "summary": f"{title}: from {first} to {last} {unit}".rstrip() + f" at {points[0, -1]:,.6g} {x_label}",
-        "x": _rounded(some[0]),
-        "y": _rounded(some[1]),
+        "x": _round_values(some[0]),
+        "y": _round_values(some[1]),
         "x_label": x_label,
         "unit": unit,
     }
@@ -86,12 +86,12 @@ def rose_chart(title: str, angles: np.ndarray, lengths: np.ndarray) -> dict | No
         "kind": "rose",
         "title": title,
         "summary": f"Directions: most of the length lies near {peak:.0f} degrees",
-        "shares": _rounded(shares),
+        "shares": _round_values(shares),
         "note": "Share of the strokes' length by direction, clockwise from horizontal: 45° falls to the right.",
     }
 
 
-def _rounded(values: np.ndarray) -> list[float]:
+def _round_values(values: np.ndarray) -> list[float]:
     return [float(f"{value:.6g}") for value in values]
 
 

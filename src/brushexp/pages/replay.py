@@ -40,7 +40,7 @@ def replay_of(job: ExportJob, measures: StrokeTable) -> dict[str, Any] | None:
         "visible": (measures.visible, 0, 1),
         "layer": (np.searchsorted(thirds, measures.area), 0, LEVELS),
     }
-    textured = textured_of(job)
+    textured = textured_profile_of(job)
     looks = None if textured is None else np.unique(textured.look.numpy())
     texture = None if textured is None or looks is None else pack_textures(textured.sheets, looks)
     return pack_strokes(job, about, looks) | {"texture": texture}
@@ -59,7 +59,7 @@ def pack_strokes(job: ExportJob, about: Columns | None = None, looks: np.ndarray
     textures if ``looks`` is None.
     """
     count, saved, (height, width) = len(job.strokes), job.saved, job.size
-    textured = textured_of(job)
+    textured = textured_profile_of(job)
     far = FARTHEST_CANVAS_SIDES * max(height, width)
     points = curve_of(saved.strokes).numpy().clip(-far, max(height, width) + far)
     half = half_width_of(saved.strokes).numpy().clip(0, far)
@@ -87,7 +87,7 @@ def pack_strokes(job: ExportJob, about: Columns | None = None, looks: np.ndarray
     columns, data = [], order.astype("<u4").tobytes()
     for name, (column, low, high) in values.items():
         shares = (column[order].astype(np.float64) - low) / max(high - low, 1e-6)
-        data += _quantised(shares, LEVELS, "<u2").tobytes()
+        data += _quantise(shares, LEVELS, "<u2").tobytes()
         columns.append((name, column[:1].size or 1, float(low), float(max(high, low + 1e-6))))
     mixed = not job.space.is_rgb
     return {
@@ -129,12 +129,12 @@ def pack_textures(sheets: Sheets, looks: np.ndarray) -> dict[str, Any]:
 
 
 @torch.no_grad()
-def textured_of(job: ExportJob) -> TexturedProfile | None:
+def textured_profile_of(job: ExportJob) -> TexturedProfile | None:
     """Lay out the textures along the strokes; return None if the renderer is slow or does not use textures."""
     layers = None if job.renderer.warm_up else job.renderer(job.strokes)
     return layers if isinstance(layers, TexturedProfile) else None
 
 
-def _quantised(values: np.ndarray, steps: int, kind: str) -> np.ndarray:
+def _quantise(values: np.ndarray, steps: int, kind: str) -> np.ndarray:
     """Quantise numbers in [0, 1] to integers from 0 to ``steps``; NaN becomes 0."""
     return (np.nan_to_num(values).clip(0, 1) * steps + 0.5).astype(kind)  # halves round up, as in files.to_bytes

@@ -50,7 +50,7 @@ def sweep_page(folder: Path, frame: DataFrame) -> str:
         means=_means(frame),
         tables=[table for comparison in comparisons() if (table := comparison.table(frame))],
         best=_best(data),
-        plotted=_plotted(data),
+        plotted=_choose_plot(data),
         data=_script_data(data),
     )
 
@@ -161,7 +161,7 @@ def _best(data: dict[str, Any]) -> dict[str, str]:
     return best
 
 
-def _plotted(data: dict[str, Any]) -> dict[str, Any]:
+def _choose_plot(data: dict[str, Any]) -> dict[str, Any]:
     """Choose the plot shown first: ``x`` is a metric or a setting (``axis:steps``), and ``y`` is a metric.
 
     ``x`` and ``y`` are "" if there is nothing to plot. ``xs`` maps the choices for ``x`` to their names.

@@ -16,7 +16,7 @@ from brushexp.registry import build, build_named, plain_config, plugin_of
 from brushexp.shading.light import BOUNDS, Light
 from brushexp.strokes.saved import Saved
 from brushexp.system.earlier import todays_settings
-from brushexp.system.reading import in_short, yaml_of
+from brushexp.system.reading import shorten_value, yaml_of
 
 log = logging.getLogger(__name__)
 
@@ -86,7 +86,7 @@ def _member_of(saved: Saved, family: str) -> Any:
         return None
     if not isinstance(node, dict) or "_target_" not in node or plugin_of(plain_config(node), family).family != family:
         cure = f"write {family}: {{}} there for the default of old catalogues"
-        raise UserError(f"{family} is {in_short(node)} in the config of the catalogue; {cure}")
+        raise UserError(f"{family} is {shorten_value(node)} in the config of the catalogue; {cure}")
     return build(plain_config(node), family=family)
 
 
@@ -94,11 +94,13 @@ def light_of(saved: Saved) -> Light:
     """Read the lamp of a catalogue; if its settings do not name one, return a lamp that has no effect."""
     options = recorded_settings(saved).get("light") or {}
     if not isinstance(options, dict):
-        raise UserError(f"light is {in_short(options)} in the config of the catalogue; write light: {{}} for none")
+        raise UserError(f"light is {shorten_value(options)} in the config of the catalogue; write light: {{}} for none")
     lamp = {item.name: options[item.name] for item in fields(Light) if item.name in options}
     for name, value in lamp.items():
         if not isinstance(value, int | float) or not math.isfinite(value):
-            raise UserError(f"light.{name} in the config of the catalogue is {in_short(value)}; a number is needed")
+            raise UserError(
+                f"light.{name} in the config of the catalogue is {shorten_value(value)}; a number is needed"
+            )
         BOUNDS[name].check(f"light.{name}", value)
     return Light(**lamp)
 
@@ -109,7 +111,7 @@ def recorded_settings(saved: Saved) -> dict[str, Any]:
         settings = todays_settings(yaml_of(saved.config))
         options = settings.get("renderer", {})
         if not isinstance(options, dict):
-            raise UserError(f"renderer is {in_short(options)}; write renderer: {{}} there")
+            raise UserError(f"renderer is {shorten_value(options)}; write renderer: {{}} there")
         plain_config(options)
     except UserError as error:
         raise UserError(

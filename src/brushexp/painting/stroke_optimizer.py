@@ -258,12 +258,12 @@ class StrokeOptimizer(PaintingModule):
 
     def _densify(self, optimizer: optim.Optimizer, zoom: float) -> None:
         """Let the density policy add and remove strokes, based on the picture painted by a step."""
-        if (update := self.components.density.revise(self._seen(self.latest(zoom), zoom))) is not None:
+        if (update := self.components.density.revise(self._state_for_policy(self.latest(zoom), zoom))) is not None:
             self._revise(update.keep, update.new if zoom == 1 else update.new.moved(zoom=1 / zoom), optimizer)
             if update.steps is not None:
                 self.schedule.replan(update.steps)
 
-    def _seen(self, image: Tensor, zoom: float = 1.0) -> DensificationState:
+    def _state_for_policy(self, image: Tensor, zoom: float = 1.0) -> DensificationState:
         """Return the state for a density policy, given ``image``, the picture at ``zoom`` times the canvas size."""
         picture, schedule = self.picture.at(zoom), self.schedule
         return DensificationState(
@@ -275,14 +275,14 @@ class StrokeOptimizer(PaintingModule):
             budget=self.budget,
             step=schedule.step,
             steps=schedule.steps,
-            importance=lambda: self._judged(zoom),
+            importance=lambda: self._measure_importance(zoom),
             psnr=self.wanted_psnr,
             may_replan=not self.is_timed,
             front_to_back=self.front_to_back,
             zoom=zoom,
         )
 
-    def _judged(self, zoom: float = 1.0) -> Tensor:
+    def _measure_importance(self, zoom: float = 1.0) -> Tensor:
         """Measure the importance (N,) of each stroke in the picture at ``zoom`` times its size."""
         strokes = self.strokes().moved(zoom=zoom)
         return importance(strokes, self.front_to_back, self.picture.at(zoom), self.generator)
@@ -326,10 +326,10 @@ class StrokeOptimizer(PaintingModule):
         if self.stage != self.schedule.stage:
             self._begin_stage()
         if (surplus := len(self.catalogue) - self.budget) > 0:  # the run ended before the density policy removed them
-            ranks = self._judged().argsort(stable=True).argsort()
+            ranks = self._measure_importance().argsort(stable=True).argsort()
             self._revise(ranks >= surplus, Strokes.none(self.catalogue.scale))
         if self.components.density.chooses_number:
-            self.components.density.conclude(self._seen(self.draw_whole()))
+            self.components.density.conclude(self._state_for_policy(self.draw_whole()))
 
     def state(self) -> dict[str, Any]:
         """Return, as plain data, everything on which steps depend, except the strokes and the optimiser."""

@@ -66,7 +66,7 @@ class Timelapse(L.Callback):
         if not self.frames:
             return None
         *steps, last = sorted(self.frames)
-        rate, ticks = timing(len(self.frames), self.seconds)
+        rate, ticks = choose_ticks(len(self.frames), self.seconds)
         painting = self._frame(last)
         with filming(folder / "timelapse", self.kind, painting.shape[:2], rate) as film:
             for step in steps:
@@ -95,7 +95,7 @@ def moments(n_frames: int, n_steps: int) -> frozenset[int]:
     return frozenset(max(k, round(n_steps * (k / last) ** 2)) for k in range(last + 1))
 
 
-def timing(n_frames: int, seconds: float | None) -> tuple[Fraction, int]:
+def choose_ticks(n_frames: int, seconds: float | None) -> tuple[Fraction, int]:
     """Compute the ticks per second and the ticks per frame of a film that lasts ``seconds`` in total."""
     if seconds is None:
         return Fraction(FPS), 1

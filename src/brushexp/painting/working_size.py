@@ -10,7 +10,7 @@ from omegaconf import DictConfig
 from brushexp.errors import UserError
 from brushexp.painting.components import stroke_budget
 from brushexp.pictures.limits import MAX_PIXELS
-from brushexp.pictures.load import shrunk_to, sides_of_picture, size_at, size_of_picture
+from brushexp.pictures.load import shrink_to, sides_of_picture, size_at, size_of_picture
 from brushexp.plugins.painter.base import Painter
 from brushexp.registry import keep_built, plugin_of
 from brushexp.strokes.storage import load_catalogue
@@ -51,7 +51,7 @@ def sizes_of(cfg: DictConfig) -> Sizes:
     if typed is None or is_other or (typed == AUTO and cfg.resolution is not None):
         size = size_of_picture(cfg.image, "image", cfg.resolution)
         return Sizes(size, size)
-    painting = size_at(cfg.resolution, *shrunk_to(LARGEST_PAINTING, sides_of_picture(cfg.image, "image")))
+    painting = size_at(cfg.resolution, *shrink_to(LARGEST_PAINTING, sides_of_picture(cfg.image, "image")))
     count = None if cfg.catalogue is None else len(load_catalogue(Path(cfg.catalogue), "catalogue").strokes)
     strokes = stroke_budget(cfg, painting, keep_built(cfg.density), count)
     if typed == AUTO:

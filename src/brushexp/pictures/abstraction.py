@@ -7,7 +7,7 @@ FEWER = 40  # factor by which abstraction 1 reduces the number of strokes
 FLATNESS = 0.2  # weight of total variation at abstraction 1
 
 
-def flattened(picture: Tensor, weight: float) -> Tensor:
+def flatten_picture(picture: Tensor, weight: float) -> Tensor:
     """Flatten a picture (3, H, W) but preserve its edges, by total variation denoising (Rudin, Osher, Fatemi, 1992)."""
     from skimage.restoration import denoise_tv_chambolle  # noqa: PLC0415  (slow to import)
 
@@ -21,5 +21,5 @@ def simplify(picture: Tensor, abstraction: float, attended: Tensor | None) -> Te
     """Flatten a picture (3, H, W) by ``abstraction`` in [0, 1], except where ``attended`` (H, W) in [0, 1] is high."""
     if not abstraction:
         return picture
-    flat = flattened(picture, FLATNESS * abstraction)
+    flat = flatten_picture(picture, FLATNESS * abstraction)
     return flat if attended is None else torch.lerp(flat, picture, attended)

@@ -80,7 +80,7 @@ def head_of(picture: Image.Image) -> bytes:
     return b""
 
 
-def declared_in_boxes(picture: Image.Image) -> list[Property]:
+def properties_in_boxes(picture: Image.Image) -> list[Property]:
     """Read the properties that HEIF or AVIF boxes declare for the visible picture; return [] if the file is closed."""
     with suppress(AttributeError, OSError, ValueError):
         file: Any = picture.fp  # type: ignore[attr-defined]
@@ -116,7 +116,9 @@ def chunks_of(png: bytes) -> Iterator[tuple[bytes, bytes]]:
 def _of_others(head: bytes, picture: Image.Image) -> Colors:
     """Read the colour information that Pillow ignores in formats other than PNG."""
     if picture.format in IN_BOXES:
-        said = next((data for name, data in declared_in_boxes(picture) if name == b"colr" and data[:4] == b"nclx"), b"")
+        said = next(
+            (data for name, data in properties_in_boxes(picture) if name == b"colr" and data[:4] == b"nclx"), b""
+        )
         primaries, transfer = struct.unpack(">HH", said[4:8].ljust(4, b"\0"))
         return encoding_of(primaries, transfer) if transfer not in UNSPECIFIED else None
     if picture.format == "JPEG2000":

@@ -53,7 +53,7 @@ def palette(lab: Array, weight: Array, count: int) -> Array:
         return np.empty((0, 3))
     inks = np.average(lab, axis=0, weights=weight)[None]
     while True:
-        inks = _settled(lab, weight, inks)
+        inks = _refine_inks(lab, weight, inks)
         error = weight * np.square(lab - inks[nearest_ink(lab, inks)]).sum(1)
         if len(inks) == count or error.max() <= 1e-9 * weight.max():
             return inks
@@ -65,7 +65,7 @@ def nearest_ink(lab: Array, inks: Array) -> Array:
     return (np.square(inks).sum(1) - 2 * lab @ inks.T).argmin(1)  # squared distances without |lab|^2
 
 
-def _settled(lab: Array, weight: Array, inks: Array) -> Array:
+def _refine_inks(lab: Array, weight: Array, inks: Array) -> Array:
     """Repeatedly move each ink to the mean of the colours assigned to it."""
     chosen = nearest_ink(lab, inks)
     for _ in range(ROUNDS):

@@ -45,7 +45,7 @@ class Encoding:
 
         The white point is adapted to that of sRGB (Bradford), so that grey stays grey.
         """
-        matrix = (np.linalg.inv(_to_xyz(BT709)) @ _adapted(self.primaries[3]) @ _to_xyz(self.primaries)).T
+        matrix = (np.linalg.inv(_to_xyz(BT709)) @ _adaptation_of(self.primaries[3]) @ _to_xyz(self.primaries)).T
         result = np.empty_like(picture)
         for top in range(0, len(picture), ROWS):
             rows = picture[top : top + ROWS]
@@ -119,7 +119,7 @@ def _to_xyz(primaries: tuple[tuple[float, float], ...]) -> Array:
     return columns[:, :3] * np.linalg.solve(columns[:, :3], white)
 
 
-def _adapted(white: tuple[float, float]) -> Array:
+def _adaptation_of(white: tuple[float, float]) -> Array:
     """Compute the XYZ matrix (3, 3) that adapts a white point to that of sRGB (Lam, 1985, "Bradford")."""
     ours, theirs = (BRADFORD @ np.array([x / y, 1, (1 - x - y) / y]) for x, y in (D65, white))
     return np.linalg.inv(BRADFORD) @ np.diag(ours / theirs) @ BRADFORD

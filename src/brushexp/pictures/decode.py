@@ -38,7 +38,7 @@ from brushexp.pictures.kinds import (
 from brushexp.pictures.limits import alone, check_pixels, check_whole, halvings, open_of_any_size, size_of_jxl
 from brushexp.pictures.packing import remark_on_packing
 from brushexp.pictures.second_opinion import remark_of_others
-from brushexp.pictures.shape import clean_aperture, pixel_aspect, resample, squared
+from brushexp.pictures.shape import clean_aperture, pixel_aspect, resample, size_in_square_pixels
 from brushexp.pictures.srgb import SWAPPED, bytes_to_srgb, floats_to_srgb, orientation_of, unit_range, upright
 from brushexp.pictures.tiff import (
     is_misread,
@@ -73,7 +73,7 @@ def read_picture(path: Path, *, key: str = "image", backdrop: float = 1.0, side:
     further pages are logged once. Pictures that cannot be read, are too large, or have floats outside [0, 1] raise a
     UserError that names the ``key`` of the path.
     """
-    with _explained(path, key):
+    with _explain_errors(path, key):
         pixels, remark = _read(path, backdrop, side)
     if remark:
         _tell(f"{key}={path} {remark}")
@@ -87,7 +87,7 @@ def _tell(line: str) -> None:
 
 def picture_size(path: Path, *, key: str = "image") -> tuple[int, int]:
     """Determine a readable picture's height and width from its first and last bytes."""
-    with _explained(path, key), _opened(path, 1) as (_, picture):
+    with _explain_errors(path, key), _open_and_check(path, 1) as (_, picture):
         if picture is None:
             return _read(path, 1.0, None)[0].shape[:2]
         width, height = picture.size
@@ -98,13 +98,13 @@ def picture_size(path: Path, *, key: str = "image") -> tuple[int, int]:
         if not is_whole or isinstance(picture, TiffImageFile):  # much of a TIFF is not read here
             _read(path, 1.0, 1)
         with nullcontext() if is_whole else allow_truncated():
-            declared = declared_by(picture)
+            declared = read_declared(picture)
             is_swapped = orientation_of(picture) >= SWAPPED
     if declared.crop is not None:
         height, width = (part.stop - part.start for part in declared.crop)
     if is_swapped:
         width, height = height, width
-    return squared(height, width, declared.aspect)
+    return size_in_square_pixels(height, width, declared.aspect)
 
 
 class Declared(NamedTuple):
@@ -115,13 +115,13 @@ class Declared(NamedTuple):
     crop: Crop | None  # visible part of the picture before it is turned; None for all of it
 
 
-def declared_by(picture: Image.Image) -> Declared:
+def read_declared(picture: Image.Image) -> Declared:
     """Read the properties that a picture declares; call this before decoding, because some decoders close the file."""
     return Declared(colors_of(picture), pixel_aspect(picture), clean_aperture(picture))
 
 
 @contextmanager
-def _explained(path: Path, key: str) -> Iterator[None]:
+def _explain_errors(path: Path, key: str) -> Iterator[None]:
     """Convert any error raised for a picture to a UserError that names the key and the file."""
     with _silence():
         try:
@@ -130,17 +130,17 @@ def _explained(path: Path, key: str) -> Iterator[None]:
         except UserError as error:
             reason = str(error)
         except UnidentifiedImageError:
-            reason = _unknown(path)
+            reason = _describe_unknown(path)
         except Exception as error:  # decoders raise a dozen kinds of errors
             if isinstance(error, OSError) and error.strerror:
                 reason = f"cannot be read ({error.strerror.lower()}); give a file that you have permission to read"
             else:
                 log.debug("%s", path, exc_info=True)
-                reason = _undecoded(path)
+                reason = _explain_failure(path)
     raise UserError(f"{key}={path} {reason}")
 
 
-def _undecoded(path: Path) -> str:
+def _explain_failure(path: Path) -> str:
     """Explain why a file in a known format cannot be decoded."""
     with path.open("rb") as file:
         kind = what_it_is(file.read(HEAD))
@@ -152,7 +152,7 @@ def _undecoded(path: Path) -> str:
     return f"is {state} or cannot be decoded here; get it again, or {CURE}"
 
 
-def _unknown(path: Path) -> str:
+def _describe_unknown(path: Path) -> str:
     """Describe a file that no decoder recognised, and say what the user can do."""
     if is_raw(str(path)):
         return RAW
@@ -191,7 +191,7 @@ def _silence() -> Iterator[None]:
 
 
 @contextmanager
-def _opened(path: Path, side: int | None) -> Iterator[tuple[Path | IO[bytes], ImageFile | None]]:
+def _open_and_check(path: Path, side: int | None) -> Iterator[tuple[Path | IO[bytes], ImageFile | None]]:
     """Open a picture and check it before decoding; the picture is None for a TIFF that Pillow does not recognise."""
     with path.open("rb") as file:
         head = file.read(HEAD)
@@ -230,13 +230,13 @@ def _load_codec(head: bytes) -> None:
 
 def _read(path: Path, backdrop: float, side: int | None) -> tuple[np.ndarray, str]:
     """Decode a picture and collect warnings about it."""
-    with _opened(path, side) as (file, picture):
+    with _open_and_check(path, side) as (file, picture):
         if picture is None:
             return read_tiff(path, backdrop, None, side), ""
         remark, count = _of_several(path, picture), picture.width * picture.height
         try:
-            declared = declared_by(picture)
-            pixels = _squared(_decoded(file, picture, declared, backdrop, side), declared.aspect)
+            declared = read_declared(picture)
+            pixels = _to_square_pixels(_decode(file, picture, declared, backdrop, side), declared.aspect)
             damage = remark_on_packing(path) or remark_of_others(path, picture.format or "", count)
             remarks = (remark, damage, remark_on(pixels))
             return pixels, "; it ".join(filter(None, remarks))
@@ -244,15 +244,15 @@ def _read(path: Path, backdrop: float, side: int | None) -> tuple[np.ndarray, st
             raise
         except (OSError, ValueError, SyntaxError):
             if is_rarely_packed(picture):
-                return _squared(read_tiff(file, backdrop, declared.colors, side), declared.aspect), remark
+                return _to_square_pixels(read_tiff(file, backdrop, declared.colors, side), declared.aspect), remark
             if (again := open_truncated(path, picture.format or "")) is None:
                 raise
     with again, allow_truncated():
-        declared = declared_by(again)
+        declared = read_declared(again)
         draft(again, side)
         again.load()
         remark = check_missing(again)
-        return _squared(_to_srgb(again, declared, backdrop), declared.aspect), remark
+        return _to_square_pixels(_to_srgb(again, declared, backdrop), declared.aspect), remark
 
 
 def _of_several(path: Path, picture: ImageFile) -> str:
@@ -263,12 +263,12 @@ def _of_several(path: Path, picture: ImageFile) -> str:
     return MOVES.format(path) if picture.format in MOVING and getattr(picture, "n_frames", 1) > 1 else ""
 
 
-def _squared(pixels: np.ndarray, aspect: float) -> np.ndarray:
+def _to_square_pixels(pixels: np.ndarray, aspect: float) -> np.ndarray:
     height, width = pixels.shape[:2]
-    return resample(pixels, squared(height, width, aspect))
+    return resample(pixels, size_in_square_pixels(height, width, aspect))
 
 
-def _decoded(
+def _decode(
     file: Path | IO[bytes], picture: ImageFile, declared: Declared, backdrop: float, side: int | None
 ) -> np.ndarray:
     """Decode an opened picture with a library that handles it correctly."""
@@ -298,11 +298,11 @@ def draft(picture: ImageFile, side: int | None) -> None:
 def decode_image(picture: Image.Image, backdrop: float = 1.0, declared: Declared | None = None) -> np.ndarray:
     """Decode a Pillow image as `read_picture` does; Pillow's decoder may raise any error.
 
-    ``declared`` is the result of `declared_by`, obtained before the file's first picture was decoded.
+    ``declared`` is the result of `read_declared`, obtained before the file's first picture was decoded.
     """
     check_not_raw(picture)
-    declared = declared or declared_by(picture)
-    return _squared(_to_srgb(picture, declared, backdrop), declared.aspect)
+    declared = declared or read_declared(picture)
+    return _to_square_pixels(_to_srgb(picture, declared, backdrop), declared.aspect)
 
 
 def _to_srgb(picture: Image.Image, declared: Declared, backdrop: float) -> np.ndarray:

@@ -60,7 +60,7 @@ def attention(picture: Tensor, faces: Sequence[Face]) -> Tensor:
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (rarely needed)
 
     size = (picture.shape[1], picture.shape[2])
-    small = _shrunk(picture, SALIENCY_SIDE)
+    small = _shrink(picture, SALIENCY_SIDE)
     lab: np.ndarray = to_lab(small.reshape(-1, 3).astype(np.float64)).reshape(small.shape)
     sigma = BLUR * max(lab.shape[:2])
     saliency, detail = (gaussian_filter(values, sigma) for values in (_signature(lab), _slope(lab)))
@@ -70,7 +70,7 @@ def attention(picture: Tensor, faces: Sequence[Face]) -> Tensor:
     salient = np.sqrt((saliency - saliency.min()) * (detail - detail.min())) * middle
     highest = salient.max()
     salient = salient / highest if highest > ROUNDING else np.zeros_like(salient)
-    attended = torch.maximum(_enlarged(salient, size), SHARP_ATTENTION * sharpness(picture))
+    attended = torch.maximum(_enlarge(salient, size), SHARP_ATTENTION * sharpness(picture))
     attended = attended * (ATTENTION_OUTSIDE_FACES if faces else 1)
     for face in faces:  # a round plateau, 1 in the middle, 1/e at ``FACE_REACH`` sides, and soon 0 beyond
         down, across = torch.arange(size[0]) + 0.5 - face.y, torch.arange(size[1]) + 0.5 - face.x
@@ -91,10 +91,10 @@ def sharpness(picture: Tensor) -> Tensor:
     blurred, crisp = SHARP_SLOPE
     edges = ((gaussian_gradient_magnitude(lightness, 1.0) - blurred) / (crisp - blurred)).clip(0, 1)
     sharp = (gaussian_filter(edges, SHARP_BLUR * max(edges.shape)) / SHARP_SHARE).clip(0, 1)
-    return _enlarged(sharp, (picture.shape[1], picture.shape[2]))
+    return _enlarge(sharp, (picture.shape[1], picture.shape[2]))
 
 
-def _enlarged(values: np.ndarray, size: tuple[int, int]) -> Tensor:
+def _enlarge(values: np.ndarray, size: tuple[int, int]) -> Tensor:
     wide = functional.interpolate(torch.from_numpy(values)[None, None], size, mode="bilinear", align_corners=False)
     return wide[0, 0]
 
@@ -115,5 +115,5 @@ def _slope(lab: np.ndarray) -> np.ndarray:
     return np.sqrt(squares)
 
 
-def _shrunk(picture: Tensor, side: int) -> np.ndarray:
+def _shrink(picture: Tensor, side: int) -> np.ndarray:
     return downsample(picture, side).permute(1, 2, 0).clamp(0, 1).cpu().numpy()

@@ -35,7 +35,7 @@ def is_several(image: str) -> bool:
 
 def pictures_in(image: str) -> list[str]:
     """List the picture files that are in a folder or match a pattern; raise a UserError if there are none."""
-    paths = [name for name in _named(image) if _suffix(name) in picture_suffixes() and os.path.isfile(name)]
+    paths = [name for name in _match_names(image) if _suffix(name) in picture_suffixes() and os.path.isfile(name)]
     if not paths:
         others = "; ".join(skipped_files(image)) or "give a folder or pattern of .png, .jpg, .tif, .webp, ..."
         raise UserError(f"image={image}: there are no pictures; {others}")
@@ -49,14 +49,16 @@ def pictures_of(names: Iterable[str]) -> list[str]:
 
 def skipped_files(image: str) -> list[str]:
     """Describe the files that `pictures_in` skips, in one line per type; hidden files are not mentioned."""
-    names = [name for name in _named(image) if _suffix(name) not in picture_suffixes() or not os.path.isfile(name)]
+    names = [
+        name for name in _match_names(image) if _suffix(name) not in picture_suffixes() or not os.path.isfile(name)
+    ]
     kinds: dict[str, list[str]] = {}
     for name in names:
         kinds.setdefault(_cure_of(name, image), []).append(name)
     return [f"{_in_words(found)} left out: {cure}" for cure, found in kinds.items()]
 
 
-def _named(image: str) -> list[str]:
+def _match_names(image: str) -> list[str]:
     path = os.path.expanduser(image)
     patterns = {os.path.join(glob.escape(path), "*")} if os.path.isdir(path) else both_forms(path)
     return sorted({name for pattern in patterns for name in glob.glob(pattern, recursive=True)})

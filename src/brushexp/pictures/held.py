@@ -34,7 +34,7 @@ class HeldPicture:
     name: str
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _named, (self.over,)  # the name also works in another process
+        return _hold_picture, (self.over,)  # the name also works in another process
 
     def write(self, folder: Path, stem: str) -> Path:
         """Write the pixels to a PNG file, or to a TIFF file if they are floats, and keep the transparency."""
@@ -58,7 +58,7 @@ def hold(picture: Any, key: str = "image") -> HeldPicture:
     """Store a picture under a name derived from its pixels; other values raise a UserError that names their ``key``."""
     white = _pixels(picture, key, 1.0)
     black = _pixels(picture, key, 0.0) if may_be_transparent(picture) else white
-    return _named({1.0: white, 0.0: white if np.array_equal(white, black) else black})
+    return _hold_picture({1.0: white, 0.0: white if np.array_equal(white, black) else black})
 
 
 def may_be_transparent(picture: Any) -> bool:
@@ -68,7 +68,7 @@ def may_be_transparent(picture: Any) -> bool:
     return not isinstance(picture, np.ndarray | torch.Tensor) or 4 in picture.shape
 
 
-def _named(over: dict[float, np.ndarray]) -> HeldPicture:
+def _hold_picture(over: dict[float, np.ndarray]) -> HeldPicture:
     digest = sha256(f"{over[1.0].shape} {over[1.0].dtype}".encode() + over[1.0].tobytes() + over[0.0].tobytes())
     name = f"picture {digest.hexdigest()[:12]} in memory"
     held = _pictures.get(name) or HeldPicture(over, name)
@@ -105,7 +105,7 @@ def _pixels(picture: Any, key: str, backdrop: float) -> np.ndarray:
         raise UserError(f"{key} is a masked array; fill the masked pixels: {key}.filled(255)")
     if not isinstance(picture, Image.Image):
         samples = _channels_last(picture, key) if isinstance(picture, torch.Tensor) else np.asarray(picture)
-        picture = _checked(samples, key)
+        picture = _to_samples(samples, key)
         if picture.dtype != np.uint8:
             return _over(picture.astype(np.float32), backdrop)
         picture = Image.fromarray(picture)
@@ -153,7 +153,7 @@ def _channels_last(picture: torch.Tensor, key: str) -> np.ndarray:
     return (planes.float() if planes.is_floating_point() else planes).movedim(0, 2).numpy()
 
 
-def _checked(picture: np.ndarray, key: str) -> np.ndarray:
+def _to_samples(picture: np.ndarray, key: str) -> np.ndarray:
     """Convert an array (H, W), (H, W, C) or (1, H, W, C) to samples (H, W, 3 or 4), uint8 or floats in [0, 1]."""
     shape, samples = picture.shape, picture
     samples = samples[0] if samples.ndim == 4 and len(samples) == 1 else samples
@@ -173,12 +173,12 @@ def _checked(picture: np.ndarray, key: str) -> np.ndarray:
     if samples.dtype.kind != "f" or not (samples.min() >= 0 and samples.max() <= 1):  # false for NaN
         least, most = samples.min(), samples.max()
         raise UserError(
-            f"{key} is an array of {samples.dtype} from {least:g} to {most:g}; give {_scaled(least, most, key)}"
+            f"{key} is an array of {samples.dtype} from {least:g} to {most:g}; give {_suggest_cure(least, most, key)}"
         )
     return samples
 
 
-def _scaled(least: float, most: float, key: str) -> str:
+def _suggest_cure(least: float, most: float, key: str) -> str:
     """Suggest an expression that scales an array to an accepted range, based on its values."""
     if not np.isfinite([least, most]).all():
         return f"np.nan_to_num({key}), whose numbers are finite, uint8, or floats from 0 to 1"

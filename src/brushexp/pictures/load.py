@@ -193,10 +193,10 @@ def nearest_files(image: str, others: Iterable[str] = ()) -> list[str]:
     return [os.path.join(folder, names[near]) for near in get_close_matches(name.lower(), names, 3)]
 
 
-def shrunk_to(most: int, size: tuple[int, int]) -> tuple[int, int]:
+def shrink_to(most: int, size: tuple[int, int]) -> tuple[int, int]:
     """Scale a height and width in proportion, to at most ``most`` pixels in total.
 
-    >>> shrunk_to(100, (10, 40)), shrunk_to(100, (5, 20))
+    >>> shrink_to(100, (10, 40)), shrink_to(100, (5, 20))
     ((5, 20), (5, 20))
     """
     height, width = size

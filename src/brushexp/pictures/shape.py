@@ -10,7 +10,7 @@ import numpy as np
 from PIL import Image
 
 from brushexp.pictures.boxes import Crop, clean_aperture_in
-from brushexp.pictures.carriers import IN_BOXES, declared_in_boxes, head_of, place_kept
+from brushexp.pictures.carriers import IN_BOXES, head_of, place_kept, properties_in_boxes
 from brushexp.pictures.srgb import SWAPPED, orientation_of
 
 X_RESOLUTION, Y_RESOLUTION = 282, 283  # TIFF tags
@@ -35,13 +35,13 @@ def pixel_aspect(picture: Image.Image) -> float:
 
 def _is_turned_already(picture: Any) -> bool:
     """Check whether the decoder itself swaps rows and columns, as the HEIF decoder does for an ``irot`` box."""
-    turns = [data for name, data in declared_in_boxes(picture) if name == b"irot"] if picture.format == "HEIF" else []
+    turns = [data for name, data in properties_in_boxes(picture) if name == b"irot"] if picture.format == "HEIF" else []
     return sum(data[0] for data in turns if data) % 2 == 1
 
 
 def clean_aperture(picture: Any) -> Crop | None:
     """Find the visible rows and columns of an AVIF before rotation; other decoders crop the picture themselves."""
-    return clean_aperture_in(declared_in_boxes(picture), *picture.size) if picture.format == "AVIF" else None
+    return clean_aperture_in(properties_in_boxes(picture), *picture.size) if picture.format == "AVIF" else None
 
 
 def _densities(picture: Any) -> tuple[Any, Any]:
@@ -69,7 +69,7 @@ def _of_gif(picture: Any) -> tuple[Any, Any]:
 
 
 def _of_boxes(picture: Any) -> tuple[Any, Any]:
-    said = next((data for name, data in declared_in_boxes(picture) if name == b"pasp"), b"")
+    said = next((data for name, data in properties_in_boxes(picture) if name == b"pasp"), b"")
     wide, high = struct.unpack(">II", said[:8]) if said else (1, 1)
     return high, wide
 
@@ -102,7 +102,7 @@ DENSITIES: dict[str, Callable[[Any], tuple[Any, Any]]] = {  # readers by format
 }
 
 
-def squared(height: int, width: int, aspect: float) -> tuple[int, int]:
+def size_in_square_pixels(height: int, width: int, aspect: float) -> tuple[int, int]:
     """Compute the height and width of a picture after conversion to square pixels; neither side shrinks."""
     return (height, round(width * aspect)) if aspect > 1 else (round(height / aspect), width)
 

@@ -23,13 +23,13 @@ def bytes_to_srgb(picture: Image.Image, colors: Colors, backdrop: float) -> np.n
     alpha = picture.convert("RGBA").getchannel("A") if picture.has_transparency_data else None
     if picture.mode not in ("L", "RGB", "CMYK"):
         picture = picture.convert("L" if picture.mode in ("1", "LA") else "RGB")
-    rgb = _converted(picture, colors)
+    rgb = _convert(picture, colors)
     if alpha is not None:
         rgb = Image.composite(rgb, Image.new("RGB", rgb.size, (round(255 * backdrop),) * 3), alpha)
     return np.asarray(rgb)
 
 
-def _converted(picture: Image.Image, colors: Colors) -> Image.Image:
+def _convert(picture: Image.Image, colors: Colors) -> Image.Image:
     """Convert a Pillow image of mode L, RGB or CMYK to sRGB; keep its values if its profile is unusable."""
     if isinstance(colors, Encoding):
         return Image.fromarray(colors.to_srgb(np.asarray(picture.convert("RGB"))))
@@ -49,7 +49,7 @@ def floats_to_srgb(color: np.ndarray, alpha: np.ndarray | None, colors: Colors, 
         # The change due to an 8-bit conversion is added to the exact values, so an sRGB profile changes nothing.
         eight_bit = np.rint(color * 255).astype(np.uint8)
         coarse = Image.fromarray(eight_bit[..., 0] if eight_bit.shape[2] == 1 else eight_bit)
-        change = np.asarray(_converted(coarse, colors), np.float32) - eight_bit
+        change = np.asarray(_convert(coarse, colors), np.float32) - eight_bit
         color = (color + change / 255).clip(0, 1)
     if alpha is not None:
         color = color * alpha + backdrop * (1 - alpha)

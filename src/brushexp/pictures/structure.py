@@ -56,7 +56,7 @@ def along_edges(tensor: Array) -> Array:
     return 0.5 * np.arctan2(-2 * tensor[1], tensor[2] - tensor[0])
 
 
-def sampled_at(picture: Array, x: Array, y: Array) -> Array:
+def sample_at(picture: Array, x: Array, y: Array) -> Array:
     """Look up a picture's values (..., n) at n points; points outside are clamped to the nearest pixel inside."""
     height, width = picture.shape[-2:]
     values: Array = picture[..., y.astype(int).clip(0, height - 1), x.astype(int).clip(0, width - 1)]

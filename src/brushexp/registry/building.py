@@ -10,7 +10,7 @@ from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 from brushexp.errors import UserError
 from brushexp.registry.families import CORE, FAMILIES, FOLDERS, SEARCH_PATH
 from brushexp.registry.plugin import Plugin, member, plugins
-from brushexp.system.reading import check_plain, in_short
+from brushexp.system.reading import check_plain, shorten_value
 
 LOSSES_OF_STYLE = "style"  # key of losses that are not in the list ``loss``
 
@@ -31,7 +31,9 @@ def plugin_of(node: DictConfig, family: str = "") -> Plugin:
     else:
         plugin = _member_of_class(target, family or family_of_key(str(node._get_full_key(None))))
     if plugin is None:
-        raise UserError(f"{in_short(target)} is not a registered plugin; add the file that defines it to {SEARCH_PATH}")
+        raise UserError(
+            f"{shorten_value(target)} is not a registered plugin; add the file that defines it to {SEARCH_PATH}"
+        )
     return plugin
 
 
@@ -143,7 +145,7 @@ def build_named(family: str, name: str, options: dict[str, Any], *runtime: objec
     if plugin is None:
         choices = ", ".join(one.name for one in plugins(family))
         raise UserError(
-            f"{family}={in_short(name)} is not among the plugins here ({choices}); add the file that defines it"
+            f"{family}={shorten_value(name)} is not among the plugins here ({choices}); add the file that defines it"
         )
     return build(plain_config(options | {"_target_": plugin.target}), *runtime)
 

@@ -13,7 +13,7 @@ from types import ModuleType
 from brushexp.errors import UserError
 from brushexp.registry.families import CORE, FAMILIES, FOLDERS, SEARCH_PATH, USER_PACKAGE
 from brushexp.registry.plugin import ENTRY_POINTS, Plugin, announce, import_or_explain, is_ours, withdraw
-from brushexp.system.published import published
+from brushexp.system.published import entry_points_of
 
 log = logging.getLogger(__name__)
 _broken: dict[str, str] = {}  # file of a user's plugins -> why it cannot be loaded
@@ -23,12 +23,12 @@ def load_plugins(directory: Path, *, warns: bool = True) -> list[str]:
     """Announce the plugins of brushexp and of packages, import the user's files, and return those files' names.
 
     The user's files are ``directory/*.py`` and the files in the folders that ``BRUSHEXP_PLUGINS`` lists. A file that
-    cannot be imported is skipped, with a warning if ``warns`` is set; `missing_because` gives the reasons again when a
-    name is not found. Plugins of brushexp and of packages are imported when they are first needed.
+    cannot be imported is skipped, with a warning if ``warns`` is set; `reasons_for_missing` gives the reasons again
+    when a name is not found. Plugins of brushexp and of packages are imported when they are first needed.
     """
     for family in FAMILIES:
         _announce_core(family)
-    for name, point in published(ENTRY_POINTS).items():
+    for name, point in entry_points_of(ENTRY_POINTS).items():
         family, dot, member = name.partition(".")
         if not dot:
             raise UserError(f'entry point {name} of {ENTRY_POINTS} is not a member; write it as "loss.{name}" = ...')
@@ -68,7 +68,7 @@ def broken_files() -> dict[str, str]:
     return dict(_broken)
 
 
-def missing_because() -> str:
+def reasons_for_missing() -> str:
     """Return the reasons why user files failed to load, for messages about missing names, or "" if none failed."""
     return "".join(f". {reason}" for reason in _broken.values())
 

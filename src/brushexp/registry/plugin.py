@@ -19,7 +19,7 @@ from brushexp.errors import UserError
 from brushexp.registry.families import CORE, FAMILIES, FOLDERS, MULTI_SELECT
 from brushexp.registry.options import options_of, structured_config
 from brushexp.registry.sources import note_source
-from brushexp.system.published import published
+from brushexp.system.published import entry_points_of
 
 ENTRY_POINTS = "brushexp.plugins"  # entry-point group: "family.name" -> module that defines the class
 DISTRIBUTION = "brushexp"  # distribution whose entry points are ours
@@ -141,7 +141,7 @@ def is_ours(module: str) -> bool:
 @cache
 def _our_packages() -> set[str]:
     """Return the import names of the packages that ship with brushexp."""
-    points = published(ENTRY_POINTS).values()
+    points = entry_points_of(ENTRY_POINTS).values()
     return {point.module.partition(".")[0] for point in points if point.dist and point.dist.name == DISTRIBUTION}
 
 

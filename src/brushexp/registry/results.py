@@ -108,7 +108,7 @@ def _problem_of_end(result: Any, strokes: Any, *_: object, **__: object) -> str:
     return "" if is_order else f"{_describe(order)}, not the numbers of all {len(finished)} strokes in their order"
 
 
-def _wanted(shape: Callable[..., tuple[int, ...]], what: str) -> Callable[..., str]:
+def _make_shape_check(shape: Callable[..., tuple[int, ...]], what: str) -> Callable[..., str]:
     """Create a check for a float tensor whose shape depends on the arguments; ``what`` describes the tensor."""
 
     def problem(result: Any, *args: Any, **_: Any) -> str:
@@ -143,21 +143,21 @@ def _problem_of_encoding(result: Any, color: Tensor, **_: object) -> str:
 
 PROBLEMS: dict[tuple[str, str], Callable[..., str]] = {  # functions that return what is wrong with a result, or ""
     ("palette", "__call__"): _problem_of_picture,
-    ("paper", "cover"): _wanted(lambda result, flat, *_: flat.shape, "a picture"),
+    ("paper", "cover"): _make_shape_check(lambda result, flat, *_: flat.shape, "a picture"),
     ("paper", "relief"): _problem_of_heights,
     ("init", "__call__"): _problem_of_strokes,
     ("renderer", "draw"): _problem_of_window,
     ("engine", "__call__"): _problem_of_window,
     ("blend", "__call__"): _problem_of_canvas,
     ("order", "depth"): _problem_of_depth,
-    ("loss", "forward"): _wanted(lambda *_: (), "one real number, of shape"),
+    ("loss", "forward"): _make_shape_check(lambda *_: (), "one real number, of shape"),
     ("density", "revise"): _problem_of_update,
     ("sampler", "__call__"): _problem_of_view,
     ("optimizer", "share"): lambda result, *_, **__: "" if math.isfinite(result) else f"{result}, not a finite number",
     ("color", "encode"): _problem_of_encoding,
-    ("color", "decode"): _wanted(lambda result, picture: (3, *picture.shape[1:]), "a picture"),
+    ("color", "decode"): _make_shape_check(lambda result, picture: (3, *picture.shape[1:]), "a picture"),
     ("change", "target"): _problem_of_picture,
-    ("change", "ground"): _wanted(lambda result, color: color.shape, "a colour"),
+    ("change", "ground"): _make_shape_check(lambda result, color: color.shape, "a colour"),
     ("change", "begin"): _problem_of_first_strokes,
     ("change", "aim"): _problem_of_aim,
     ("change", "limit"): _problem_of_number,
@@ -186,7 +186,7 @@ def check_results(family: str, name: str, cls: type, contract: str) -> None:
                 who = f"{family}={name} ({source})"
                 _check_arguments(function, vars(owner)[method], who)
                 kind = _return_type(vars(owner)[method])
-                setattr(base, method, _checked(function, kind, PROBLEMS.get((family, method)), who))
+                setattr(base, method, _wrap_with_check(function, kind, PROBLEMS.get((family, method)), who))
 
 
 def _check_arguments(function: Callable[..., Any], contract: Callable[..., Any], who: str) -> None:
@@ -201,11 +201,11 @@ def _check_arguments(function: Callable[..., Any], contract: Callable[..., Any],
         raise UserError(f"{who}: {is_called}; correct the plugin") from error
 
 
-def _checked(function: Callable[..., Any], kind: Any, problem_of: Callable[..., str] | None, who: str) -> Any:
+def _wrap_with_check(function: Callable[..., Any], kind: Any, problem_of: Callable[..., str] | None, who: str) -> Any:
     """Wrap a method to raise a UserError if its result is not of type ``kind`` or has a problem."""
 
     @wraps(function)
-    def checked(self: Any, *args: Any, **options: Any) -> Any:
+    def call_and_check(self: Any, *args: Any, **options: Any) -> Any:
         result = function(self, *args, **options)
         try:
             if not _is_of(result, kind):
@@ -219,7 +219,7 @@ def _checked(function: Callable[..., Any], kind: Any, problem_of: Callable[..., 
             raise UserError(f"{who}: {function.__name__} returns {problem}; correct the plugin")
         return result
 
-    return checked
+    return call_and_check
 
 
 def _problem_of_device(result: Any, args: Sequence[object]) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from brushexp.registry.plugin import import_or_explain
-from brushexp.system.published import published
+from brushexp.system.published import entry_points_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -37,5 +37,5 @@ class RunComparison:
 
 def comparisons() -> list[RunComparison]:
     """Load the comparisons that installed packages provide; raise a UserError if one cannot be imported."""
-    points = published(COMPARISONS).values()
+    points = entry_points_of(COMPARISONS).values()
     return [import_or_explain(point.load, f"entry point {point.name} ({point.value})") for point in points]

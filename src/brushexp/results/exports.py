@@ -26,7 +26,7 @@ def run_around(catalogue: str) -> Path | None:
     return folder if is_run and os.access(folder, os.W_OK) else None
 
 
-def exported(run: Path) -> dict[Path, str]:
+def exported_files(run: Path) -> dict[Path, str]:
     """Return the existing files that earlier exports wrote next to a painting, each mapped to its format."""
     files: dict[Path, str] = {}
     for record in sorted((run / FOLDER).glob(f"*/{METRICS_FILE}")):
@@ -40,7 +40,7 @@ def exported(run: Path) -> dict[Path, str]:
 
 def check_exports(run: Path, kinds: Iterable[str]) -> None:
     """Raise a UserError if an earlier export wrote a file in one of these formats next to the painting."""
-    for path, kind in exported(run).items():
+    for path, kind in exported_files(run).items():
         if kind in kinds:
             raise UserError(
                 f"{path} exists already; replace it with overwrite=true, or choose another folder: output=..."
@@ -53,7 +53,7 @@ def move_beside(paths: Sequence[Path], run: Path) -> list[Path]:
     Files of earlier exports are replaced. If another file has the same name, such as the run's own ``painting.png``,
     the new file becomes ``painting_export.png``; if that name is also taken, the file is not moved.
     """
-    earlier, moved = exported(run), []
+    earlier, moved = exported_files(run), []
     for path in paths:
         plain = run / path.name
         names = (plain, plain.with_name(f"{path.stem}_export{path.suffix}"))

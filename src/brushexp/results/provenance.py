@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from brushexp.system.reading import in_short
+from brushexp.system.reading import shorten_value
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -49,7 +49,7 @@ def differing_parts(records: Sequence[Mapping[str, Any]]) -> list[str]:
 
 def _difference(values: Sequence[object], name: str, letters: int | None) -> str:
     """Return a component's name and values if the values differ, otherwise ""; 0 ``letters`` omit the values."""
-    texts = list(dict.fromkeys("none" if value is None else in_short(value)[:letters] for value in values))
+    texts = list(dict.fromkeys("none" if value is None else shorten_value(value)[:letters] for value in values))
     if len(set(map(str, values))) < 2:
         return ""
     return name if letters == 0 else f"{name} ({', '.join(texts)})"
@@ -68,5 +68,5 @@ def _changed_plugins(records: Sequence[Mapping[str, Any]]) -> list[str]:
     for record in records:
         plugins = record.get("plugins")
         for name, digest in plugins.items() if isinstance(plugins, dict) else ():
-            digests.setdefault(in_short(name), set()).add(str(digest))
+            digests.setdefault(shorten_value(name), set()).add(str(digest))
     return [name for name, versions in digests.items() if len(versions) > 1]

@@ -10,7 +10,7 @@ from typing import Any
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 
-from brushexp.config.changes import shortened
+from brushexp.config.changes import shorten_words
 from brushexp.config.vocabulary import meaning_of
 from brushexp.config.words import parse_value
 from brushexp.runs.run_folder import HYDRAS_FILES
@@ -82,7 +82,7 @@ def suggestion(words: Sequence[str], folder: Path) -> str:
     >>> suggestion(['image="${x}, it.jpg"'], Path("outputs/x"))
     "only what matters, in fewer and larger strokes: brushexp '${x}, it.jpg' abstract"
     """
-    words = shortened(words)
+    words = shorten_words(words)
     proposals = table_of_words("next")
     first = sorted(proposals, key=lambda word: "after" not in proposals[word])
     for word in first:
@@ -106,7 +106,7 @@ def _command(word: str, words: Sequence[str], folder: Path) -> list[str]:
     if _family(word) == EXPORTS:
         return _export(folder, word)
     dropped = {"output", "overwrite", _family(word)}
-    typed = [_unquoted(one).removeprefix("image=") for one in words if _family(one) not in dropped]
+    typed = [_unquote(one).removeprefix("image=") for one in words if _family(one) not in dropped]
     return ["brushexp", *typed, word]
 
 
@@ -123,7 +123,7 @@ def _family(word: str) -> str:
     return (meaning_of(word) or word).lstrip("+~").partition("=")[0].partition(".")[0]
 
 
-def _unquoted(word: str) -> str:
+def _unquote(word: str) -> str:
     """Return an argument without the quotes that Hydra's grammar requires."""
     key, _, value = word.partition("=")
     return f"{key}={parse_value(value)}" if value.startswith('"') else word

@@ -10,7 +10,7 @@ import lightning as L
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
-from brushexp.config.changes import shortened
+from brushexp.config.changes import shorten_words
 from brushexp.config.check import check, leaves
 from brushexp.config.keys import with_types
 from brushexp.config.tasks import TASKS
@@ -91,7 +91,7 @@ def _chosen_keys(words: Sequence[str]) -> set[str]:
     chosen = {override.lstrip("+~").partition("=")[0]: override for override in HydraConfig.get().overrides.task}
     for key, override in chosen.items():
         if key not in (*OVERRIDABLE, "task") and override not in words:
-            raise UserError(f"a resumed run keeps its own settings; drop {shortened([override])[0]}")
+            raise UserError(f"a resumed run keeps its own settings; drop {shorten_words([override])[0]}")
     return set(chosen)
 
 

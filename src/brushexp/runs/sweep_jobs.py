@@ -20,7 +20,7 @@ from brushexp.runs.run_folder import check_free, check_place, take_folder, take_
 from brushexp.runs.sweep_report import renew_sweep_report
 from brushexp.system.files import write_json
 from brushexp.system.heartbeat import heartbeat
-from brushexp.system.reading import in_short, json_of, read_text
+from brushexp.system.reading import json_of, read_text, shorten_value
 from brushexp.system.run_files import CHECKPOINT
 
 ENGINES = ("joblib.", "submitit.", "distributed.")  # modules whose errors mean that jobs were killed
@@ -95,7 +95,7 @@ def check_same(folder: Path, jobs: Sequence[Words], lenient: bool = False) -> No
     """
     try:
         noted = json_of(read_text(folder / JOBS, ""))
-        before, words = [list(map(str, job)) for job in noted["jobs"]], list(map(in_short, noted["typed"]))
+        before, words = [list(map(str, job)) for job in noted["jobs"]], list(map(shorten_value, noted["typed"]))
     except (UserError, KeyError, TypeError, ValueError) as error:
         raise UserError(f"resume=sweep: output={folder} does not hold a sweep; give the folder of a sweep") from error
     before, jobs = ([[word for word in job if word != ALL_PIXELS] for job in some] for some in (before, jobs))
@@ -105,7 +105,9 @@ def check_same(folder: Path, jobs: Sequence[Words], lenient: bool = False) -> No
         before = [places[job[-1]] for job in jobs]
     number = next((k for k in range(max(len(jobs), len(before))) if list(jobs[k : k + 1]) != before[k : k + 1]), None)
     if number is not None:
-        was, now = (in_short(" ".join(some[number])) if number < len(some) else "not there" for some in (before, jobs))
+        was, now = (
+            shorten_value(" ".join(some[number])) if number < len(some) else "not there" for some in (before, jobs)
+        )
         if lenient:
             cure = "choose another one with output=..., or replace them with overwrite=true"
             raise UserError(f"{folder} has paintings with other settings, '{was}' in place of '{now}'; {cure}")
@@ -144,7 +146,7 @@ def launch_jobs(
         raise UserError(f"{len(failed)} of {len(batch)} jobs failed: {', '.join(failed)}; {table} says why")
 
 
-def moved(job: Words, place: str) -> list[str]:
+def move_job(job: Words, place: str) -> list[str]:
     """Return a job's overrides with ``place`` as its folder."""
     return [*(word for word in job if not word.startswith(SUBFOLDER)), SUBFOLDER + verbatim(place)]
 

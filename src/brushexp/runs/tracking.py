@@ -35,7 +35,7 @@ class Trackers(LightningLogger):
 
     def __enter__(self) -> Self:
         for name, tracker in self.chosen.items():
-            with self._caught(name):
+            with self._catch_failure(name):
                 self.curves[name] = tracker.open(self.run)
         return self
 
@@ -59,7 +59,7 @@ class Trackers(LightningLogger):
 
     def _each(self, act: Callable[[LightningLogger], object]) -> None:
         for name in self.curves.keys() - self.stopped:
-            with self._caught(name):
+            with self._catch_failure(name):
                 act(self.curves[name])
 
     def report(self, metrics: Mapping[str, Any], **results: Any) -> None:
@@ -75,14 +75,14 @@ class Trackers(LightningLogger):
         if kind is not None:  # Lightning turns a second Ctrl-C into SystemExit
             status = Status.INTERRUPTED if issubclass(kind, KeyboardInterrupt | SystemExit) else Status.FAILED
         for name, tracker in self.chosen.items():
-            with self._caught(name):
+            with self._catch_failure(name):
                 tracker.finish(replace(self.run, status=status))
-            with self._caught(name):
+            with self._catch_failure(name):
                 if name in self.curves:
                     self.curves[name].finalize("success" if status == Status.COMPLETED else str(status))
 
     @contextmanager
-    def _caught(self, name: str) -> Iterator[None]:
+    def _catch_failure(self, name: str) -> Iterator[None]:
         try:
             yield
         except (Exception, SystemExit) as error:

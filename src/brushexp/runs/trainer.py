@@ -21,7 +21,7 @@ from brushexp.runs.closing import how_to_go_on
 from brushexp.runs.resume import RunRecord
 from brushexp.system.callbacks import ProgressBar, TimedCheckpoint
 from brushexp.system.files import write_text
-from brushexp.system.reading import in_short
+from brushexp.system.reading import shorten_value
 from brushexp.system.run_files import CHECKPOINT
 from brushexp.system.status import Status
 from brushexp.system.terminal import as_shown
@@ -102,7 +102,7 @@ def fit(trainer: L.Trainer, module: Any, data: Any = None, checkpoint: Path | No
         is_known = isinstance(error, (*EXPLAINED_ERRORS, SystemExit)) or mistake_of(error)
         if checkpoint is None or record.begun or is_known:
             raise
-        reason = in_short(f"{type(error).__name__}: {error}")
+        reason = shorten_value(f"{type(error).__name__}: {error}")
         raise UserError(f"resume: {checkpoint} does not fit its own settings ({reason}); start a new run") from error
     return None
 

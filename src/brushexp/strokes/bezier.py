@@ -84,7 +84,7 @@ def strokes_along(
     )
 
 
-def cut_short(strokes: Strokes, share: Tensor) -> Strokes:
+def truncate(strokes: Strokes, share: Tensor) -> Strokes:
     """Cut strokes off at parameters ``share`` (n,) of their curves (de Casteljau); what precedes does not change."""
     t, rest, drift = share[:, None], 1 - share[:, None], drift_of(strokes)
     first, second = rest * strokes.start + t * strokes.control, rest * strokes.control + t * strokes.end

@@ -35,7 +35,7 @@ def sample_prior(n: int, seed: int = 0, first: int = 0) -> Strokes:
     draw = partial(_uniform, seed, first, n)
     body = _redraw(lambda attempt: draw(2 * attempt, 8), _long_enough)  # (n, 8): start 2, end 2, width, colour 3
     start, end = 2 * body[:, :2] - 1, 2 * body[:, 2:4] - 1  # half-windows
-    bent = partial(_bent, start, end)
+    bent = partial(_control_points, start, end)
     control = _redraw(lambda attempt: bent(draw(2 * attempt + 1, 4)), lambda points: np.abs(points).max(axis=1) <= 1)
     parts = (INSET * start, INSET * control, INSET * end, 2 * body[:, 4:] - 1)
     return strokes_of(torch.from_numpy(np.concatenate(parts, axis=1)).float())
@@ -170,7 +170,7 @@ def _long_enough(body: Array) -> NDArray[np.bool_]:
     return length >= 2 * (THINNEST + (THICKEST - THINNEST) * body[:, 4])
 
 
-def _bent(start: Array, end: Array, uniform: Array) -> Array:
+def _control_points(start: Array, end: Array, uniform: Array) -> Array:
     """Turn the first two columns of uniform numbers (n, 4) into normal control points (n, 2) (Box and Muller, 1958)."""
     radius, angle = np.sqrt(-2 * np.log(uniform[:, 0])), 2 * np.pi * uniform[:, 1]
     along = np.sqrt(SPREAD[0]) * radius * np.cos(angle)

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from io import BytesIO
-from reprlib import repr as shortened
+from reprlib import repr as short_repr
 from typing import Any, Self
 
 import numpy as np
@@ -16,7 +16,7 @@ from torch import Tensor
 
 from brushexp.errors import UserError
 from brushexp.strokes.catalogue import BRUSH_COUNT, FIELDS, LATER_FIELDS, Strokes, check_strokes
-from brushexp.system.reading import check_format_version, check_yaml, in_short, json_of, yaml_of
+from brushexp.system.reading import check_format_version, check_yaml, json_of, shorten_value, yaml_of
 
 LARGEST_ALPHA = 100_000_000  # pixels
 LARGEST_SIDE = 1_000_000  # pixels of a canvas
@@ -61,7 +61,7 @@ class Saved:
             )
         background = self.background
         if tuple(background.shape) != (3,) or not bool(((background >= 0) & (background <= 1)).all()):
-            raise UserError(f"background is {in_short(background.tolist())}; three numbers in [0, 1] are needed")
+            raise UserError(f"background is {shorten_value(background.tolist())}; three numbers in [0, 1] are needed")
         if self.alpha is not None and (self.alpha.ndim != 2 or self.alpha.dtype != torch.uint8):
             raise UserError(f"alpha is {tuple(self.alpha.shape)} {self.alpha.dtype}; (h, w) uint8 is needed")
         if not -(2**63) <= self.seed < 2**64:
@@ -126,14 +126,16 @@ def parse(text: str) -> Saved:
         raise UserError(f"{error}; correct it there, or export again with to=json") from error
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         raise UserError(f"JSON, but not a {FORMAT}; give a strokes.json of task=export to=json")
-    check_format_version(_typed(data, "format_version", int), VERSION)
-    height, width, renderer, renderer_hash, seed = (_typed(data, name, kind) for name, kind in ATTRIBUTES.items())
-    config = _typed(data, "config", list)
+    check_format_version(_value_of_type(data, "format_version", int), VERSION)
+    height, width, renderer, renderer_hash, seed = (
+        _value_of_type(data, name, kind) for name, kind in ATTRIBUTES.items()
+    )
+    config = _value_of_type(data, "config", list)
     if not all(isinstance(line, str) for line in config):
-        raise UserError(f"config is {shortened(config)}; a list of the lines of a YAML text is needed")
+        raise UserError(f"config is {short_repr(config)}; a list of the lines of a YAML text is needed")
     background = torch.tensor(_numbers(data, "background", 3), dtype=torch.float64).float()
-    strokes, depth = _strokes(_typed(data, "strokes", list))
-    alpha = None if "alpha" not in data else alpha_of(_base64(_typed(data, "alpha", str)))
+    strokes, depth = _strokes(_value_of_type(data, "strokes", list))
+    alpha = None if "alpha" not in data else alpha_of(_base64(_value_of_type(data, "alpha", str)))
     canvas = (strokes, depth.int(), (height, width), background)
     return Saved(*canvas, renderer, renderer_hash, seed, "\n".join(config), alpha)
 
@@ -167,22 +169,24 @@ def _base64(text: str) -> bytes:
 def _strokes(rows: list[Any]) -> tuple[Strokes, Tensor]:
     for index, row in enumerate(rows):
         if not isinstance(row, dict):
-            raise UserError(f"stroke {index} is {shortened(row)}; {{...}} with its fields is needed")
+            raise UserError(f"stroke {index} is {short_repr(row)}; {{...}} with its fields is needed")
         if unknown := sorted(row.keys() - {*FIELDS, "brush", "depth"}):
             raise UserError(
-                f"stroke {index} has a field {shortened(unknown[0])}; valid: {', '.join(FIELDS)}, brush, depth"
+                f"stroke {index} has a field {short_repr(unknown[0])}; valid: {', '.join(FIELDS)}, brush, depth"
             )
     values = {}
     zeros = {name: [0] * FIELDS[name].size or 0 for name in LATER_FIELDS}
     for name, field in FIELDS.items():
         column = [_numbers(zeros | row, name, field.size, f"stroke {index}: ") for index, row in enumerate(rows)]
         values[name] = torch.tensor(column, dtype=torch.float64).reshape(field.shape(len(rows))).float()
-    brushes = [_typed({"brush": index, **row}, "brush", int, f"stroke {index}: ") for index, row in enumerate(rows)]
+    brushes = [
+        _value_of_type({"brush": index, **row}, "brush", int, f"stroke {index}: ") for index, row in enumerate(rows)
+    ]
     within = [min(max(brush, -1), BRUSH_COUNT) for brush in brushes]  # `check_strokes` refuses values out of range
     strokes = Strokes(**values, brush=torch.tensor(within, dtype=torch.int64))
     if not any("depth" in row for row in rows):
         return strokes, torch.arange(len(rows))
-    ranks = [_typed(row, "depth", int, f"stroke {index}: ") for index, row in enumerate(rows)]
+    ranks = [_value_of_type(row, "depth", int, f"stroke {index}: ") for index, row in enumerate(rows)]
     rank, times = Counter(ranks).most_common(1)[0]
     if times > 1:
         raise UserError(f"{times} strokes have depth {rank}; give each its own, or leave depth out of all")
@@ -195,12 +199,12 @@ def _numbers(data: dict[str, Any], name: str, size: int, where: str = "") -> Any
     numbers = value if size else [value]
     if type(numbers) is not list or len(numbers) != (size or 1) or not {type(x) for x in numbers} <= {int, float}:
         needed = f"a list of {size} numbers" if size else "a number"
-        raise UserError(f"{where}{name} is {shortened(value)}; {needed} is needed")
+        raise UserError(f"{where}{name} is {short_repr(value)}; {needed} is needed")
     return value
 
 
-def _typed(data: dict[str, Any], name: str, kind: type, where: str = "") -> Any:
+def _value_of_type(data: dict[str, Any], name: str, kind: type, where: str = "") -> Any:
     value = data.get(name)
     if type(value) is not kind:  # JSON's true is not a number
-        raise UserError(f"{where}{name} is {shortened(value)}; {KINDS[kind]} is needed")
+        raise UserError(f"{where}{name} is {short_repr(value)}; {KINDS[kind]} is needed")
     return value

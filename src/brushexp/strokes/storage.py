@@ -26,9 +26,18 @@ from brushexp.strokes.saved import (
     png_of,
 )
 from brushexp.system.files import write_bytes
-from brushexp.system.hdf5 import HDF5, attribute_of, dataset_of, fixed, numbers_of, opened, text_of, whole_number_of
-from brushexp.system.published import CATALOGUES, published
-from brushexp.system.reading import check_file, check_format_version, explaining, in_short, read_text
+from brushexp.system.hdf5 import (
+    HDF5,
+    attribute_of,
+    dataset_of,
+    encode_fixed,
+    numbers_of,
+    open_hdf5,
+    text_of,
+    whole_number_of,
+)
+from brushexp.system.published import CATALOGUES, entry_points_of
+from brushexp.system.reading import check_file, check_format_version, explaining, read_text, shorten_value
 from brushexp.system.spellings import find_path
 
 __all__ = ["Saved", "load_catalogue", "save_catalogue"]
@@ -53,15 +62,17 @@ def save_catalogue(path: Path, saved: Saved) -> None:
         if saved.alpha is not None:
             _put(file, "alpha", np.frombuffer(png_of(saved.alpha), np.uint8), ALPHA_UNIT)
         (height, width), background = saved.size, saved.background.detach().to("cpu", torch.float32).numpy()
-        file.attrs.update(format=fixed(FORMAT), format_version=version, height=height, width=width)
-        file.attrs.update(background=background, renderer=fixed(saved.renderer))
-        file.attrs.update(renderer_hash=fixed(saved.renderer_hash), seed=saved.seed, config=fixed(saved.config))
+        file.attrs.update(format=encode_fixed(FORMAT), format_version=version, height=height, width=width)
+        file.attrs.update(background=background, renderer=encode_fixed(saved.renderer))
+        file.attrs.update(
+            renderer_hash=encode_fixed(saved.renderer_hash), seed=saved.seed, config=encode_fixed(saved.config)
+        )
     write_bytes(path, memory.getvalue())
 
 
 def _put(file: h5py.File, name: str, value: np.ndarray, unit: str) -> None:
     options = {"compression": "gzip", "shuffle": True, "fletcher32": True} if value.size else {}
-    file.create_dataset(name, data=value, **options).attrs["unit"] = fixed(unit)
+    file.create_dataset(name, data=value, **options).attrs["unit"] = encode_fixed(unit)
 
 
 def load_catalogue(path: Path, option: str = "catalogue") -> Saved:
@@ -81,12 +92,12 @@ def load_catalogue(path: Path, option: str = "catalogue") -> Saved:
         text = read_text(path, cure, LARGEST_TEXT)
         with explaining(path, again):
             return parse(text).check()
-    if (point := published(CATALOGUES).get(path.suffix.lower().removeprefix("."))) is not None:
+    if (point := entry_points_of(CATALOGUES).get(path.suffix.lower().removeprefix("."))) is not None:
         check_file(path, cure, LARGEST_TEXT)
         with explaining(path, again):
             saved: Saved = point.load()(path.read_bytes())
             return saved.check()
-    with opened(path, cure) as file, explaining(path, again):
+    with open_hdf5(path, cure) as file, explaining(path, again):
         return _read(file, cure).check()
 
 
@@ -100,7 +111,7 @@ def _read(file: h5py.File, cure: str) -> Saved:
     values = {name: dataset_of(file, name, np.float32, field.shape(count)) for name, field in known.items()}
     background = np.asarray(attribute_of(file, "background"))
     if background.dtype.kind not in "fiu":
-        raise UserError(f"attribute background is {in_short(repr(background))}, not numbers")
+        raise UserError(f"attribute background is {shorten_value(repr(background))}, not numbers")
     fields = {name: torch.from_numpy(numbers_of(value)) for name, value in values.items()}
     brush = torch.arange(count)  # brushes of files of version 1, which store none
     if "brush" in file:

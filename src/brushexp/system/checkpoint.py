@@ -15,7 +15,7 @@ from torch import Tensor, nn
 
 from brushexp.errors import UserError
 from brushexp.system.files import write_bytes, write_json
-from brushexp.system.reading import check_format_version, check_plain, in_short, json_of, read_text
+from brushexp.system.reading import check_format_version, check_plain, json_of, read_text, shorten_value
 from brushexp.system.reading_tensors import read_safetensors
 
 VERSION = 1  # version of the format; increase it if new files would mislead older readers
@@ -46,19 +46,19 @@ class CheckpointFormat:
         recipe = self.read_recipe(path)
         family, trained = recipe[self.family], recipe["options"]
         if family != name:
-            raise UserError(f"{where} is for {self.family}={in_short(family)}, not for {name}; change one of them")
+            raise UserError(f"{where} is for {self.family}={shorten_value(family)}, not for {name}; change one of them")
         for key, value in plain_options(options).items():
             typed = f"{self.key.rpartition('.')[0]}.{key}"
             if key not in trained:
                 raise UserError(f"{where} was trained before {typed} existed; train it again with {self.task}")
             if trained[key] != value:
-                typed += "=" + in_short(json.dumps(trained[key]).strip('"'))
+                typed += "=" + shorten_value(json.dumps(trained[key]).strip('"'))
                 raise UserError(f"{where} was trained with {typed}, not {value}; set {typed}")
         try:
             module.load_state_dict(read_safetensors(path, "pickle files are refused, because they can run code"))
         except RuntimeError as error:
             cure = f"train it again with {self.task}"
-            raise UserError(f"{where} belongs to another {self.noun}; {cure}: {in_short(error)}") from error
+            raise UserError(f"{where} belongs to another {self.noun}; {cure}: {shorten_value(error)}") from error
         if weights_hash(module) != recipe["hash"]:
             raise UserError(f"{path.with_suffix('.json')} describes other weights; copy both files of the checkpoint")
         return str(recipe["hash"])
@@ -73,7 +73,7 @@ class CheckpointFormat:
         from safetensors.torch import save  # noqa: PLC0415  (--help needs none of it)
 
         path = path.with_suffix(".safetensors")
-        stored = {key: _stored(value, half) for key, value in module.state_dict().items()}
+        stored = {key: _compact(value, half) for key, value in module.state_dict().items()}
         with torch.no_grad():
             for key, value in module.state_dict().items():
                 value.copy_(stored[key])
@@ -143,7 +143,7 @@ def plain_options(options: Mapping[str, Any]) -> dict[str, Any]:
     return plain
 
 
-def _stored(value: Tensor, half: bool) -> Tensor:
+def _compact(value: Tensor, half: bool) -> Tensor:
     value = value.detach().cpu().contiguous().clone()
     short = value.half() if half and value.is_floating_point() else value
     return short if bool(short.isfinite().all()) else value

@@ -34,18 +34,18 @@ def todays_settings(recorded: Mapping[str, Any]) -> dict[str, Any]:
     if not is_earlier(settings):
         return settings
     if "trainer" in settings:
-        options = _mapping(settings["trainer"])
+        options = _copy_mapping(settings["trainer"])
         settings["trainer"] = {key: options[key] for key in options if key not in TRAINING_OPTIONS}
     if settings.get("timelapse") == "both":
         settings["timelapse"] = "mp4"
     change = {"variety": _member("variety", {"amount": settings.pop("variety", 0)})}
-    callbacks = _mapping(settings.get("callbacks"))
+    callbacks = _copy_mapping(settings.get("callbacks"))
     wet, looks = settings.pop("wet", 0), callbacks.pop("wet_steps", None)
     if wet or looks:
-        change["wet"] = _member("wet", _wet_options(wet, _mapping(looks)))
+        change["wet"] = _member("wet", _wet_options(wet, _copy_mapping(looks)))
     for name in ("sizes", "random_ground"):
         if name in callbacks:
-            change[name] = _member(name, _mapping(callbacks.pop(name)))
+            change[name] = _member(name, _copy_mapping(callbacks.pop(name)))
     if "callbacks" in settings:
         settings["callbacks"] = callbacks
     was = str(settings.get("task", ""))
@@ -65,7 +65,7 @@ def todays_key(key: str, recorded: Mapping[str, Any]) -> str:
     return KEYS.get(key, key) if is_earlier(recorded) else key
 
 
-def _mapping(value: Any) -> dict[str, Any]:
+def _copy_mapping(value: Any) -> dict[str, Any]:
     """Copy a mapping; return an empty dictionary for any other value."""
     return dict(value) if isinstance(value, Mapping) else {}
 

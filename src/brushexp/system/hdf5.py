@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 
 from brushexp.errors import UserError
-from brushexp.system.reading import check_file, explaining, in_short
+from brushexp.system.reading import check_file, explaining, shorten_value
 
 HDF5 = "v110"  # version of the format for writing, the first with checksums of everything except variable-length text
 LARGEST_ATTRIBUTE = 2**22  # bytes of the largest attribute
@@ -19,13 +19,13 @@ PLAIN = (h5py.h5t.INTEGER, h5py.h5t.FLOAT, h5py.h5t.STRING)
 SPARE = 2**12  # largest number of bytes by which packing enlarges small data
 
 
-def fixed(text: str) -> np.ndarray:
+def encode_fixed(text: str) -> np.ndarray:
     """Encode a string as a fixed-length HDF5 string."""
     encoded = text.encode()
     return np.array(encoded, h5py.string_dtype("utf-8", max(1, len(encoded))))
 
 
-def opened(path: Path, cure: str, **options: Any) -> h5py.File:
+def open_hdf5(path: Path, cure: str, **options: Any) -> h5py.File:
     """Open an HDF5 file for reading; raise a UserError if it is not a readable HDF5 file."""
     check_file(path, cure)
     with explaining(path, cure):
@@ -123,5 +123,5 @@ def attribute_of(file: h5py.File, name: str, kind: type = object, words: str = "
     value = file.attrs[name]
     value = value.decode() if isinstance(value, bytes) else value
     if not isinstance(value, kind):
-        raise UserError(f"attribute {name} is {in_short(repr(value))}; {words} is needed")
+        raise UserError(f"attribute {name} is {shorten_value(repr(value))}; {words} is needed")
     return value

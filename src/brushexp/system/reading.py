@@ -37,7 +37,7 @@ ROOTS: dict[type, Any] = {
 }
 
 
-def in_short(value: object) -> str:
+def shorten_value(value: object) -> str:
     """Shorten a value from a file, or an error that it caused, to one line that fits in a message."""
     text = " ".join(str(value).split())
     return text if len(text) <= LONGEST_QUOTE else text[: LONGEST_QUOTE - 3] + "..."
@@ -68,7 +68,9 @@ def explaining(path: Path, cure: str) -> Iterator[None]:
         raise UserError(f"{path}: {error}" + (f"; {cure}" if cure and ";" not in str(error) else "")) from error
     except Exception as error:  # HDF5, pickle, zip and Pillow raise their own errors
         reason = getattr(error, "strerror", None)  # messages of libraries do not help users
-        raise UserError(f"{path} is damaged or cut short{f' ({in_short(reason)})' * bool(reason)}; {cure}") from error
+        raise UserError(
+            f"{path} is damaged or cut short{f' ({shorten_value(reason)})' * bool(reason)}; {cure}"
+        ) from error
 
 
 def read_text(path: Path, cure: str, largest: int = LARGEST_TEXT) -> str:
@@ -120,7 +122,7 @@ def check_format_version(version: object, known: int) -> None:
     brushexp.errors.UserError: has format_version 3, and this brushexp reads 2; update brushexp
     """
     if type(version) is not int or version < 1:  # true is not a number
-        raise UserError(f"has an invalid format_version {in_short(version)}; get it again")
+        raise UserError(f"has an invalid format_version {shorten_value(version)}; get it again")
     if version > known:
         raise UserError(f"has format_version {version}, and this brushexp reads {known}; update brushexp")
 
@@ -141,7 +143,7 @@ def json_of(text: str) -> Any:
     except RecursionError as error:
         raise UserError("JSON with too many nested brackets") from error
     except ValueError as error:
-        raise UserError(f"not JSON ({in_short(error)})") from error
+        raise UserError(f"not JSON ({shorten_value(error)})") from error
 
 
 def check_yaml(text: str, root: type = dict) -> None:
@@ -164,7 +166,7 @@ def check_yaml(text: str, root: type = dict) -> None:
     except UserError:
         raise
     except (yaml.YAMLError, ValueError) as error:
-        raise UserError(f"not YAML ({in_short(error)})") from error
+        raise UserError(f"not YAML ({shorten_value(error)})") from error
 
 
 def yaml_of(text: str, root: type = dict) -> Any:
@@ -178,7 +180,7 @@ def _yaml_of(text: str, root: type) -> Any:
     try:
         data = OmegaConf.to_container(OmegaConf.create(text)) or root()
     except Exception as error:  # PyYAML, OmegaConf, or Python (impossible dates and numbers)
-        raise UserError(f"not YAML of plain values ({in_short(error)})") from error
+        raise UserError(f"not YAML of plain values ({shorten_value(error)})") from error
     return check_plain(data)
 
 

@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from brushexp.system.published import published
+from brushexp.system.published import entry_points_of
 
 SHIPPED = Path(__file__).parents[1] / "conf"
 CONF_POINTS = "brushexp.conf"  # entry-point group: package -> module with a folder ``conf``
@@ -19,7 +19,7 @@ WORDS_FILE = "words.toml"
 @cache
 def conf_folders() -> list[Path]:
     """Return the shipped config folders, the core's own folder first."""
-    specs = (find_spec(point.module) for point in published(CONF_POINTS).values())
+    specs = (find_spec(point.module) for point in entry_points_of(CONF_POINTS).values())
     places = [place for spec in specs if spec is not None for place in spec.submodule_search_locations or ()]
     return [SHIPPED, *sorted(Path(place) / "conf" for place in places)]
 

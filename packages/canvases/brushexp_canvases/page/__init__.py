@@ -14,9 +14,9 @@ import torch
 
 from brushexp.contracts.families import ExportJob
 from brushexp.contracts.files import write_text
-from brushexp.contracts.pages import pack_strokes, pack_textures, page, textured_of
+from brushexp.contracts.pages import pack_strokes, pack_textures, page, textured_profile_of
 from brushexp.contracts.pictures import Region
-from brushexp_canvases.laying import reaching
+from brushexp_canvases.laying import mark_overlapping
 from brushexp_canvases.pyramid import TILE, Level, atomic_folder, write_dzi
 
 TEMPLATES = Path(__file__).parent / "templates"
@@ -67,7 +67,7 @@ def write_strokes(folder: Path, size: tuple[int, int], job_of: JobOf) -> dict[st
                 exact = exact and packed["exact"] and job.is_bare
                 name = f"{(part.left + cell.left) // CELL}_{(part.top + cell.top) // CELL}"
                 _write_call(into, name, packed)
-            textures = textures or textured_of(job)
+            textures = textures or textured_profile_of(job)
         if textures is not None:
             sheets = textures.sheets
             _write_call(into, "textures", pack_textures(sheets, np.arange(len(sheets.size))))
@@ -81,7 +81,7 @@ def of_all(job: ExportJob) -> JobOf:
 
 def _within(job: ExportJob, part: Region, size: tuple[int, int]) -> ExportJob:
     """Keep the strokes that reach into a region, in pixels from its corner; the whole painting has ``size`` (H, W)."""
-    number = job.bottom_up[reaching(job.strokes, part, job.renderer.edge)[job.bottom_up]]
+    number = job.bottom_up[mark_overlapping(job.strokes, part, job.renderer.edge)[job.bottom_up]]
     strokes = job.strokes[number].moved(shift=(-part.left, -part.top))
     depth = torch.arange(len(number), dtype=torch.int32)
     return replace(job, saved=replace(job.saved, strokes=strokes, depth=depth, size=size))

@@ -7,7 +7,7 @@ import torch
 from torch.nn import functional
 
 from brushexp.contracts import UserError
-from brushexp.contracts.pictures import FarStructure, along_edges, load_picture, sampled_at
+from brushexp.contracts.pictures import FarStructure, along_edges, load_picture, sample_at
 from brushexp.contracts.strokes import Strokes, curve_of, direction_of, length_of, point_at
 
 REACH = 0.05  # distance from a line at which line and stroke weigh the same, as a fraction of the longer side
@@ -27,8 +27,8 @@ class Lines:
 
     def directions(self, points: Array, own: Array) -> Array:
         """Blend directions ``own`` (n, 2), at doubled angles, with the lines' at points (n, 2); return unit vectors."""
-        say = sampled_at(self.say, *points.T)[:, None]
-        x, y = (say * sampled_at(self.doubled, *points.T).T + (1 - say) * own).T
+        say = sample_at(self.say, *points.T)[:, None]
+        x, y = (say * sample_at(self.doubled, *points.T).T + (1 - say) * own).T
         angle = 0.5 * np.arctan2(y, x)
         return np.stack([np.cos(angle), np.sin(angle)], 1)
 
@@ -61,7 +61,7 @@ def follow(strokes: Strokes, lines: Lines) -> Strokes:
     """Align strokes near lines, keeping their centres, lengths, widths and colours; others stay bit-identical."""
     half = torch.full((len(strokes),), 0.5)
     middles = point_at(curve_of(strokes), half.to(strokes.position)).double().cpu().numpy()
-    rows = torch.from_numpy(np.flatnonzero(sampled_at(lines.say, *middles.T) > LEAST_SAY)).to(strokes.position.device)
+    rows = torch.from_numpy(np.flatnonzero(sample_at(lines.say, *middles.T) > LEAST_SAY)).to(strokes.position.device)
     near, middle = strokes[rows], middles[rows.cpu().numpy()]
     own, length = (f(curve_of(near)).double().cpu().numpy() for f in (direction_of, length_of))
     first = lines.directions(middle, own)

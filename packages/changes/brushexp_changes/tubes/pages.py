@@ -284,12 +284,12 @@ def _sheet(plan: Plan, number: int, tile: Tile, scale: float) -> Figure:
             stroke = LineCollection([line], linewidths=breadth + extra, colors=[color], capstyle="round", zorder=2 + k)
             axes.add_collection(stroke)
             stroke.set_clip_path(clip)
-    _numbered(axes, plan, rows, points, clip, float(np.clip(0.3 * breadth, 3.5, 12)))
+    _draw_numbers(axes, plan, rows, points, clip, float(np.clip(0.3 * breadth, 3.5, 12)))
     _grid(axes, plan, (left, right, bottom, top), corner, scale)
     return figure
 
 
-def _numbered(axes: Axes, plan: Plan, rows: torch.Tensor, points: Array, clip: Patch, size: float) -> None:
+def _draw_numbers(axes: Axes, plan: Plan, rows: torch.Tensor, points: Array, clip: Patch, size: float) -> None:
     """Label each stroke with its mixture's number, in a font of ``size`` points, and mark its beginning with a dot."""
     mixture = plan.table.mixture_of(plan.strokes.color[rows]).tolist()
     bright = plan.strokes.color[rows].mean(1).tolist()

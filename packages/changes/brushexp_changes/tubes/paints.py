@@ -89,7 +89,7 @@ def load_tubes(name: str, option: str = "tubes") -> Tubes:
         raise UserError(f"{option}={name} cannot be read; give the columns {needed}") from None
     values = [_values_of(row, kind, f"{option}={name}, tube {tube}") for tube, row in zip(names, rows, strict=True)]
     indices = [names.index(tube) for tube in chosen or names]
-    return Tubes(tuple(names[index] for index in indices), _mixing(kind, np.array([values[k] for k in indices])))
+    return Tubes(tuple(names[index] for index in indices), _mixing_model(kind, np.array([values[k] for k in indices])))
 
 
 def _values_of(row: dict[str, str], kind: str, where: str) -> Array:
@@ -119,7 +119,7 @@ def _number(text: str | None, where: str) -> float:
     return number
 
 
-def _mixing(kind: str, values: Array) -> Callable[[Array], Array]:
+def _mixing_model(kind: str, values: Array) -> Callable[[Array], Array]:
     """Choose the mixing model for the ``kind`` of the values (T, ...); see `_values_of`."""
     if kind == "color":
         return _by_color(values)
@@ -150,7 +150,7 @@ def _by_light(absorbed: Array, scattered: Array) -> Callable[[Array], Array]:
 
     def mix(parts: Array) -> Array:
         ratio = (_shares(parts) @ absorbed) / (_shares(parts) @ scattered)
-        return seen(_outside(1 + ratio - np.sqrt(ratio**2 + 2 * ratio)))
+        return srgb_of_reflectance(_outside(1 + ratio - np.sqrt(ratio**2 + 2 * ratio)))
 
     return mix
 
@@ -164,7 +164,7 @@ def _inside(outside: Array) -> Array:
     return outside / ((1 - OUTER) * (1 - INNER) + INNER * outside)
 
 
-def seen(reflected: Array) -> Array:
+def srgb_of_reflectance(reflected: Array) -> Array:
     """Compute the sRGB colours (M, 3) of reflectances (M, bands) in daylight (CIE D65), clipped to the gamut.
 
     The colour matching functions are the fit of Wyman, Sloan and Shirley (2013) to CIE 1931, whose errors cancel for

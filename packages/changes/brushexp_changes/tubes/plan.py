@@ -10,7 +10,7 @@ from torch import Tensor
 
 from brushexp.contracts.families import ExportJob
 from brushexp.contracts.results import measure_strokes
-from brushexp.contracts.strokes import Strokes, curve_of, cut_short, length_of
+from brushexp.contracts.strokes import Strokes, curve_of, length_of, truncate
 from brushexp_changes.tubes.table import Table
 
 FULL = 0.6  # share of a load at which a brush begins to run dry
@@ -132,7 +132,7 @@ class Plan:
             goal, below = (end + (start - end) * (k + share) / FILMS for share in (1, 0))
             dry = torch.arange(len(strokes)) if k == 0 else (start - end > 1e-3).nonzero()[:, 0]
             opacity = goal if k == 0 else 1 - (1 - goal) / (1 - below).clamp_min(1e-6)
-            film = cut_short(strokes[dry], torch.full_like(start[dry], 1 - k / FILMS))
+            film = truncate(strokes[dry], torch.full_like(start[dry], 1 - k / FILMS))
             parts.append(replace(film, opacity=opacity[dry].clamp(0, 1)))
             height.append(dry * FILMS + k)
         films = replace(Strokes.join(*parts), brush=torch.cat([part.brush for part in parts]))

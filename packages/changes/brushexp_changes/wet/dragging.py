@@ -9,7 +9,7 @@ from brushexp.contracts.families import PaintingState
 from brushexp.contracts.kernels import TILE
 from brushexp.contracts.layers import Layers, cuts, padded_lists
 from brushexp.contracts.members import over
-from brushexp.contracts.strokes import Strokes, curve_of, cut_short, drift_of
+from brushexp.contracts.strokes import Strokes, curve_of, drift_of, truncate
 
 REACHES = (0.9, 0.65, 0.4, 0.2)  # share of the curve over which each film of paint is carried, bottom to top
 MAX_SHARE = 0.8  # share of picked-up paint at the start of a stroke if ``amount`` is 1
@@ -37,7 +37,7 @@ def drag_paint(strokes: Strokes, front_to_back: Tensor, state: PaintingState, am
     share = 1 - (1 - MAX_SHARE * amount) ** (1 / len(REACHES))
     parts, height = [strokes], [(len(strokes) - front_to_back.argsort()) * (len(REACHES) + 1)]
     for k, reach in enumerate(REACHES, start=1):
-        film = cut_short(strokes[dragging], torch.full_like(strokes.width[dragging], reach))
+        film = truncate(strokes[dragging], torch.full_like(strokes.width[dragging], reach))
         opacity, width = share * covered[dragging] * film.opacity, FILM_WIDTH * film.width
         numbers = {"color": picked[dragging], "drift": torch.zeros_like(film.drift), "opacity": opacity}
         parts.append(state.renderer.clamp(replace(film, width=width, **numbers)))

@@ -70,19 +70,19 @@ def _files_of(path: str) -> list[str]:
         )
     if not os.path.isdir(path):
         return [path]
-    files = [str(file) for file in sorted(Path(path).iterdir()) if _ending(file) in {*BRUSHES, *picture_suffixes()}]
+    files = [str(file) for file in sorted(Path(path).iterdir()) if _suffix_of(file) in {*BRUSHES, *picture_suffixes()}]
     if not files:
         raise UserError(f"brush={path} has no brush in it; put strokes as PNG there, .gbr and .gih of GIMP, or .abr")
     return files
 
 
-def _ending(path: str | Path) -> str:
+def _suffix_of(path: str | Path) -> str:
     return Path(path).suffix.lower()
 
 
 def _marks_of(file: str) -> list[Mark]:
     """Read the marks in a file, and log a warning if it is a set from which only ``MOST_MARKS`` brushes are used."""
-    name, ending = Path(file).name, _ending(file)
+    name, ending = Path(file).name, _suffix_of(file)
     if (kind := ELSEWHERE.get(ending)) is not None:
         raise UserError(f"brush={file} is {kind}")
     try:
@@ -103,14 +103,14 @@ def _marks_of(file: str) -> list[Mark]:
 
 def _mark_of_picture(name: str, file: str) -> Mark:
     color, alpha = load_cutout(file, None, "brush")
-    return Mark(name, lying(cropped(shrunk(coverage_of(color, alpha)))))
+    return Mark(name, turn_lengthwise(crop_mark(shrink_mark(coverage_of(color, alpha)))))
 
 
 def _marks_in(name: str, ending: str, data: bytes) -> Iterator[Mark]:
     """Yield the marks in a file of stamps, or in an archive of such files."""
     if ending in SHAPES:
         for inner, content in brushes_in(data, ending):
-            yield from _marks_in(f"{name}: {inner}", _ending(inner), content)
+            yield from _marks_in(f"{name}: {inner}", _suffix_of(inner), content)
         return
     if ending in PIPES:
         stamps = read_stamps(data)
@@ -120,7 +120,7 @@ def _marks_in(name: str, ending: str, data: bytes) -> Iterator[Mark]:
     else:
         turns = [[Stamp(_coverage_of_bytes(data), SPACING)]]
     for k, turn in enumerate(turns):
-        yield Mark(name + f" {k + 1}" * (len(turns) > 1), cropped(dragged(turn)))
+        yield Mark(name + f" {k + 1}" * (len(turns) > 1), crop_mark(drag_stamps(turn)))
 
 
 def _coverage_of_bytes(data: bytes) -> np.ndarray:
@@ -129,7 +129,7 @@ def _coverage_of_bytes(data: bytes) -> np.ndarray:
         path = Path(folder, "brush.png")
         path.write_bytes(data)
         color, alpha = load_cutout(str(path), None, "brush")
-    return cropped(shrunk(coverage_of(color, alpha)))
+    return crop_mark(shrink_mark(coverage_of(color, alpha)))
 
 
 def coverage_of(color: Tensor, alpha: Tensor) -> np.ndarray:
@@ -145,7 +145,7 @@ def coverage_of(color: Tensor, alpha: Tensor) -> np.ndarray:
     return ((far / max(full, 1e-6) - PAPER) / (1 - PAPER)).clip(0, 1)
 
 
-def shrunk(coverage: np.ndarray, side: int = LARGEST_SIDE) -> np.ndarray:
+def shrink_mark(coverage: np.ndarray, side: int = LARGEST_SIDE) -> np.ndarray:
     """Downsample a mark to at most ``side`` pixels per side by averaging."""
     shape = np.array(coverage.shape)
     size = tuple(int(one) for one in np.maximum(np.round(shape * min(side / shape.max(), 1)), 1))
@@ -154,7 +154,7 @@ def shrunk(coverage: np.ndarray, side: int = LARGEST_SIDE) -> np.ndarray:
     )[0, 0].numpy()
 
 
-def cropped(coverage: np.ndarray) -> np.ndarray:
+def crop_mark(coverage: np.ndarray) -> np.ndarray:
     """Crop a mark to its bounding box; raise a UserError if the mark is empty."""
     rows, columns = (np.flatnonzero((coverage > PAPER).any(axis)) for axis in (1, 0))
     if not len(rows):
@@ -162,17 +162,18 @@ def cropped(coverage: np.ndarray) -> np.ndarray:
     return coverage[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
 
 
-def lying(coverage: np.ndarray) -> np.ndarray:
+def turn_lengthwise(coverage: np.ndarray) -> np.ndarray:
     """Rotate a mark anticlockwise if it is taller than wide, so that a downward stroke points to the right."""
     height, width = coverage.shape
     return np.ascontiguousarray(np.rot90(coverage)) if height > width else coverage
 
 
-def dragged(stamps: Sequence[Stamp]) -> np.ndarray:
+def drag_stamps(stamps: Sequence[Stamp]) -> np.ndarray:
     """Drag stamps along a line, using them in turn; as in GIMP, each dab is composited over the previous ones."""
     side = max(max(stamp.coverage.shape) for stamp in stamps)
     dabs = [
-        shrunk(stamp.coverage, max(1, round(STAMP * max(stamp.coverage.shape) / max(side, STAMP)))) for stamp in stamps
+        shrink_mark(stamp.coverage, max(1, round(STAMP * max(stamp.coverage.shape) / max(side, STAMP))))
+        for stamp in stamps
     ]
     height, width = (max(dab.shape[axis] for dab in dabs) for axis in (0, 1))
     length = ALONG * max(height, width)

@@ -113,13 +113,13 @@ def _picture(brush: _Bytes, before: int, spacing: float) -> Stamp:
     row = width * kind.itemsize
     if is_packed:
         sizes = [brush.number("H") for _ in range(height)]
-        pixels = b"".join(_unpacked(brush.take(size), row) for size in sizes)
+        pixels = b"".join(_unpack(brush.take(size), row) for size in sizes)
     else:
         pixels = brush.take(height * row)
     return Stamp(np.frombuffer(pixels, kind).reshape(height, width).astype(np.float32) / full, spacing)
 
 
-def _unpacked(packed: bytes, length: int) -> bytes:
+def _unpack(packed: bytes, length: int) -> bytes:
     """Unpack PackBits data to ``length`` bytes.
 
     A number n >= 0 precedes n + 1 literal bytes; a number n < 0 precedes one byte, to be repeated 1 - n times.

@@ -29,7 +29,7 @@ def linear_of(color: Tensor) -> Tensor:
     return torch.where(color <= KNEE_SHOWN, color / STEEPEST, curved)
 
 
-def shown_of(light: Tensor) -> Tensor:
+def display_of(light: Tensor) -> Tensor:
     """Compute display-referred RGB from linear RGB, as the inverse of `linear_of`."""
     return torch.where(light <= KNEE, STEEPEST * light, GAIN * light.clamp_min(KNEE) ** (1 / POWER) - LIFT)
 
@@ -50,12 +50,12 @@ class Decoder:
     def __init__(self, matrix: Tensor, rise: Callable[[Tensor], Tensor], compiled: Part, slope: Part) -> None:
         self.matrix, self.rise = matrix, rise
         parts: dict[str, Any] = {"CHANNELS": matrix.shape[1], "rise": compiled, "rise_slope": slope}
-        self.forward, self.backward = _decode.having(**parts), _decode_back.having(**parts)
+        self.forward, self.backward = _decode.with_parts(**parts), _decode_back.with_parts(**parts)
 
     def __call__(self, picture: Tensor) -> Tensor:
         if picture.dtype == torch.float32 and picture.device.type == "cpu":
             return Decoded.apply(picture, self)
-        shown = shown_of(torch.tensordot(self.matrix.to(picture), self.rise(picture), 1))
+        shown = display_of(torch.tensordot(self.matrix.to(picture), self.rise(picture), 1))
         return shown + (shown.clamp(0, 1) - shown).detach()
 
     @cached_property

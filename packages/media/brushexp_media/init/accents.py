@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from brushexp.contracts.pictures import sampled_at
+from brushexp.contracts.pictures import sample_at
 from brushexp.contracts.strokes import Strokes
 from brushexp_media.init.contours import contours
 
@@ -28,9 +28,9 @@ def accents(
     lines = contours(picture if dark else 1 - picture, n, length, width, np.zeros(3), focus)
     around = gaussian_filter(picture.mean(0), AROUND * max(picture.shape))
     places = lines.position.double().numpy().T
-    color = sampled_at(picture, *places)
+    color = sample_at(picture, *places)
     tone = color.mean(0)
-    apart = sampled_at(around, *places) - tone
+    apart = sample_at(around, *places) - tone
     seen = (tone < DARK) & (apart > APART) if dark else (tone > LIGHT) & (apart < -APART)
     color = color.T + share * (toward - color.T)
     return replace(lines, color=torch.from_numpy(color).float(), opacity=lines.opacity * torch.from_numpy(seen))

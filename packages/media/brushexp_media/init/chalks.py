@@ -11,7 +11,7 @@ from torch import Tensor
 from brushexp.contracts import above, between, register
 from brushexp.contracts.families import Initializer
 from brushexp.contracts.members import InLayers
-from brushexp.contracts.pictures import sampled_at, structure_tensor
+from brushexp.contracts.pictures import sample_at, structure_tensor
 from brushexp.contracts.strokes import Strokes
 from brushexp_media.init.accents import accents
 from brushexp_media.init.hatching import ANGLES, forms, hatching
@@ -113,7 +113,7 @@ class Chalks(Initializer):
         gap = max(LINE_SPACING * thick, free.clip(0).sum() / max(n, 1) / (0.7 * length))
         curve = hatching(free, 0.0, ANGLES[0], turned, gap, length, random)
         curve = curve[np.sort(random.permutation(len(curve))[:n])]
-        color = sampled_at(blurred, *curve.mean(1).T).T + random.normal(0, BROKEN, (len(curve), 1))
+        color = sample_at(blurred, *curve.mean(1).T).T + random.normal(0, BROKEN, (len(curve), 1))
         width = thick * random.lognormal(0, PRESSED, len(curve))
         return strokes_of(curve, width, np.ones(len(curve), bool), color, n)
 
@@ -127,5 +127,5 @@ class Chalks(Initializer):
         )
         if weight is None:
             return drawn
-        seen = sampled_at(weight, *drawn.position.double().numpy().T) >= 1
+        seen = sample_at(weight, *drawn.position.double().numpy().T) >= 1
         return replace(drawn, opacity=drawn.opacity * torch.from_numpy(seen))

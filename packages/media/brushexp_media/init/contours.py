@@ -5,17 +5,17 @@ import math
 import numpy as np
 import torch
 
-from brushexp.contracts.pictures import along_edges, sampled_at, sharpness, structure_tensor, worst_of_cells
+from brushexp.contracts.pictures import along_edges, sample_at, sharpness, structure_tensor, worst_of_cells
 from brushexp.contracts.strokes import Strokes
 from brushexp_media.init.ink import strokes_of
-from brushexp_media.picture.decolorization import contrast_weights, decolorized
+from brushexp_media.picture.decolorization import contrast_weights, decolorize
 from brushexp_media.picture.lines import (
     BESIDE,
     SIGMA,
     anisotropy_of,
     edge_lines,
     find_apart,
-    followed,
+    follow_flow,
     points_of,
 )
 from brushexp_media.picture.outlines import SPACING, find_outlines, strokes_over
@@ -59,18 +59,20 @@ def contours(picture: Array, n: int, length: float, width: float, color: Array, 
     bold = round(BOLD * (n - few))
     flow = along_edges(structure_tensor(picture, max(1.0, FLOW_BLUR * side)))
     coarse = np.maximum(edge_lines(picture), 0.8 * edge_lines(picture, 2.0)) * clear
-    single = _traced(coarse, flow, straight, bold, length, width)
+    single = _trace(coarse, flow, straight, bold, length, width)
     clear = clear * straight * (1 - SHADED * looked_at)
-    parts = [single, _outlined(picture, clear, single[0], n - few - bold, length, width)]
+    parts = [single, _draw_outlines(picture, clear, single[0], n - few - bold, length, width)]
     if few:
         attended = looked_at > LOOKED_AT
         faint = _fine_lines(picture, SUBTLE) * inner * attended * looked_at**FADING
-        parts.append(_traced(faint, flow, straight, few, FINER * length, FINER * width, float(attended.sum())))
+        parts.append(_trace(faint, flow, straight, few, FINER * length, FINER * width, float(attended.sum())))
     curve, across = (np.concatenate(part) for part in zip(*parts, strict=True))
     return strokes_of(curve, across, across > 0, color, n)
 
 
-def _outlined(picture: Array, clear: Array, drawn: Array, n: int, length: float, width: float) -> tuple[Array, Array]:
+def _draw_outlines(
+    picture: Array, clear: Array, drawn: Array, n: int, length: float, width: float
+) -> tuple[Array, Array]:
     """Draw outlines in a picture (3, H, W) with at most n curves (m, 3, 2) of widths (m,), coarse outlines first.
 
     Outlines are omitted along ``drawn`` curves (k, 3, 2) and where edges are not ``clear`` (H, W).
@@ -78,7 +80,7 @@ def _outlined(picture: Array, clear: Array, drawn: Array, n: int, length: float,
     side, near = max(picture.shape), max(1, round(APART * width))
     taken, curves, widths, count = np.zeros(picture.shape[1:], bool), [np.zeros((0, 3, 2))], [np.zeros(0)], 0
     _take(taken, points_of(drawn).reshape(-1, 2), near)
-    grey = decolorized(picture, contrast_weights(picture))
+    grey = decolorize(picture, contrast_weights(picture))
     for scale, broad, lowest in SCALES:
         lines = find_outlines(grey, max(FINEST, scale * SIGMA * side), clear, lowest, 2 * lowest)
         lines.sort(key=lambda line: -float(line[1].sum()))
@@ -90,13 +92,13 @@ def _outlined(picture: Array, clear: Array, drawn: Array, n: int, length: float,
                 continue
             curve, middle = strokes_over(points, OUTLINE_LENGTH * length)
             curves.append(curve)
-            widths.append(broad * width * _pressed(strength[middle]))
+            widths.append(broad * width * _relative_width(strength[middle]))
             _take(taken, points, near)
             count += len(curve)
     return np.concatenate(curves)[:n], np.concatenate(widths)[:n]
 
 
-def _pressed(strength: Array) -> Array:
+def _relative_width(strength: Array) -> Array:
     """Compute the width of lines from their strength, 0 to 1, relative to the width of the strongest line."""
     return LIGHTEST + (1 - LIGHTEST) * strength
 
@@ -112,7 +114,7 @@ def _fine_lines(picture: Array, least: float) -> Array:
     return np.maximum(*(edge_lines(picture, scale, least) for scale in (FINER, 1.0)))
 
 
-def _traced(
+def _trace(
     lines: Array, flow: Array, straight: Array, n: int, length: float, width: float, area: float | None = None
 ) -> tuple[Array, Array]:
     """Trace at most n lines in a strength map (H, W) along a flow (H, W); return curves (m, 3, 2) and widths (m,).
@@ -121,11 +123,11 @@ def _traced(
     size follows from n and the ``area`` in pixels (None: the whole map).
     """
     _, x, y = worst_of_cells(lines, max(2, round(0.6 * math.sqrt((area or lines.size) / max(n, 1)))))
-    strength = sampled_at(lines, x, y)
-    best = np.argsort(-strength * sampled_at(straight, x, y), kind="stable")[: MORE * n]
+    strength = sample_at(lines, x, y)
+    best = np.argsort(-strength * sample_at(straight, x, y), kind="stable")[: MORE * n]
     places, strength = np.stack([x, y], 1)[best] + 0.5, strength[best]
-    pressed = _pressed(strength)
-    curve = followed(places, flow, 0.5 * length * pressed, lines, FAINTEST)
+    pressed = _relative_width(strength)
+    curve = follow_flow(places, flow, 0.5 * length * pressed, lines, FAINTEST)
     seen = (strength > FAINTEST) & (np.linalg.norm(curve[:, 2] - curve[:, 0], axis=1) > SHORTEST_LINE * length)
     kept = find_apart(curve[seen], lines.shape, APART * width)[:n]
     return curve[seen][kept], (width * pressed)[seen][kept]

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from brushexp.contracts.families import Initializer
 from brushexp.contracts.strokes import Strokes
 from brushexp_media.init.ink import INKED, rgb_of, strokes_of
-from brushexp_media.init.washes import cleaned, filled
+from brushexp_media.init.washes import fill_shape, remove_specks
 from brushexp_media.picture.lines import edge_lines
 
 SIDE = 96  # longer side in pixels at which dark shapes are found
@@ -36,7 +36,7 @@ class DarkShapes(Initializer):
         picture = large.double().numpy()
         value = picture.max(0)  # lips are lighter in this than in luma
         dark = value < value.mean() - DARKER * value.std()
-        shapes = cleaned((edge_lines(picture, THICK, FAINT) > INKED) & dark, SPECK * value.size)
+        shapes = remove_specks((edge_lines(picture, THICK, FAINT) > INKED) & dark, SPECK * value.size)
         random = np.random.default_rng(int(torch.randint(2**31, (1,), generator=generator)))
-        curve, half = filled(shapes, n, BROADEST * SIDE, random)
+        curve, half = fill_shape(shapes, n, BROADEST * SIDE, random)
         return strokes_of(curve, 2 * half, half > 0, rgb_of(self.color), n).moved(zoom=1 / zoom)

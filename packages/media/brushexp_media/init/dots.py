@@ -20,9 +20,11 @@ GREY = 4.0  # chroma of the pair of orange and blue in which greys are divided
 BROAD, LONG, SHIFTED = 2.2, 1.2, 0.2  # width, length and random shift of undertouches, in their spacing
 SHADOW = 56.0  # L* below which an undertouch is in shadow
 WHITE = 87.0  # L* above which an undertouch keeps its colour
-DULL, DUSK, MUTED, COOL = 0.92, 0.15, 0.6, 40.0  # of touches: lightness over the place's, less in shadow; chroma; blue
-OPPOSITE, LIGHT = 0.15, 0.2  # shares of dots of the complementary hue, and of the colour of the light
-PURER = 0.55  # shift of purer and of complementary dots, relative to dots of the colour of the light
+DULL, DUSK, MUTED, COOL = 0.92, 0.15, 0.75, 40.0  # of touches: lightness over the place's, less in shadow; chroma; blue
+OPPOSITE, LIGHT = 0.18, 0.2  # shares of dots of the complementary hue in shadow, and of the colour of the light
+RARE = 0.35  # share of complementary dots in light, relative to that in shadow
+SHADED = 40.0, 70.0  # L* below which all, and above which `RARE`, of these complementary dots are laid
+PURER = 0.48  # shift of purer and of complementary dots, relative to dots of the colour of the light
 TURNED, UNEVEN = 0.3, 0.08  # standard deviation between dots: hue in radians, and L* relative to chroma
 
 
@@ -62,10 +64,10 @@ class Dots(Initializer):
             opacity=1.0, jitter=self.jitter,
         )  # fmt: skip
         under = round(n * self.under)
-        dots = self._divided(layers(target, n - under, generator, focus), generator, focus)
+        dots = self._divide_hues(layers(target, n - under, generator, focus), generator, focus)
         return Strokes.join(_undertouches(target, under, generator), dots) if under else dots
 
-    def _divided(self, strokes: Strokes, generator: torch.Generator, focus: Tensor | None) -> Strokes:
+    def _divide_hues(self, strokes: Strokes, generator: torch.Generator, focus: Tensor | None) -> Strokes:
         """Separate the hues of strokes with hardly any change in lightness, so that no dot stands out as a speck."""
         n, lab = len(strokes), torch.from_numpy(to_lab(strokes.color.double().numpy()))
         kind, sign = torch.rand(2, n, 1, generator=generator, dtype=torch.float64)
@@ -74,7 +76,10 @@ class Dots(Initializer):
         angle = torch.atan2(hue[:, 1], hue[:, 0]) + TURNED * turn
         own = torch.stack([angle.cos(), angle.sin()], 1)
         of_light = torch.where(lab[:, :1] > SHADE, WARM, -WARM)
-        by = torch.where(kind < OPPOSITE, -PURER * own, torch.where(kind < OPPOSITE + LIGHT, of_light, PURER * own))
+        of_light = of_light * (0.5 + 0.5 * (of_light * own).sum(1, keepdim=True))  # orange would make a blue sky grey
+        lit = ((lab[:, :1] - SHADED[0]) / (SHADED[1] - SHADED[0])).clamp(0, 1)
+        opposite = OPPOSITE * torch.lerp(torch.ones_like(lit), torch.full_like(lit, RARE), lit)
+        by = torch.where(kind < opposite, -PURER * own, torch.where(kind < opposite + LIGHT, of_light, PURER * own))
         room = (1 - (lab[:, :1] / 50 - 1).abs()).clamp_min(0).sqrt()  # neither black nor white has a hue
         size = (strokes.width * strokes.scale).double()[:, None]
         room = room * (size / size.max()) ** CALMER

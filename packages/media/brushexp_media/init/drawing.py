@@ -10,14 +10,14 @@ from torch import Tensor
 
 from brushexp.contracts import Rule, UserError, above, between, register
 from brushexp.contracts.families import Initializer
-from brushexp.contracts.pictures import flattened, named_color, sampled_at, structure_tensor
+from brushexp.contracts.pictures import flatten_picture, named_color, sample_at, structure_tensor
 from brushexp.contracts.strokes import Strokes
 from brushexp_media.init.contours import LOOKED_AT, TINY, contours
 from brushexp_media.init.dark_shapes import DarkShapes
 from brushexp_media.init.hatching import ANGLES, EVEN, forms, hatching
 from brushexp_media.init.ink import INKED, rgb_of, strokes_of
-from brushexp_media.init.washes import between_tones, cleaned, filled
-from brushexp_media.picture.decolorization import contrast_weights, decolorized
+from brushexp_media.init.washes import between_tones, fill_shape, remove_specks
+from brushexp_media.picture.decolorization import contrast_weights, decolorize
 from brushexp_media.picture.lines import edge_lines
 from brushexp_media.picture.noise import noise_of
 
@@ -93,26 +93,28 @@ class Drawing(Initializer):
 
         picture = target.numpy().astype(np.float64)
         side, size = max(picture.shape), picture.shape[1:]
-        flat = flattened(target, self.flatness * side / FLAT_AT).numpy().astype(np.float64)
+        flat = flatten_picture(target, self.flatness * side / FLAT_AT).numpy().astype(np.float64)
         weight = None if focus is None else focus.numpy().astype(np.float64)
         attended = np.zeros(size) if weight is None else (weight - weight.min()) / max(np.ptp(weight), TINY)
         simple = flat + attended * (picture - flat)
         random = np.random.default_rng(int(torch.randint(2**31, (1,), generator=generator)))
         inner = _within_margin(size, random)
         weights = contrast_weights(picture)
-        dark = (1 - decolorized(flat, weights)) * inner
+        dark = (1 - decolorize(flat, weights)) * inner
         washes = round(n * self.washes)
         lines = min(n - washes, round(n * self.contours))
         accents = min(n - washes - lines, round(n * self.accents))
-        steep = slope_of(inner * (1 - decolorized(picture, weights)))
+        steep = slope_of(inner * (1 - decolorize(picture, weights)))
         distant = np.zeros(size) if weight is None else _distance_from(attended)
         sparing = gaussian_filter(dark ** (1 + FADED * distant) * (1 - SPARED * attended), SMOOTH * side)
         return Strokes.join(
-            self._washes(_simplified(dark, distant), steep, washes, random),
-            self._hatching(sparing, _swayed(forms(picture), random), n - washes - lines - accents, random),
+            self._washes(_simplify(dark, distant), steep, washes, random),
+            self._hatching(sparing, _sway(forms(picture), random), n - washes - lines - accents, random),
             contours(picture, lines, self._longest(side), self._widest(side), rgb_of(self.color), weight),
-            self._inked(edge_lines(simple, *BLUNT) * (simple.max(0) < DEEPEST) * inner, inner, accents // 2, random),
-            self._inked(
+            self._fill_lines(
+                edge_lines(simple, *BLUNT) * (simple.max(0) < DEEPEST) * inner, inner, accents // 2, random
+            ),
+            self._fill_lines(
                 dark_features(picture.max(0)) * (attended > LOOKED_AT) * inner, attended, accents - accents // 2, random
             ),
         )
@@ -120,10 +122,10 @@ class Drawing(Initializer):
     def details(self) -> Initializer:
         return DarkShapes(color=self.color)
 
-    def _inked(self, lines: Array, area: Array, n: int, random: np.random.Generator) -> Strokes:
+    def _fill_lines(self, lines: Array, area: Array, n: int, random: np.random.Generator) -> Strokes:
         """Fill lines (H, W) at their own thickness, omitting parts that are tiny relative to an ``area`` (H, W)."""
-        shapes = cleaned(lines > INKED, SPECK * float((area > LOOKED_AT).sum()))
-        curve, half = filled(shapes, n, REED * max(lines.shape), random)
+        shapes = remove_specks(lines > INKED, SPECK * float((area > LOOKED_AT).sum()))
+        curve, half = fill_shape(shapes, n, REED * max(lines.shape), random)
         return strokes_of(curve, 2 * half, half > 0, rgb_of(self.color), n)
 
     def _hatching(self, dark: Array, turned: Array, n: int, random: np.random.Generator) -> Strokes:
@@ -135,7 +137,7 @@ class Drawing(Initializer):
         parts = [hatching(dark, tone, angle, turned, gap, self._longest(side), random) for tone, angle in hatchings]
         curve = np.concatenate(parts)
         curve = curve[np.sort(random.permutation(len(curve))[:n])]
-        darkness = sampled_at(dark, *curve.mean(1).T)
+        darkness = sample_at(dark, *curve.mean(1).T)
         width = self._widest(side) * (0.08 + 0.5 * darkness**2) * random.lognormal(0, PRESSED, len(curve))
         return strokes_of(curve, width, darkness > 0, rgb_of(self.color), n)
 
@@ -150,12 +152,12 @@ class Drawing(Initializer):
         parts = []
         for number, (depth, tone) in enumerate(zip(DEPTHS, tones, strict=True)):
             count = n * (number + 1) // len(tones) - n * number // len(tones)
-            shape = cleaned(dark > tone, LEAST_WASH * dark.size)
-            curve, half = filled(shape, count, BROADEST * max(dark.shape), random)
+            shape = remove_specks(dark > tone, LEAST_WASH * dark.size)
+            curve, half = fill_shape(shape, count, BROADEST * max(dark.shape), random)
             strokes = strokes_of(curve, 2 * half, half > 0, rgb_of(self.wash) ** depth, count)
             ends = distance_transform_edt(np.pad(shape, 1, mode="edge"), return_indices=True, return_distances=False)
-            y, x = (sampled_at(end[1:-1, 1:-1] - 1, *curve.mean(1).T) for end in ends)
-            lost = np.pad((1 - sampled_at(steep, x, y) / FOUND).clip(0, 1), (0, count - len(curve)))
+            y, x = (sample_at(end[1:-1, 1:-1] - 1, *curve.mean(1).T) for end in ends)
+            lost = np.pad((1 - sample_at(steep, x, y) / FOUND).clip(0, 1), (0, count - len(curve)))
             parts.append(replace(strokes, softness=(EDGE + LOST * torch.from_numpy(lost).float()) * strokes.width))
         return Strokes.join(*parts)
 
@@ -192,7 +194,7 @@ def _distance_from(attended: Array) -> Array:
     return 1 - near
 
 
-def _simplified(dark: Array, distant: Array) -> Array:
+def _simplify(dark: Array, distant: Array) -> Array:
     """Blur and lighten darkness (H, W) for washes, most where ``distant`` (H, W) is 1: backgrounds have few shapes."""
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
 
@@ -207,7 +209,7 @@ def _within_margin(size: tuple[int, ...], random: np.random.Generator) -> Array:
     return reach > MARGIN * (1 + WAVER * noise_of(size, WAVES, random))
 
 
-def _swayed(turned: Array, random: np.random.Generator) -> Array:
+def _sway(turned: Array, random: np.random.Generator) -> Array:
     """Vary hatching angles (H, W), in radians, slightly from one group of lines to the next."""
     return turned + SWAY * noise_of(turned.shape, GROUPS, random)
 

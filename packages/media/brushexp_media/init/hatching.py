@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from brushexp.contracts.pictures import along_edges, sampled_at, structure_tensor
-from brushexp_media.picture.lines import followed
+from brushexp.contracts.pictures import along_edges, sample_at, structure_tensor
+from brushexp_media.picture.lines import follow_flow
 
 Array = np.ndarray
 ANGLES = (-0.9, -0.7, -0.4)  # angles of hatching in radians, starting with that of the half tones
@@ -40,7 +40,7 @@ def hatching(
     c, s = math.cos(angle), math.sin(angle)
     places = np.stack([width / 2 + c * u - s * v, height / 2 + s * u + c * v], -1).reshape(-1, 2)
     places = places[((places >= 0) & (places < (width, height))).all(1)]
-    deeper = (sampled_at(dark, *places.T) - tone) / max(1 - tone, EVEN)
+    deeper = (sample_at(dark, *places.T) - tone) / max(1 - tone, EVEN)
     places = places[(deeper > 0) & (random.random(len(places)) < SPARSE + (1 - SPARSE) * 1.4 * deeper)]
     reach = 0.5 * length * random.lognormal(-0.4, LONGER, len(places))
-    return followed(places, angle + turned, reach, dark, tone)
+    return follow_flow(places, angle + turned, reach, dark, tone)

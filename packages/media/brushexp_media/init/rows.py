@@ -13,7 +13,7 @@ from torch import Tensor
 from brushexp.contracts import Rule, above, between, register
 from brushexp.contracts.families import Initializer
 from brushexp.contracts.members import FAR_AWAY, InLayers
-from brushexp.contracts.pictures import FarStructure, along_edges, named_color, sampled_at
+from brushexp.contracts.pictures import FarStructure, along_edges, named_color, sample_at
 from brushexp.contracts.strokes import Strokes
 from brushexp_media.init.accents import accents
 from brushexp_media.init.ink import rgb_of, strokes_of
@@ -114,16 +114,16 @@ class InRows(Initializer):
             tensor = FarStructure(blurred)([(reach * distance, share) for reach, share in FAR_AWAY])
             loose = self.looseness * (ASTRAY + (1 - ASTRAY) * CALM**2 / (CALM**2 + tensor[0] + tensor[2]))
             rows = Rows(blurred, along_edges(tensor + calm), loose, distance, self.length, self.edges, random)
-            curve, size = rows.grown(detail, round(up_to) - sum(len(curve) for curve in curves))
+            curve, size = rows.grow(detail, round(up_to) - sum(len(curve) for curve in curves))
             straight = 0.5 * (curve[:, :1] + curve[:, 2:])  # the middle of a straight curve
             curve[:, 1:2] = straight + self.bend * (curve[:, 1:2] - straight)
             curves.append(curve)
-            colors.append(sampled_at(blurred, *np.tensordot(curve, MIDDLE, (1, 0)).T).T)
+            colors.append(sample_at(blurred, *np.tensordot(curve, MIDDLE, (1, 0)).T).T)
             widths.append(self.width * distance * size)
             below, distance = blurred, self.ratio * distance
         curve = np.concatenate(curves)
-        calmer = sampled_at(weight, *curve.mean(1).T).clip(1) ** -0.5  # faces keep their colour
-        color = _varied(np.concatenate(colors), self.variety * calmer[:, None], random)
+        calmer = sample_at(weight, *curve.mean(1).T).clip(1) ** -0.5  # faces keep their colour
+        color = _vary_colors(np.concatenate(colors), self.variety * calmer[:, None], random)
         if self.values:
             color = (color + self.values * calmer[:, None] * random.standard_normal((len(color), 1))).clip(0, 1)
         marks = strokes_of(curve, np.concatenate(widths), np.ones(len(curve), bool), color, n)
@@ -146,7 +146,7 @@ class Rows:
         self.ahead = np.stack([np.cos(flow), np.sin(flow)], -1)
         self.taken: Array = np.zeros(flow.shape, bool)
 
-    def grown(self, detail: Array, n: int) -> tuple[Array, Array]:
+    def grow(self, detail: Array, n: int) -> tuple[Array, Array]:
         """Grow at most ``n`` adjacent marks (m, 3, 2) of sizes (m,), beginning where ``detail`` (H, W) is largest."""
         y, x = (np.arange(self.distance / 2, side, self.distance) for side in detail.shape)
         places, numbers = np.stack(np.meshgrid(x, y), -1).reshape(-1, 2), count()
@@ -180,10 +180,10 @@ class Rows:
             return np.empty((0, 2))
         steps = round(self.random.uniform(*UNEVEN) * self.length / STEP / 2)
         turn, bend = self.loose[_pixel(seed)] * self.random.standard_normal(2)
-        before, after = (self._traced(seed, way, turn + way * bend * np.linspace(0, 1, steps)) for way in (-1, 1))
+        before, after = (self._trace(seed, way, turn + way * bend * np.linspace(0, 1, steps)) for way in (-1, 1))
         return np.array([*before[::-1], seed, *after])
 
-    def _traced(self, seed: Array, way: int, turns: Array) -> list[Array]:
+    def _trace(self, seed: Array, way: int, turns: Array) -> list[Array]:
         """Follow the flow with a turn at each step, until the picture's colour changes or another mark is near."""
         point, going, points = seed, way * self.ahead[_pixel(seed)], []
         color = self._color(seed)
@@ -229,7 +229,7 @@ def _turns(size: tuple[int, int], turning: float, random: np.random.Generator) -
     return np.stack([slope[0] ** 2, slope[0] * slope[1], slope[1] ** 2])
 
 
-def _varied(color: Array, variety: Array, random: np.random.Generator) -> Array:
+def _vary_colors(color: Array, variety: Array, random: np.random.Generator) -> Array:
     """Shift colours (m, 3) by ``variety`` (m, 1) in random directions of hue and lightness."""
     hue = np.cos(random.uniform(0, 2 * math.pi, len(color))[:, None] + THIRDS)
     return (color + variety * (hue + random.normal(0, 0.7, (len(color), 1)))).clip(0, 1)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from brushexp.contracts.pictures import along_edges, structure_tensor
-from brushexp_media.picture.lines import TIMES, followed, points_of
+from brushexp_media.picture.lines import TIMES, follow_flow, points_of
 
 Array = np.ndarray
 TRIED = 16  # positions tried per requested stroke
@@ -13,7 +13,7 @@ THINNER = 0.75  # thinning of the ends of strokes, as in look=ink
 NARROWER, LONG = 0.65, 9.0  # least room along a stroke, and its length, relative to half its width
 
 
-def cleaned(mask: Array, least: float) -> Array:
+def remove_specks(mask: Array, least: float) -> Array:
     """Remove parts with fewer than ``least`` pixels from a mask (H, W), and fill holes with fewer pixels."""
     from scipy.ndimage import label  # noqa: PLC0415  (slow to import)
 
@@ -25,7 +25,7 @@ def cleaned(mask: Array, least: float) -> Array:
     return mask
 
 
-def filled(mask: Array, n: int, broadest: float, random: np.random.Generator) -> tuple[Array, Array]:
+def fill_shape(mask: Array, n: int, broadest: float, random: np.random.Generator) -> tuple[Array, Array]:
     """Fill a mask (H, W) with at most ``n`` strokes, broad ones first; return curves (m, 3, 2) and half widths (m,).
 
     No stroke is broader than ``broadest`` pixels; each starts where earlier strokes left the mask bare.
@@ -41,7 +41,7 @@ def filled(mask: Array, n: int, broadest: float, random: np.random.Generator) ->
     chosen = random.permutation(len(rows))[: TRIED * n]
     chosen = chosen[np.argsort(-room[rows[chosen], columns[chosen]], kind="stable")]
     places, half = np.stack([columns, rows], 1)[chosen] + 0.5, room[rows[chosen], columns[chosen]]
-    curve = followed(places, flow, 0.5 * LONG * half, room, NARROWER * half)
+    curve = follow_flow(places, flow, 0.5 * LONG * half, room, NARROWER * half)
     bare: Array = mask.copy()
     kept: list[int] = []
     for number in range(len(curve)):

@@ -10,8 +10,8 @@ from torch import Tensor
 
 from brushexp.contracts import above, at_least, between, register
 from brushexp.contracts.families import Paper, Rows
-from brushexp_media.paper.wetness import density_of_edges, gather_pigment, wandered
-from brushexp_media.picture.noise import LINE_REACH, drawn_out, evened, fractal_noise, gradient_noise
+from brushexp_media.paper.wetness import density_of_edges, displace_pixels, gather_pigment
+from brushexp_media.picture.noise import LINE_REACH, draw_out, fractal_noise, gradient_noise, map_to_uniform
 from brushexp_media.picture.smoothing import direction_of_edges, gaussian_blur, with_clean_edges
 
 THOUSANDTHS, HUNDREDTHS = 1000, 100
@@ -106,24 +106,26 @@ class GrainedPaper(Paper):
         return self.roughness * self._grain_of(rows.size) * (self._heights(rows).float() + DEEPEST).clamp_min(0)
 
     def cover(self, flat: Tensor, bare: Tensor, rows: Rows) -> Tensor:
-        low, grain = evened(self._dragged(flat, rows)).to(flat), self._grain_of(rows.size)
+        low, grain = map_to_uniform(self._mix_streaks(flat, rows)).to(flat), self._grain_of(rows.size)
         x, y = rows.places
         if self.clean:
             flat = with_clean_edges(flat, CRISP * grain, self.clean * grain)
         if self.wander:
-            flat = wandered(flat, *self._in_grains(rows), self.wander * grain, self.seed)
+            flat = displace_pixels(flat, *self._in_grains(rows), self.wander * grain, self.seed)
         if self.lost or self.charged:
-            ran = gaussian_blur(wandered(flat, *self._in_grains(rows), RUNS * grain, self.seed + 51), RAN * grain)
+            ran = gaussian_blur(
+                displace_pixels(flat, *self._in_grains(rows), RUNS * grain, self.seed + 51), RAN * grain
+            )
             detail = gaussian_blur((flat - ran).abs().amax(0, keepdim=True), NEARBY * grain)[0]
             dry = (SPARED * detail).clamp(0, 1)  # small details are painted after the rest has dried
-            wet = evened(fractal_noise(x / WET, y / WET, self.seed + 53, 3)).to(flat) - dry
+            wet = map_to_uniform(fractal_noise(x / WET, y / WET, self.seed + 53, 3)).to(flat) - dry
             flat = torch.lerp(flat, ran, ((wet - 1 + self.lost) / SOAKED).clamp(0, 1))
             hue = self.charged * (1 - dry) * fractal_noise(x / HUES, y / HUES, self.seed + 57, 3).to(flat)
         ground = bare[:, None, None]
         density = self.granulation * (0.5 - low)
         if self.granulation:
             load = (POOLED * (ground - flat).mean(0)).clamp(0, 1)
-            pools = load * evened(fractal_noise(x / POOLS, y / POOLS, self.seed + 61, 3)).to(flat)
+            pools = load * map_to_uniform(fractal_noise(x / POOLS, y / POOLS, self.seed + 61, 3)).to(flat)
             density = density * (GRANULATED + (1 - GRANULATED) * pools)
         if self.blooms:
             density = density + self.blooms * 0.3 * fractal_noise(x / 0.12, y / 0.12, self.seed + 7, 4).to(flat)
@@ -157,14 +159,14 @@ class GrainedPaper(Paper):
         reach = torch.minimum(torch.minimum(x, width - x), torch.minimum(y, height - y)).float()
         return reach - self.border / HUNDREDTHS * (1 + WAVER * fractal_noise(x / WAVES, y / WAVES, self.seed + 41, 5))
 
-    def _dragged(self, flat: Tensor, rows: Rows) -> Tensor:
+    def _mix_streaks(self, flat: Tensor, rows: Rows) -> Tensor:
         """Compute the heights (h, W) that a stick meets: the paper's heights, mixed with streaks along the strokes."""
         heights = self._heights(rows)
         if self.drag == 0:
             return heights
         (x, y), grain = self._in_grains(rows), self._grain_of(rows.size)
         noise = fractal_noise(x / STREAK, y / STREAK, self.seed + 17, 2)
-        streaks = drawn_out(noise, direction_of_edges(flat, HAND * grain), LINE_REACH * grain)
+        streaks = draw_out(noise, direction_of_edges(flat, HAND * grain), LINE_REACH * grain)
         return torch.lerp(heights.float(), streaks, self.drag) / math.hypot(self.drag, 1 - self.drag)
 
 

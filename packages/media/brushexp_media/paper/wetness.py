@@ -31,7 +31,7 @@ def density_of_edges(picture: Tensor, sigma: float) -> Tensor:
     return (gaussian_blur(luma, sigma) - luma)[0].clamp_min(0)
 
 
-def wandered(picture: Tensor, x: Tensor, y: Tensor, reach: float, seed: int) -> Tensor:
+def displace_pixels(picture: Tensor, x: Tensor, y: Tensor, reach: float, seed: int) -> Tensor:
     """Displace the pixels of a picture (3, h, W) by about ``reach`` pixels; x and y (h, W) are positions in grains."""
     height, width = picture.shape[1:]
     shift = [0.5 * fractal_noise(x / DRIFT, y / DRIFT, seed + k, 2).clamp(-3, 3).to(picture) for k in (21, 31)]

@@ -16,7 +16,7 @@ FAMILIARITY = 1.5  # loss of log-likelihood per squared distance of the weights 
 SEED = 0  # seed of the random pairs, so that equal pictures have equal weights
 
 
-def decolorized(picture: Array, weights: Array) -> Array:
+def decolorize(picture: Array, weights: Array) -> Array:
     """Compute the sum (H, W) of a picture's channels (3, H, W), multiplied by their weights (3,)."""
     grey: Array = np.tensordot(weights, picture.astype(np.float64), 1)
     return grey

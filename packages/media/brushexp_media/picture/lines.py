@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from brushexp.contracts.pictures import sampled_at
+from brushexp.contracts.pictures import sample_at
 
 Array = np.ndarray
 SIGMA = 0.0022  # standard deviation of the smaller Gaussian in longer sides, as fine as a pen
@@ -60,13 +60,13 @@ def anisotropy_of(tensor: Array) -> Array:
     return anisotropy
 
 
-def followed(places: Array, flow: Array, reach: Array, field: Array, least: Array | float) -> Array:
+def follow_flow(places: Array, flow: Array, reach: Array, field: Array, least: Array | float) -> Array:
     """Follow a flow, in radians, both ways from points (n, 2), as far as ``reach`` (n,) and a field (H, W) allow.
 
     The curves (n, 3, 2) end where the field falls to ``least``, or earlier where the path bends more than a quadratic
     curve can. A flow of shape (1, 1) is constant.
     """
-    (back, before), (ahead, after) = (_walked(places, flow, sign * reach, field, least) for sign in (-1.0, 1.0))
+    (back, before), (ahead, after) = (_walk(places, flow, sign * reach, field, least) for sign in (-1.0, 1.0))
     way, number = np.concatenate([back[:0:-1], ahead]), np.arange(len(places))
     curve, left = np.empty((len(places), 3, 2)), np.ones(len(places), bool)
     for share in SHARES:
@@ -89,15 +89,15 @@ def points_of(curve: Array) -> Array:
     return points
 
 
-def _walked(places: Array, flow: Array, reach: Array, field: Array, least: Array | float) -> tuple[Array, Array]:
+def _walk(places: Array, flow: Array, reach: Array, field: Array, least: Array | float) -> tuple[Array, Array]:
     """Walk along a flow while a field exceeds ``least``; return paths (POINTS_PER_SIDE + 1, n, 2) and step counts."""
     point, going, count = places.astype(float), np.ones(len(places), bool), np.zeros(len(places))
-    ahead, points = np.sign(reach)[:, None] * _unit(sampled_at(flow, *point.T)), [point]
+    ahead, points = np.sign(reach)[:, None] * _unit(sample_at(flow, *point.T)), [point]
     for _ in range(POINTS_PER_SIDE):
         following = point + ahead * (np.abs(reach) / POINTS_PER_SIDE)[:, None]
-        going &= sampled_at(field, *following.T) > least
+        going &= sample_at(field, *following.T) > least
         point, count = np.where(going[:, None], following, point), count + going
-        turned = _unit(sampled_at(flow, *point.T))
+        turned = _unit(sample_at(flow, *point.T))
         turned *= np.where((turned * ahead).sum(1) < 0, -1, 1)[:, None]
         ahead = np.where((turned * ahead).sum(1)[:, None] > SHARPEST, turned, ahead)
         points.append(point)

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp_media.picture.smoothing import averaged_along
+from brushexp_media.picture.smoothing import average_along
 
 CELLS = 1024  # period of the noise
 DEVIATION = 0.215  # approximate standard deviation of `gradient_noise`
@@ -54,17 +54,17 @@ def fractal_noise(x: Tensor, y: Tensor, seed: int, octaves: int = 3) -> Tensor:
     return total / (DEVIATION * math.sqrt(sum(0.25**k for k in range(octaves))))
 
 
-def evened(values: Tensor) -> Tensor:
+def map_to_uniform(values: Tensor) -> Tensor:
     """Map standard normal values to a uniform distribution on [0, 1] by their cumulative probability."""
     return 0.5 * (1 + torch.erf(values / math.sqrt(2)))
 
 
-def drawn_out(noise: Tensor, angle: Tensor, reach: float) -> Tensor:
+def draw_out(noise: Tensor, angle: Tensor, reach: float) -> Tensor:
     """Average noise (H, W) along lines at an ``angle`` (H, W) in radians, over ``reach`` pixels to either side.
 
     The result is rescaled so that its standard deviation is about that of the noise.
     """
-    return EVENED * averaged_along(noise[None], angle, reach)[0]
+    return EVENED * average_along(noise[None], angle, reach)[0]
 
 
 def noise_of(size: tuple[int, ...], cell: float, random: np.random.Generator) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from brushexp.contracts.pictures import sampled_at
+from brushexp.contracts.pictures import sample_at
 from brushexp_media.picture.lines import DARKEST, WIDER
 
 Array = np.ndarray
@@ -37,7 +37,7 @@ def find_outlines(
         points = gaussian_filter1d(_evenly(line[:, ::-1], SPACING), SMOOTH, axis=0, mode="nearest")
         if len(points) < 3:
             continue
-        strength = gaussian_filter1d(sampled_at(slope, *(points + 0.5).T), SMOOTH, mode="nearest")
+        strength = gaussian_filter1d(sample_at(slope, *(points + 0.5).T), SMOOTH, mode="nearest")
         strength = (strength / FULL).clip(0, 1)
         ends = np.flatnonzero(np.diff(np.concatenate([[False], strength > lowest, [False]]).astype(int)))
         for first, last in ends.reshape(-1, 2):

@@ -54,7 +54,7 @@ def _tensor(picture: Tensor, sigma: float) -> np.ndarray:
     return structure_tensor(picture.detach().double().cpu().numpy(), sigma)
 
 
-def averaged_along(picture: Tensor, angle: Tensor, reach: float) -> Tensor:
+def average_along(picture: Tensor, angle: Tensor, reach: float) -> Tensor:
     """Average a picture (C, H, W) along lines at an ``angle`` (H, W) in radians, over ``reach`` pixels to each side.
 
     Source: line integral convolution (Cabral and Leedom, 1993). Unlike in the source, lines are straight.
@@ -69,7 +69,7 @@ def averaged_along(picture: Tensor, angle: Tensor, reach: float) -> Tensor:
     return total / SAMPLES
 
 
-def parted(picture: Tensor, sigma: float, reach: int) -> Tensor:
+def sharpen_edges(picture: Tensor, sigma: float, reach: int) -> Tensor:
     """Sharpen a picture's edges (3, H, W): each colour becomes the darkest or lightest within ``reach`` pixels.
 
     Pixels that are darker than their surroundings at the scale of ``sigma`` pixels take the darkest colour, and all
@@ -99,8 +99,8 @@ def with_clean_edges(picture: Tensor, sigma: float, reach: float) -> Tensor:
     along straight lines, weighted by coherence. Directions and sides are treated as constant, so that gradients flow
     only through colours.
     """
-    even = averaged_along(picture, direction_of_edges(picture, sigma), reach)
-    sharp = parted(even, sigma, max(1, round(sigma)))
-    clean = averaged_along(sharp, direction_of_edges(sharp, sigma), reach / 2)
+    even = average_along(picture, direction_of_edges(picture, sigma), reach)
+    sharp = sharpen_edges(even, sigma, max(1, round(sigma)))
+    clean = average_along(sharp, direction_of_edges(sharp, sigma), reach / 2)
     coherent = (coherence_of_edges(picture, WIDE * sigma) - LOWEST_COHERENCE) / (HIGHEST_COHERENCE - LOWEST_COHERENCE)
     return torch.lerp(picture, clean, coherent.clamp(0, 1))

@@ -33,15 +33,15 @@ def best_colors(strokes: Strokes, target: Tensor, draw: Paint, rounds: int) -> S
         picture = draw(replace(fixed, color=color))
     painted = picture.detach()
 
-    def pulled(residual: Tensor) -> Tensor:
+    def sum_pixels(residual: Tensor) -> Tensor:
         """For each stroke, sum pixels (3, H, W) weighted by its share in them, which does not depend on its colour."""
         return torch.autograd.grad(picture, color, residual, retain_graph=True)[0]
 
-    inverse = 1 / pulled(torch.ones_like(painted)).clamp_min(LEAST_SEEN)
+    inverse = 1 / sum_pixels(torch.ones_like(painted)).clamp_min(LEAST_SEEN)
     solution, residual = fixed.color, target - painted
     direction, before = torch.zeros_like(solution), torch.full((3,), torch.inf).to(solution)
     for _ in range(rounds):
-        pull = pulled(residual)
+        pull = sum_pixels(residual)
         scaled = inverse * pull
         strength = (pull * scaled).sum(0)
         direction, before = scaled + strength / before * direction, strength.clamp_min(TINY)

@@ -21,7 +21,7 @@ from brushexp_predictor.lay.decoding import FORMS
 from brushexp_predictor.lay.network import PREDICTORS, load_predictor
 from brushexp_predictor.lay.predicting import Sample, paint_samples, sample_of
 from brushexp_predictor.samples.conformal import COVERAGE, write_scalings
-from brushexp_predictor.samples.coverage import KINDS, Report, coverage_of, examine, fit, join, scaled
+from brushexp_predictor.samples.coverage import KINDS, Report, coverage_of, examine, fit, join, scale_intervals
 from brushexp_predictor.samples.known import PICTURES, known_painting
 
 PSNR_TOLERANCE = 1.0  # dB
@@ -88,7 +88,7 @@ def leave_one_out(reports: Sequence[Report]) -> list[Report]:
     for picture in range(min(len(PICTURES), len(reports))):
         own = reports[picture :: len(PICTURES)]
         others = [report for number, report in enumerate(reports) if number % len(PICTURES) != picture]
-        apart.append(scaled(join(own), fit(join(others))))
+        apart.append(scale_intervals(join(own), fit(join(others))))
     return apart
 
 

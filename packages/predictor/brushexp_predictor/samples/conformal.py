@@ -79,7 +79,7 @@ class Scaling:
         middle, half = self.offset + self.slope * doubt.middle, self.factor * (doubt.spread + self.floor)
         if kind.axial:
             return Doubt(middle % HALF_TURN, doubt.spread, -np.minimum(half, RIGHT), np.minimum(half, RIGHT))
-        low, middle, high = (kind.limited(value) for value in (middle - half, middle, middle + half))
+        low, middle, high = (kind.clamp(value) for value in (middle - half, middle, middle + half))
         return Doubt(middle, doubt.spread, low - middle, high - middle)
 
 

@@ -116,12 +116,12 @@ def measure_at(samples: Iterable[Strokes], places: Tensor) -> dict[str, Array]:
 def join(reports: Sequence[Report]) -> Report:
     """Concatenate the evidence from several paintings."""
 
-    def joined(parts: list[Evidence]) -> Evidence:
+    def concatenate(parts: list[Evidence]) -> Evidence:
         doubt = Doubt(*(np.concatenate(values) for values in zip(*(part.doubt for part in parts), strict=True)))
         truth, painting = (np.concatenate([part[k] for part in parts]) for k in (0, 2))
         return Evidence(truth, doubt, painting)
 
-    return {key: joined([one[key] for one in reports]) for key in KINDS}
+    return {key: concatenate([one[key] for one in reports]) for key in KINDS}
 
 
 def fit(report: Report) -> Scalings:
@@ -129,7 +129,7 @@ def fit(report: Report) -> Scalings:
     return {key: fit_scaling(*report[key], axial=kind.axial) for key, kind in KINDS.items()}
 
 
-def scaled(report: Report, scalings: Scalings) -> Report:
+def scale_intervals(report: Report, scalings: Scalings) -> Report:
     """Replace the intervals derived from samples by scaled intervals."""
     return {key: report[key]._replace(doubt=scalings[key](report[key].doubt, kind)) for key, kind in KINDS.items()}
 

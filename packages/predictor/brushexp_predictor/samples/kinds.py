@@ -39,7 +39,7 @@ class Kind:
         """Convert values from the scale of errors back to their unit."""
         return (np.exp(values) if self.is_factor else values) * pitch**self.power
 
-    def limited(self, values: Array) -> Array:
+    def clamp(self, values: Array) -> Array:
         """Clamp values, on the scale of errors, to their possible range."""
         return values if self.is_factor or self.axial else np.clip(values, 0, self.high)
 

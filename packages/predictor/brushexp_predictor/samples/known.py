@@ -97,11 +97,11 @@ def vary_strokes(strokes: Strokes, random: Random) -> Strokes:
     cosine, sine = (torch.from_numpy(longer * part(turn)).float() for part in (np.cos, np.sin))
     tones = random.uniform(0, 0.06) * random.normal(size=(n, 1)) + random.uniform(0, 0.03) * random.normal(size=(n, 3))
 
-    def turned(point: Tensor) -> Tensor:
+    def rotate(point: Tensor) -> Tensor:
         return torch.stack([cosine * point[:, 0] - sine * point[:, 1], sine * point[:, 0] + cosine * point[:, 1]], 1)
 
     return rewindow(replace(
-        strokes, start=turned(strokes.start), control=turned(strokes.control), end=turned(strokes.end),
+        strokes, start=rotate(strokes.start), control=rotate(strokes.control), end=rotate(strokes.end),
         width=strokes.width * torch.from_numpy(wider).float(),
         color=(strokes.color + torch.from_numpy(tones).float()).clamp(0, 1),
     ))  # fmt: skip

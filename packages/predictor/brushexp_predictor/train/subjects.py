@@ -63,7 +63,7 @@ class Subjects:
         random = np.random.default_rng([self.seed, number])
         if random.random() < GENERATED:
             return self._of_strokes(side, random)
-        return recolored(self._crop(side, random), random)
+        return vary_colors(self._crop(side, random), random)
 
     def _crop(self, side: int, random: Random) -> Tensor:
         picture = self.photographs[random.choice(len(self.photographs), p=self.chances)]
@@ -96,7 +96,7 @@ class Subjects:
         background = (
             self._crop(side, random).mean((1, 2)) if random.random() < 0.5 else torch.from_numpy(ground).float()
         )
-        return grain(lit(render(strokes, side, background=background, soft=soft), random), random)
+        return grain(apply_light(render(strokes, side, background=background, soft=soft), random), random)
 
     def _colors(self, n: int, random: Random) -> tuple[Array, Array]:
         """Sample colours (n, 3) near a few palette colours, and the colour of the ground."""
@@ -110,7 +110,7 @@ class Subjects:
         return (few[random.integers(len(few), size=n)] + spread).clip(0, 1), few[0].clip(0, 1)
 
 
-def recolored(picture: Tensor, random: Random) -> Tensor:
+def vary_colors(picture: Tensor, random: Random) -> Tensor:
     """Randomly swap channels, invert colours, or change tones."""
     if random.random() < MIXED_CHANNELS:
         picture = picture[torch.from_numpy(random.permutation(3))]
@@ -122,7 +122,7 @@ def recolored(picture: Tensor, random: Random) -> Tensor:
     return picture.clamp(0, 1)
 
 
-def lit(picture: Tensor, random: Random) -> Tensor:
+def apply_light(picture: Tensor, random: Random) -> Tensor:
     """Apply a random linear gradient of light across a picture."""
     across = torch.linspace(-0.5, 0.5, picture.shape[1])
     down, right = random.normal(0, 0.25, 2)

@@ -53,17 +53,17 @@ class PredictorData(L.LightningDataModule):
         self.subjects, self.batch_size = subjects, batch_size
 
     def train_dataloader(self) -> StrokeLoader:
-        return StrokeLoader(self._training, EPOCH_STEPS)
+        return StrokeLoader(self._training_batches, EPOCH_STEPS)
 
     def val_dataloader(self) -> StrokeLoader:
-        return StrokeLoader(lambda _epoch, _first: map(self.held_out, range(VALIDATED)), VALIDATED)
+        return StrokeLoader(lambda _epoch, _first: map(self.held_out_batch, range(VALIDATED)), VALIDATED)
 
-    def held_out(self, number: int) -> Batch:
+    def held_out_batch(self, number: int) -> Batch:
         """Make a validation batch, with the levels that are used for paintings."""
         first = HELD_OUT + number * self.batch_size
         return Batch(self._pictures(first), levels_of((CELLS, CELLS), (CELLS // 2) ** 2))
 
-    def _training(self, epoch: int, first: int) -> Iterator[Batch]:
+    def _training_batches(self, epoch: int, first: int) -> Iterator[Batch]:
         """Yield an epoch's batches from step ``first`` on; a thread makes them in advance while the network learns."""
         with ThreadPoolExecutor(1) as maker:
             waiting = deque[Future[Batch]]()
@@ -178,8 +178,8 @@ def refine(strokes: Strokes, target: Tensor, draw: Callable[[Strokes], Tensor], 
 def psnr_after(laid: Laid, target: Tensor, steps: int) -> float:
     """Compute the PSNR in dB of a canvas after its strokes have been optimised for ``steps`` steps."""
 
-    def drawn(strokes: Strokes) -> Tensor:
+    def draw_strokes(strokes: Strokes) -> Tensor:
         return draw(laid.form, strokes, laid.size, laid.background)
 
-    canvas = drawn(refine(laid.strokes, target, drawn, steps)) if steps else laid.canvas
+    canvas = draw_strokes(refine(laid.strokes, target, draw_strokes, steps)) if steps else laid.canvas
     return psnr_of(float((canvas.clamp(0, 1) - target).square().mean()))

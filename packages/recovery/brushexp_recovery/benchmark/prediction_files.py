@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from brushexp.contracts import UserError
-from brushexp.contracts.files import catalogue_suffixes, opened
+from brushexp.contracts.files import catalogue_suffixes, open_hdf5
 from brushexp.contracts.strokes import load_catalogue
 from brushexp_recovery.benchmark.prediction import (
     GREY,
@@ -54,7 +54,7 @@ def is_recovered(path: Path) -> bool:
     """Check whether a catalogue contains the visible regions and confidences of recovered strokes."""
     if path.suffix.lower() != ".h5":
         return False
-    with opened(path, "give another one") as file:
+    with open_hdf5(path, "give another one") as file:
         return GROUP in file
 
 

@@ -156,4 +156,4 @@ def _is_too_large(moments):
 
 
 chance = perceptron_chance  # computes in `merge` the probability that two regions are one stroke
-merge_by_affinity = merge.having(chance=mean_affinity)
+merge_by_affinity = merge.with_parts(chance=mean_affinity)

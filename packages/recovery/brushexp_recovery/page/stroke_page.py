@@ -20,6 +20,8 @@ from brushexp_recovery.measure.stroke_table import (
 TEMPLATES = Path(__file__).parent / "templates"
 PAGE_NAME = "strokes.html"
 JPEG = {"format": "JPEG", "quality": 92, "subsampling": 0}
+SHOWN = 0.5  # minimum confidence of the strokes shown at first, and least share of the strokes that are shown
+THRESHOLD_STEPS = 20  # steps of this confidence from 0 to 1
 TEXT_COLUMNS = ("measure", "unit", "apart")
 FILES = {
     "catalogue.h5": "the strokes, for other tasks",
@@ -44,12 +46,12 @@ def write_page(
     name: str,
     *,
     tables: Tables | None = None,
-    threshold: float = 0.5,
+    threshold: float | None = None,
 ) -> Path:
     """Write ``strokes.html`` into a folder, as a self-contained page with links to the other files there.
 
     ``image`` (H, W, 3) uint8 is the photograph at full size, and ``threshold`` is the minimum confidence of the strokes
-    that are shown initially.
+    that are shown initially; None for `initial_threshold`.
     """
     html = page_of(image, strokes, name, tables=tables, threshold=threshold, folder=folder)
     write_text(folder / PAGE_NAME, html)
@@ -62,12 +64,13 @@ def page_of(
     name: str,
     *,
     tables: Tables | None = None,
-    threshold: float = 0.5,
+    threshold: float | None = None,
     folder: Path | None = None,
 ) -> str:
     """Return the HTML of the page; without a ``folder``, it contains no links to files."""
     height, width = strokes.size
     mm = strokes.mm
+    threshold = initial_threshold(strokes.columns["confidence"]) if threshold is None else threshold
     lead = f"{len(strokes):,} strokes recovered from {width:,} × {height:,} pixels"
     covered = f"They cover {100 * covered_share(strokes):.0f} % of the surface"
     read = f"{covered}, and the figures describe only that part; {describe_rest(strokes)}."
@@ -95,6 +98,22 @@ def page_of(
         files=files,
         tables=raised,
     )
+
+
+def initial_threshold(confidence: np.ndarray) -> float:
+    """Return the minimum confidence of the strokes shown at first: 0.5, or less so that half of the strokes are shown.
+
+    On photographs of real paintings, most confidences are below 0.5.
+
+    >>> initial_threshold(np.array([0.9, 0.8, 0.3]))
+    0.5
+    >>> initial_threshold(np.array([0.12, 0.28, 0.55]))
+    0.25
+    """
+    if not len(confidence):
+        return SHOWN
+    rounded = np.floor(THRESHOLD_STEPS * np.quantile(confidence, 1 - SHOWN)) / THRESHOLD_STEPS
+    return float(min(SHOWN, rounded))
 
 
 def data_of(strokes: StrokeTable, name: str) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from brushexp.contracts import UserError
-from brushexp.contracts.files import HDF5, dataset_of, explaining, fixed, numbers_of, opened, replacing
+from brushexp.contracts.files import HDF5, dataset_of, encode_fixed, explaining, numbers_of, open_hdf5, replacing
 from brushexp.contracts.strokes import CATALOGUE_NAME, Saved, load_catalogue, save_catalogue
 
 Array = NDArray[Any]
@@ -52,14 +52,14 @@ def write_recovered(path: Path, recovered: Recovered) -> None:
                 values["ground"] = recovered.ground.astype(np.uint8)
             for name, value in values.items():
                 packed = {"compression": "gzip", "shuffle": True, "fletcher32": True} if value.size else {}
-                group.create_dataset(name, data=value, **packed).attrs["unit"] = fixed(UNITS[name])
+                group.create_dataset(name, data=value, **packed).attrs["unit"] = encode_fixed(UNITS[name])
 
 
 def read_recovered(path: Path) -> Recovered:
     """Read a file that `write_recovered` wrote, given its path or folder; raise UserError for any other file."""
     saved = load_catalogue(path)
     path, cure = path / CATALOGUE_NAME if path.is_dir() else path, "give the catalogue.h5 of task=recover"
-    with opened(path, cure) as file, explaining(path, cure):
+    with open_hdf5(path, cure) as file, explaining(path, cure):
         if GROUP not in file:
             raise UserError(f"strokes that were painted, not recovered; {cure}")
         confidence = numbers_of(dataset_of(file, f"{GROUP}/confidence", np.float32, (len(saved.strokes),)))

@@ -79,7 +79,11 @@ class MeasureTask(Task):
     correct: bool = key(
         True, "whether figures are corrected for recovery's error; false if you have corrected the strokes by hand"
     )
-    threshold: float = key(0.5, "minimum confidence of the strokes that the page shows at first", between(0, 1))
+    threshold: float | None = key(
+        None,
+        "minimum confidence of the strokes shown first on the page; null = 0.5, or less so that half are shown",
+        between(0, 1),
+    )
     seed: int = key(0, "seed of views and draws", at_least(0))
 
     @staticmethod

@@ -65,9 +65,9 @@ class RecoveryJob(NetworkJob):
         model.eval()
         self.data.start_painting()
         with showing("learning to judge") as show:
-            held_out = self.data.held_out(FOR_CONFIDENCE, VALIDATED)
+            held_out = self.data.held_out_paintings(FOR_CONFIDENCE, VALIDATED)
             fitted = fit_classifiers(model, held_out, self.cfg.seed, show)
-        held_out = self.data.held_out(HELD_OUT_COUNT, FOR_CONFIDENCE)
+        held_out = self.data.held_out_paintings(HELD_OUT_COUNT, FOR_CONFIDENCE)
         fitted |= fit_order_and_confidence(model, held_out, self.cfg.seed)
         self.data.teardown("fit")
         figures: dict[str, object] = {**self.module.figures, **fitted}

@@ -88,7 +88,7 @@ class RecoveryData(L.LightningDataModule):
     def val_dataloader(self) -> StrokeLoader:
         return StrokeLoader(lambda _epoch, _first: self._validation_batches(), VALIDATED)
 
-    def held_out(self, end: int, first: int = 0) -> list[KnownPainting]:
+    def held_out_paintings(self, end: int, first: int = 0) -> list[KnownPainting]:
         """Return the held-out paintings from ``first`` to ``end - 1``, waiting until they exist."""
         self._wait(self._held_out_paths, end)
         return [load_painting(path) for path in self._held_out_paths()[first:end]]
@@ -104,7 +104,7 @@ class RecoveryData(L.LightningDataModule):
 
     def _validation_batches(self) -> Iterator[Crops]:
         random = np.random.default_rng(self.seed)
-        for painting in self.held_out(VALIDATED):
+        for painting in self.held_out_paintings(VALIDATED):
             yield batch_of([cut_crop(painting, random) for _ in range(VALIDATION_CROPS)])
 
     def _batches(self, epoch: int, first: int) -> Iterator[Crops]:

@@ -88,13 +88,13 @@ def _fit_plane(at: Array, error: Array, measure: Measure) -> tuple[float, Array]
 def write_errors(path: Path, error: RecoveryError) -> None:
     """Write errors to a JSON file that `read_errors` can read."""
     measures = {
-        name: {"mean": round(one.mean, DIGITS), "slopes": _rounded(one.slopes), "rest": _rounded(one.rest)}
+        name: {"mean": round(one.mean, DIGITS), "slopes": _round_values(one.slopes), "rest": _round_values(one.rest)}
         for name, one in error.errors.items()
     }
     head = {"format": "brushexp errors of measures", "weights": error.weights, "paintings": list(error.paintings)}
-    write_json(path, {**head, "predictors": _rounded(error.predictors), "measures": measures})
+    write_json(path, {**head, "predictors": _round_values(error.predictors), "measures": measures})
 
 
-def _rounded(values: Array) -> Any:
+def _round_values(values: Array) -> Any:
     """Round the values of an array, and convert it to lists."""
     return np.round(values, DIGITS).tolist()

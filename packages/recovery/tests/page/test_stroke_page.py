@@ -90,6 +90,13 @@ def test_names_are_escaped_and_nothing_is_asked_of_other_places():
     assert "http" not in html.replace("http://www.w3.org", "").replace("http-equiv", "")
 
 
+def test_a_page_shows_at_least_half_of_the_strokes_at_first(opened, tmp_path):
+    table, image = table_and_image()
+    unsure = replace(table, columns={**table.columns, "confidence": np.array([0.1, 0.22, 0.3])})
+    page = opened(write_page(tmp_path, image, unsure, "x.jpg")).page
+    page.locator("#count", has_text="2 of 3 recovered strokes have a confidence of 0.20 or more").wait_for()
+
+
 def test_a_visitor_chooses_strokes_picks_one_and_exports_what_is_shown(opened, tmp_path):
     table, image = table_and_image()
     watched = opened(write_page(tmp_path, image, table, "x.jpg", threshold=0.5))

@@ -92,9 +92,9 @@ def test_paintings_that_no_process_makes_are_not_waited_for(pool, monkeypatch):
     monkeypatch.setattr(data.subprocess, "Popen", lambda *_, **__: SimpleNamespace(poll=lambda: 1, terminate=int))
     pool.start_painting()
     assert len(pool.processes) == 2  # one for training paintings, one for held-out paintings
-    assert len(pool.held_out(VALIDATED)) == VALIDATED
+    assert len(pool.held_out_paintings(VALIDATED)) == VALIDATED
     with pytest.raises(UserError, match="no paintings can be made for training"):
-        pool.held_out(VALIDATED + 1)
+        pool.held_out_paintings(VALIDATED + 1)
     pool.teardown("fit")
     assert not pool.processes
 
@@ -120,7 +120,7 @@ def test_paintings_of_families_that_are_left_out_are_neither_made_nor_learnt_fro
     assert sorted(path.stem for path in some.loaded) == ["000001", "000002-washes"]
     assert some.held_out_numbers[:2] == [FIRST_HELD_OUT, FIRST_HELD_OUT + 2]
     assert len(some.held_out_numbers) == data.HELD_OUT_COUNT
-    assert len(some.held_out(2)) == 2
+    assert len(some.held_out_paintings(2)) == 2
 
 
 def test_without_families_engines_make_every_painting(tmp_path, families_of_paintings):

@@ -89,7 +89,7 @@ def setters_of(key: str, analyses: Sequence[Analysis]) -> str:
     return ", ".join(dict.fromkeys(one.sizes_by for one in analyses if one.sizes_by and key in SIZE_MEASURES))
 
 
-def marked(key: str, analyses: Sequence[Analysis]) -> str:
+def name_with_setters(key: str, analyses: Sequence[Analysis]) -> str:
     """Return the name of a measure, followed by any settings that fixed it regardless of the picture."""
     setters = setters_of(key, analyses)
     return MEASURES[key].name + f" (set by {setters})" * bool(setters)
@@ -106,14 +106,14 @@ def _statistics(analysis: Analysis) -> str:
     for key, measure in MEASURES.items():
         for unit, values in {measure.unit: analysis.values(key), relative_unit(key): analysis.relative(key)}.items():
             texts = {STATISTICS[name]: three_digits(x) for name, x in statistics_of(values, measure.axial).items()}
-            rows.append({"measure": marked(key, [analysis]), "unit": unit} | texts)
+            rows.append({"measure": name_with_setters(key, [analysis]), "unit": unit} | texts)
     return markdown_table(rows, align="ll" + "r" * len(STATISTICS))
 
 
 def _comparison(one: Analysis, other: Analysis) -> list[str]:
     rows = []
     for key, far in comparison_of(one, other).items():
-        row = {"measure": marked(key, [one, other]), "unit": relative_unit(key)}
+        row = {"measure": name_with_setters(key, [one, other]), "unit": relative_unit(key)}
         for each in (one, other):
             side = statistics_of(each.relative(key), MEASURES[key].axial)
             row[each.name] = f"{three_digits(side['mean'])} ± {three_digits(side['sd'])}"

@@ -32,7 +32,7 @@ def corrupt(valid: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor, 
     return shapes, torch.where(_columns(groups), 0.5 * (shapes + valid), shapes), kind
 
 
-def _boxed(valid: Tensor, generator: torch.Generator) -> Tensor:
+def _sample_in_box(valid: Tensor, generator: torch.Generator) -> Tensor:
     """Sample new points in a box larger than that of valid strokes, up to 3000 half-windows from the middle.
 
     Half of the strokes also get a width outside the valid range, of up to 1000 sides of the window.
@@ -43,7 +43,7 @@ def _boxed(valid: Tensor, generator: torch.Generator) -> Tensor:
     return torch.cat([points, width], dim=1)
 
 
-def _enlarged(valid: Tensor, generator: torch.Generator) -> Tensor:
+def _enlarge(valid: Tensor, generator: torch.Generator) -> Tensor:
     """Enlarge a stroke until it extends up to 3000 half-windows beyond the window's border; its shape is preserved."""
     points, width = valid.split([6, 1], dim=1)
     farthest = INSET + _log_uniform(len(valid), SMALLEST_INTRUSION, FARTHEST_INVALID, generator)
@@ -51,7 +51,7 @@ def _enlarged(valid: Tensor, generator: torch.Generator) -> Tensor:
     return torch.cat([points * reach, width], dim=1)
 
 
-def _shifted(valid: Tensor, generator: torch.Generator) -> Tensor:
+def _shift(valid: Tensor, generator: torch.Generator) -> Tensor:
     """Move a stroke partly or wholly out of the window; its shape is preserved."""
     n = len(valid)
     points, width = valid.split([6, 1], dim=1)
@@ -63,7 +63,7 @@ def _shifted(valid: Tensor, generator: torch.Generator) -> Tensor:
     return torch.cat([points + shift.repeat(1, 3), width], dim=1)
 
 
-def _mixed(valid: Tensor, generator: torch.Generator) -> Tensor:
+def _mix(valid: Tensor, generator: torch.Generator) -> Tensor:
     return torch.where(_one_group(len(valid), generator), valid.roll(1, 0), valid)
 
 
@@ -91,7 +91,7 @@ def _outside(valid: Tensor, generator: torch.Generator) -> Tensor:
     return torch.where(where, torch.where(valid < 0, -beyond, beyond), valid)
 
 
-def _shortened(valid: Tensor, generator: torch.Generator) -> Tensor:
+def _shorten(valid: Tensor, generator: torch.Generator) -> Tensor:
     """Shorten a stroke, possibly to a point, until it is too short for its thickness; its bend is preserved."""
     start, control, end, width = valid.split([2, 2, 2, 1], dim=1)
     middle, chord = 0.5 * (start + end), end - start
@@ -101,7 +101,7 @@ def _shortened(valid: Tensor, generator: torch.Generator) -> Tensor:
     return torch.cat([*(middle + shrink * (point - middle) for point in (start, control, end)), width], dim=1)
 
 
-def _bent(valid: Tensor, generator: torch.Generator) -> Tensor:
+def _bend(valid: Tensor, generator: torch.Generator) -> Tensor:
     """Move the control point to 0.5 to 3000 chord lengths from the middle of the chord, in a random direction."""
     start, _, end, width = valid.split([2, 2, 2, 1], dim=1)
     length = torch.linalg.vector_norm(end - start, dim=1, keepdim=True)
@@ -110,8 +110,18 @@ def _bent(valid: Tensor, generator: torch.Generator) -> Tensor:
     return torch.cat([start, 0.5 * (start + end) + length * offset, end, width], dim=1)
 
 
-_ALL = (_boxed, _enlarged, _shifted, _mixed, _noisy, _partly_noisy, _off_width, _outside, _shortened, _bent)
-CORRUPTIONS: dict[str, Callable[[Tensor, torch.Generator], Tensor]] = {kind.__name__[1:]: kind for kind in _ALL}
+CORRUPTIONS: dict[str, Callable[[Tensor, torch.Generator], Tensor]] = {  # in the order of the discriminator's records
+    "boxed": _sample_in_box,
+    "enlarged": _enlarge,
+    "shifted": _shift,
+    "mixed": _mix,
+    "noisy": _noisy,
+    "partly_noisy": _partly_noisy,
+    "off_width": _off_width,
+    "outside": _outside,
+    "shortened": _shorten,
+    "bent": _bend,
+}
 
 
 def _uniform(n: int, columns: int, generator: torch.Generator) -> Tensor:

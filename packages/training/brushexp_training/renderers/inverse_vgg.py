@@ -11,7 +11,7 @@ from torch.nn import functional
 
 from brushexp.contracts import UserError, between, one_of, register
 from brushexp.contracts.families import PRECISIONS, RENDERERS, PatchRenderer
-from brushexp.contracts.files import in_short
+from brushexp.contracts.files import shorten_value
 from brushexp.contracts.networks import CoordConv, add_noise, fixed_grain, window_planes
 from brushexp.contracts.strokes import width_of
 from brushexp_training.renderers.neural import initialise
@@ -104,7 +104,7 @@ class InverseVGG(PatchRenderer):
         self.coordconv, self.tint, self.activate = coordconv, tint, getattr(functional, activation)
         sides = [COARSEST * 2**k for k in range((window // subpixel // COARSEST).bit_length())]
         by_size = [min(width * sides[-1] // side, widest) for side in sides]
-        widths = _checked([*dense, by_size[0], *(n for n in by_size[1:] for _ in range(CONVOLUTIONS))], channels)
+        widths = _choose_widths([*dense, by_size[0], *(n for n in by_size[1:] for _ in range(CONVOLUTIONS))], channels)
         in_dense, in_pictures = widths[: len(dense)], widths[len(dense) :]
         self.dense = nn.ModuleList(nn.Linear(a, b) for a, b in zip([10, *in_dense], in_dense, strict=False))
         self.first = Coarsest(in_dense[-1], in_pictures[0])
@@ -165,7 +165,7 @@ class InverseVGG(PatchRenderer):
         return None
 
 
-def _checked(widths: list[int], channels: list[int] | None) -> list[int]:
+def _choose_widths(widths: list[int], channels: list[int] | None) -> list[int]:
     """Return the ``channels`` of a pruned network if they are given, and otherwise ``widths``.
 
     Raises UserError if the channels are invalid or the network is too large.
@@ -173,7 +173,7 @@ def _checked(widths: list[int], channels: list[int] | None) -> list[int]:
     if channels is not None:
         possible = isinstance(channels, list) and all(isinstance(n, int) and 1 <= n <= 65536 for n in channels)
         if not possible or len(channels) != len(widths):
-            wrong = f"renderer.channels={in_short(channels)} are not {len(widths)} widths, all but the last"
+            wrong = f"renderer.channels={shorten_value(channels)} are not {len(widths)} widths, all but the last"
             raise UserError(f"{wrong}; leave it at null, or give the widths from task=prune")
         widths = channels
     numbers = 9 * sum(a * b for a, b in pairwise(widths))

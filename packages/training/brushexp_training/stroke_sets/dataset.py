@@ -25,10 +25,10 @@ from brushexp.contracts.files import (
     check_format_version,
     dataset_of,
     explaining,
-    in_short,
     json_of,
     numbers_of,
-    opened,
+    open_hdf5,
+    shorten_value,
     text_of,
     whole_number_of,
 )
@@ -97,7 +97,7 @@ class Shard:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.file = opened(path, "give a set of task=simulate", rdcc_nbytes=0)  # whole chunks are read only once
+        self.file = open_hdf5(path, "give a set of task=simulate", rdcc_nbytes=0)  # whole chunks are read only once
         try:
             with explaining(path, CURE):
                 self._read_head()
@@ -119,7 +119,7 @@ class Shard:
         except UserError as error:
             raise UserError(f"attribute engine_config is {error}; {CURE}") from error
         if not isinstance(options, dict):
-            raise UserError(f"attribute engine_config is {in_short(config)}, not JSON of the engine's options")
+            raise UserError(f"attribute engine_config is {shorten_value(config)}, not JSON of the engine's options")
         self.first, n, window, self.seed = (whole_number_of(file, name) for name in ("first", "n", "window", "seed"))
         self.origin = Origin(text_of(file, "engine"), options, window)
         if self.first < 0 or not 1 <= n <= MOST_STROKES or window < 1:

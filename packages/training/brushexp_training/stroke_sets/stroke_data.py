@@ -32,7 +32,7 @@ def stroke_data(cfg: DictConfig) -> StrokeData:
         engine: Engine = build(node)
         origin = origin_of(node, engine)
         if cfg.get("simulate") is None:
-            seed = next(iter(training_of(cfg)[1]), cfg.seed)  # brushes depend on this seed
+            seed = next(iter(origin_of_training(cfg)[1]), cfg.seed)  # brushes depend on this seed
             return SimulatedData(engine, origin, batch_size=batch_size, seed=seed, held_out=cfg.get("n") or HELD_OUT)
         mark = hashlib.sha256(json.dumps(origin.settings(), sort_keys=True).encode()).hexdigest()[:8]
         path = Path(cfg.sets) / f"{origin.engine}-{origin.window}-{mark}-seed{cfg.seed}-{cfg.simulate}"
@@ -83,7 +83,7 @@ def engine_node(cfg: DictConfig) -> DictConfig:
 
     Options that the user has not set are those with which the training strokes of the measured renderer were made.
     """
-    plugin, (trained, _) = plugin_of(cfg.engine), training_of(cfg)
+    plugin, (trained, _) = plugin_of(cfg.engine), origin_of_training(cfg)
     if trained is None or trained.engine != plugin.name:
         return cfg.engine
     usual = OmegaConf.structured(plugin.config)
@@ -96,7 +96,7 @@ def engine_node(cfg: DictConfig) -> DictConfig:
         return cfg.engine
 
 
-def training_of(cfg: DictConfig) -> tuple[Origin | None, list[int]]:
+def origin_of_training(cfg: DictConfig) -> tuple[Origin | None, list[int]]:
     """Read the origin and seeds of the strokes on which a renderer was trained.
 
     Returns (None, []) if they are unknown, or if ``other_data`` allows strokes of other origins.
@@ -117,7 +117,7 @@ def check_origin(cfg: DictConfig) -> Origin:
 
     Brushes depend on the seeds of the sets, so these must also agree. ``other_data`` allows other origins.
     """
-    (origin, seeds), (trained, trained_seeds) = origin_for(cfg), training_of(cfg)
+    (origin, seeds), (trained, trained_seeds) = origin_for(cfg), origin_of_training(cfg)
     if trained is not None and (difference := first_difference(trained.settings(), origin.settings())):
         name = f"engine={origin.engine}" if cfg.data is None else cfg.data[0]
         raise UserError(

@@ -21,7 +21,7 @@ from torch import Tensor
 
 from brushexp.contracts import UserError
 from brushexp.contracts.families import Engine, Simulated
-from brushexp.contracts.files import HDF5, TEMPORARY, counting, fixed, write_bytes
+from brushexp.contracts.files import HDF5, TEMPORARY, counting, encode_fixed, write_bytes
 from brushexp.contracts.machine import interruptible
 from brushexp.contracts.strokes import parameters_of, sample_prior
 from brushexp_training.stroke_sets.dataset import (
@@ -57,7 +57,7 @@ def simulate_set(path: Path, engine: Engine, origin: Origin, seed: int, n: int, 
     UserError if the set is larger or has other settings. Ctrl-C stops after the current batch and keeps all simulated
     strokes.
     """
-    with _locked(path, wait):
+    with _lock(path, wait):
         for rest in path.glob(TEMPORARY):  # left by a killed process
             rest.unlink()
         shards = whole_shards(path, origin, seed, n)
@@ -88,7 +88,7 @@ def _simulate_missing(path: Path, engine: Engine, origin: Origin, seed: int, n: 
                     _write(path, parts, first, origin, seed)
 
 
-def _locked(path: Path, wait: bool) -> AbstractContextManager[object]:
+def _lock(path: Path, wait: bool) -> AbstractContextManager[object]:
     try:
         path.mkdir(parents=True, exist_ok=True)
         return FileLock(path / "lock", timeout=-1 if wait else 0).acquire()
@@ -129,20 +129,20 @@ def _write(path: Path, parts: list[Rows], first: int, origin: Origin, seed: int)
     memory = io.BytesIO()  # h5py does not report why writing to a file failed
     with h5py.File(memory, "w", libver=(HDF5, HDF5)) as file:
         file.attrs.update(
-            format=fixed(FORMAT),
+            format=encode_fixed(FORMAT),
             format_version=VERSION,
             first=first,
             n=len(rows["params"]),
             seed=np.uint64(seed),
-            engine=fixed(origin.engine),
-            engine_config=fixed(json.dumps(origin.engine_config, sort_keys=True)),
+            engine=encode_fixed(origin.engine),
+            engine_config=encode_fixed(json.dumps(origin.engine_config, sort_keys=True)),
             window=origin.window,
-            splits=fixed(SPLITS),
+            splits=encode_fixed(SPLITS),
         )
         for name, value in rows.items():
             row = value.shape[1:]  # resizable, because fixed datasets cannot be shorter than a chunk
             layout = {"data": value, "chunks": (BLOCK, *row), "maxshape": (None, *row)}
-            file.create_dataset(name, **layout, **PACKED).attrs["unit"] = fixed(UNITS[name])
+            file.create_dataset(name, **layout, **PACKED).attrs["unit"] = encode_fixed(UNITS[name])
     write_bytes(path / f"{first:09}.h5", memory.getvalue(), key="path")
 
 

@@ -51,7 +51,7 @@ class YuNet(nn.Module):
                 self.add_module(f"{head}{level}", Unit(WIDTH, answers, rectify=False))
 
     @classmethod
-    def trained(cls) -> "YuNet":
+    def load_shipped(cls) -> "YuNet":
         """Load the network with the shipped weights, frozen."""
         network = cls()
         network.load_state_dict(read_safetensors(WEIGHTS, "reinstall brushexp"))
@@ -67,7 +67,7 @@ class YuNet(nn.Module):
         parts = []
         for level, (stride, features) in enumerate(zip(STRIDES, self.features(padded[None]), strict=True)):
             answers = {head: self.get_submodule(f"{head}{level}")(features)[0] for head in HEADS}
-            parts.append(_decoded(answers, stride))
+            parts.append(_decode(answers, stride))
         return Candidates(*(torch.cat(columns) for columns in zip(*parts, strict=True)))
 
     def features(self, picture: Tensor) -> list[Tensor]:
@@ -102,7 +102,7 @@ class Unit(nn.Module):
         return x.relu() if self.rectify else x
 
 
-def _decoded(answers: dict[str, Tensor], stride: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+def _decode(answers: dict[str, Tensor], stride: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
     """Decode the outputs (C, h, w) at one stride into scores, centres, sizes and landmarks of h * w candidates."""
     score = (answers["cls"].sigmoid() * answers["obj"].sigmoid()).sqrt().flatten()
     height, width = answers["cls"].shape[1:]
@@ -113,4 +113,4 @@ def _decoded(answers: dict[str, Tensor], stride: int) -> tuple[Tensor, Tensor, T
     return score, stride * (place + box[:, :2]), stride * box[:, 2:].exp(), stride * (place[:, None] + landmarks)
 
 
-open_network = cache(YuNet.trained)  # once per process
+open_network = cache(YuNet.load_shipped)  # once per process

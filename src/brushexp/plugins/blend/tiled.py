@@ -17,7 +17,7 @@ from brushexp.errors import UserError
 from brushexp.plugins.blend.base import Blend, match_dtype
 from brushexp.plugins.blend.dense import over
 from brushexp.registry import register
-from brushexp.system.published import published
+from brushexp.system.published import entry_points_of
 
 log = logging.getLogger(__name__)
 KERNELS = "brushexp.kernels"  # entry-point group: kernel -> function like `Rasterization`, None if it cannot draw
@@ -86,7 +86,7 @@ def _drawer(kernel: str) -> Callable[..., Rasterizer | None] | None:
     """Find the function that creates the rasteriser of a kernel, in the core or in a package."""
     if kernel == "numba":
         return Rasterization
-    point = published(KERNELS).get(kernel)
+    point = entry_points_of(KERNELS).get(kernel)
     return None if point is None else point.load()
 
 

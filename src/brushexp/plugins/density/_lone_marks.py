@@ -4,7 +4,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.pictures.structure import sampled_at
+from brushexp.pictures.structure import sample_at
 from brushexp.strokes.bezier import half_width_of, point_at, shape_of
 from brushexp.strokes.catalogue import Strokes
 
@@ -74,7 +74,7 @@ def _ring(curve: Tensor, half: Tensor) -> Array:
 def _sample(picture: Array, places: Array) -> Array:
     """Look up the colours (P, N, 3) of a picture (3, H, W) at points (P, N, 2)."""
     x, y = places.reshape(-1, 2).T
-    return sampled_at(picture, x, y).T.reshape(*places.shape[:2], 3)
+    return sample_at(picture, x, y).T.reshape(*places.shape[:2], 3)
 
 
 def _size_of_groups(points: Array, color: Array, reach: float) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 from torch import Tensor
 
 from brushexp.bounds import at_least
-from brushexp.pictures.structure import along_edges, sampled_at, structure_tensor
+from brushexp.pictures.structure import along_edges, sample_at, structure_tensor
 from brushexp.plugins.density._rounds import CHANNELS, Rounds
 from brushexp.plugins.density.base import DensificationState
 from brushexp.registry import register
@@ -113,19 +113,19 @@ def lines_of_width(target: Array, maps: Array, width: float, most: int) -> Lines
     from scipy.ndimage import maximum_filter, uniform_filter  # noqa: PLC0415  (--help does not need it)
 
     zoom = max(1, min(round(width / FINE), *target.shape[1:]))
-    target, maps = _reduced(target, zoom), _reduced(maps, zoom)
+    target, maps = _average_squares(target, zoom), _average_squares(maps, zoom)
     error = uniform_filter(maps[9], 3, mode="constant")
     row, column = np.nonzero((error == maximum_filter(error, PEAK)) & (error >= np.quantile(error, SEEDS)))
     worst = np.argsort(-error[row, column], kind="stable")[:most]
     seeds = np.stack([column[worst], row[worst]], 1) + 0.5
     angle = along_edges(structure_tensor(target, SMOOTHING))
-    back, forth = (_traced(angle, seeds, sign) for sign in (-1, 1))
+    back, forth = (_trace(angle, seeds, sign) for sign in (-1, 1))
     points = np.concatenate([back[:, ::-1], seeds[:, None], forth], axis=1)
     used, color, gain = best_parts(points, maps, width / zoom, SOFT / zoom)
     return Lines(points * zoom, used, np.full(len(points), width), color, gain * zoom**2)
 
 
-def _reduced(maps: Array, zoom: int) -> Array:
+def _average_squares(maps: Array, zoom: int) -> Array:
     """Average maps (C, H, W) over squares; incomplete squares at the right and bottom are dropped."""
     channels, height, width = maps.shape
     rows, columns = height // zoom, width // zoom
@@ -133,11 +133,11 @@ def _reduced(maps: Array, zoom: int) -> Array:
     return maps if zoom == 1 else squares.mean((2, 4))
 
 
-def _traced(angle: Array, seeds: Array, sign: int) -> Array:
+def _trace(angle: Array, seeds: Array, sign: int) -> Array:
     """Trace points (M, ., 2) along directions (H, W), in radians, forwards or backwards from ``seeds`` (M, 2: x, y)."""
     points, place, direction = [], seeds, np.zeros_like(seeds)
     for number in range(POINTS):
-        here = sampled_at(angle, place[:, 0], place[:, 1])
+        here = sample_at(angle, place[:, 0], place[:, 1])
         new = np.stack([np.cos(here), np.sin(here)], 1)
         same_way = (new * direction).sum(1, keepdims=True) >= 0 if number else sign > 0
         direction = (1 - OLD) * np.where(same_way, new, -new) + OLD * direction
@@ -157,9 +157,9 @@ def best_parts(points: Array, maps: Array, width: float, soft: float) -> tuple[A
     each, numbers = np.arange(len(points)), np.arange(points.shape[1])
     sums = np.pad(_moments(points, maps, width, soft).cumsum(2), ((0, 0), (0, 0), (1, 0)))  # (5, M, .)
     ahead = sums[:, :, POINTS + 2 :] - sums[:, :, POINTS, None]
-    end = POINTS + 1 + _explained(ahead)[1].argmax(1)
+    end = POINTS + 1 + _fit_colors(ahead)[1].argmax(1)
     behind = sums[:, each, end + 1, None] - sums[:, :, POINTS - 1 :: -1]
-    color, gain = _explained(behind)
+    color, gain = _fit_colors(behind)
     back = gain.argmax(1)
     begin = POINTS - 1 - back
     used = (numbers > begin[:, None]) & (numbers < end[:, None])
@@ -175,7 +175,7 @@ def _moments(points: Array, maps: Array, width: float, soft: float) -> Array:
     offset = ((np.arange(SAMPLES) + 0.5) / SAMPLES * 2 - 1) * reach
     place = points[:, :, None] + offset[:, None] * across[:, :, None]  # (M, points, SAMPLES, 2)
     inside = ((place >= 0) & (place < np.array(maps.shape[:0:-1]))).all(-1)
-    seen = sampled_at(maps[:9], place[..., 0], place[..., 1])
+    seen = sample_at(maps[:9], place[..., 0], place[..., 1])
     alpha = (OPACITY * _coverage(offset, width, soft) * inside).astype(seen.dtype)
     square, pixels = alpha**2, STEP * 2 * reach / SAMPLES
     parts = [*(square * seen[:3] + alpha * seen[3:6]), square * seen[6], square * seen[7] + 2 * alpha * seen[8]]
@@ -189,7 +189,7 @@ def _coverage(distance: Array, width: float, soft: float) -> Array:
     return total
 
 
-def _explained(moments: Array) -> tuple[Array, Array]:
+def _fit_colors(moments: Array) -> tuple[Array, Array]:
     """Compute the best colour (3, ...) for each stroke and the resulting gain (...) from moments (5, ...)."""
     color = (moments[:3] / moments[3].clip(1e-9)).clip(0, 1)
     return color, 2 * (color * moments[:3]).sum(0) - (color**2).sum(0) * moments[3] - moments[4]

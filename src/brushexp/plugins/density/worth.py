@@ -138,7 +138,7 @@ class Worth(Density):
             price = BITS * self.price * state.zoom**2
             new, _ = proposals(state, most, PROMISE * price)
         else:
-            missing = _total_error(state) - SETTLED * _allowed(state, state.psnr)
+            missing = _total_error(state) - SETTLED * _allowed_error(state, state.psnr)
             new, gain = _as_many_as_gain(missing, *proposals(state, most, 0.0))
             price = SWAP * float(gain.min()) if len(new) else 0.0
         keep = _worth_more(importance, price)
@@ -193,13 +193,13 @@ class Worth(Density):
         """Add or remove strokes so that the painting is expected to end at the given PSNR."""
         left = min(1.0, 2 * (1 - state.step / state.steps))
         expected = _total_error(state) / (1 + (SETTLED - 1) * left)
-        slack = _allowed(state, psnr) - expected
+        slack = _allowed_error(state, psnr) - expected
         return self._more(state, -slack) if slack < 0 else self._fewer(state, slack / (1 - RECOVERED))
 
     def _correct(self, state: DensificationState) -> DensificationUpdate | None:
         """Add strokes if the painting is not good enough, otherwise try fewer strokes, or finish."""
         assert state.psnr is not None
-        slack = _allowed(state, state.psnr) - _total_error(state)
+        slack = _allowed_error(state, state.psnr) - _total_error(state)
         steps = state.step + EXTRA if state.step + EXTRA <= LONGEST * self._limit else None
         if slack < 0 and self._trials.strokes is None:
             update = self._more(state, -slack)
@@ -297,7 +297,7 @@ def _total_error(state: DensificationState) -> float:
     return _mean_error(state) * state.target.numel()
 
 
-def _allowed(state: DensificationState, psnr: float) -> float:
+def _allowed_error(state: DensificationState, psnr: float) -> float:
     """Compute the squared error, summed over pixels and channels, at which an 8-bit painting reaches this PSNR."""
     return (10 ** (-(psnr + MARGIN) / 10) - ROUNDING) * state.target.numel()
 

@@ -36,7 +36,7 @@ def gradients(profile: Profile, number: Tensor, digits: int) -> Iterator[tuple[s
     ends = torch.stack([middle - half, middle + half], dim=1)
     drifts = (profile.drift.abs().amax(1) > ONE_COLOR) & ends.isfinite().all((1, 2))
     colors = zip(*(hexadecimal(profile.color + k * profile.drift) for k in (0, -1, 1)), strict=True)
-    rows = zip(drifts.tolist(), number.tolist(), rounded(ends, digits).flatten(1).tolist(), colors, strict=True)
+    rows = zip(drifts.tolist(), number.tolist(), round_to(ends, digits).flatten(1).tolist(), colors, strict=True)
     for is_gradient, name, line, (plain, first, last) in rows:
         if not is_gradient:
             yield "", plain
@@ -53,13 +53,13 @@ def _numbers(*values: float) -> str:
 
 def curve_paths(curve: Tensor, digits: int) -> Iterator[str]:
     """Write quadratic Bezier curves (N, 3, 2) as SVG path data; a point becomes a very short line."""
-    curve = rounded(curve, digits)
-    further = rounded((curve[:, 1:] - curve[:, :1]).flatten(1), digits)
+    curve = round_to(curve, digits)
+    further = round_to((curve[:, 1:] - curve[:, :1]).flatten(1), digits)
     for start, ends in zip(curve[:, 0].tolist(), further.tolist(), strict=True):
         yield f"M{_numbers(*start)}" + (f"q{_numbers(*ends)}" if any(ends) else f"h{_numbers(10**-digits)}")
 
 
-def rounded(values: Tensor, digits: int) -> Tensor:
+def round_to(values: Tensor, digits: int) -> Tensor:
     """Round to ``digits`` decimals, avoiding -0."""
     return values.round(decimals=digits) + 0.0
 
@@ -84,7 +84,7 @@ def outline_paths(profile: Profile, middle: Tensor, offset: Tensor, digits: int)
     sides = (point + reach).flatten(2), (point - reach).flip(2).flatten(2)  # (N, K, 2 T): x, y, x, y, ...
     tips = half[..., -1:] * (folds | point_like)[:, None, None]
     tables = (*sides, half[..., [0, -2]], tips, point_at(curve, bend))
-    columns = [rounded(table, digits).tolist() for table in tables]
+    columns = [round_to(table, digits).tolist() for table in tables]
     for lefts, rights, halves, discs, (x, y) in zip(*columns, strict=True):
         outlines = []
         for side, back, (first, last), (tip,) in zip(lefts, rights, halves, discs, strict=True):

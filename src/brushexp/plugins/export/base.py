@@ -91,7 +91,7 @@ class ExportJob:
         ``flat`` (3, H, W) holds these colours if they have already been painted.
         """
         if self.light.depth:
-            painting = self._lit(flat)
+            painting = self._shaded_bands(flat)
         elif not self.is_bare:
             parts = cuts(self.strokes, self.size, self.renderer)
             painting = ((top, self.on_paper(Rows(top, rows, self.size), flat)) for top, rows, _ in parts)
@@ -133,7 +133,7 @@ class ExportJob:
             ground = None if self.paper is None else self.paper.relief(wide).numpy()
             yield top, rows, paint if ground is None else surface_height(paint, ground, typical)
 
-    def _lit(self, flat: Tensor | None) -> Iterator[tuple[int, Tensor]]:
+    def _shaded_bands(self, flat: Tensor | None) -> Iterator[tuple[int, Tensor]]:
         for top, rows, height in self._heights():
             colors = self.on_paper(Rows(top, rows, self.size), flat)
             facing = normals_of(height, self.light.depth, slice(int(top > 0), int(top > 0) + rows))

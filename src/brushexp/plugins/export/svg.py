@@ -18,7 +18,7 @@ from brushexp.compositing.profile import Profile, smooth_rise
 from brushexp.plugins.export._prints import bitmap
 from brushexp.plugins.export._sprites import Sprites, draw_sprites, has_sprites
 from brushexp.plugins.export._svg_groups import stroke_groups
-from brushexp.plugins.export._svg_paths import curve_paths, gradients, hexadecimal, outline_paths, rounded
+from brushexp.plugins.export._svg_paths import curve_paths, gradients, hexadecimal, outline_paths, round_to
 from brushexp.plugins.export.base import Exporter, ExportJob
 from brushexp.registry import register
 from brushexp.shading.light import overlay
@@ -153,10 +153,10 @@ class Svg(Exporter):
         for group in stroke_groups(job, self.layers, self.colors):
             if group.layer != layer:
                 yield "</g>\n" * bool(layer)
-                yield _opening(f"layer-{group.layer}", f"layer {group.layer}")
+                yield _opening_tag(f"layer-{group.layer}", f"layer {group.layer}")
                 layer = group.layer
             if group.color is not None:
-                yield _opening(f"layer-{layer}-{group.color[1:]}", group.color)
+                yield _opening_tag(f"layer-{layer}-{group.color[1:]}", group.color)
             yield from self._drawn_strokes(group.number, profile, sprites)
             yield "</g>\n" * (group.color is not None)
         yield "</g>\n" * bool(layer)
@@ -187,24 +187,24 @@ class Svg(Exporter):
                 if not len(alike := ((counts == count) & (changes == filled)).nonzero()[:, 0]):
                     continue
                 part = Profile(soft=profile.soft, taper=profile.taper, **{k: v[alike] for k, v in rows.items()})
-                drawn = self._drawn(part, number[alike], count, filled=filled)
+                drawn = self._write_strokes(part, number[alike], count, filled=filled)
                 for index, text in zip(alike.tolist(), drawn, strict=True):
                     texts[index] = text
         yield from texts
 
-    def _drawn(self, profile: Profile, number: Tensor, count: int, *, filled: bool) -> Iterator[str]:
+    def _write_strokes(self, profile: Profile, number: Tensor, count: int, *, filled: bool) -> Iterator[str]:
         """Write each stroke as ``count`` stacked paths, which are ``filled`` outlines or curves with a width.
 
         A stroke with a drifting colour refers to a gradient named after its index in ``number`` (N,).
         """
         middle, offset, alpha = soft_edge(profile.half_width, profile.opacity, profile.soft + profile.softness, count)
-        widths = rounded(2 * (middle[:, None] + offset), self.digits).tolist()
+        widths = round_to(2 * (middle[:, None] + offset), self.digits).tolist()
         kind = "fill" if filled else "stroke"
         shapes: Iterable[list[str]] = ([text] * count for text in curve_paths(profile.curve, self.digits))
         if filled:
             shapes = outline_paths(profile, middle, offset, self.digits)
         paints = gradients(profile, number, self.digits)
-        rows = zip(shapes, paints, widths, rounded(alpha, ALPHA_DIGITS).tolist(), strict=True)
+        rows = zip(shapes, paints, widths, round_to(alpha, ALPHA_DIGITS).tolist(), strict=True)
         for paths, (gradient, paint), path_widths, opacities in rows:
             text = ""
             for d, width, opaque in zip(paths, path_widths, opacities, strict=True):
@@ -215,7 +215,7 @@ class Svg(Exporter):
             yield gradient + text if text else ""
 
 
-def _opening(name: str, label: str) -> str:
+def _opening_tag(name: str, label: str) -> str:
     """Write the opening tag of a group that Inkscape shows as a layer with this label."""
     return f'<g id="{name}" inkscape:groupmode="layer" inkscape:label="{label}">\n'
 

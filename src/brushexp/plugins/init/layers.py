@@ -13,7 +13,7 @@ from torch import Tensor, nn
 
 from brushexp.bounds import Rule, above, at_least, between
 from brushexp.pictures.load import named_color
-from brushexp.pictures.structure import FarStructure, along_edges, sampled_at
+from brushexp.pictures.structure import FarStructure, along_edges, sample_at
 from brushexp.plugins.init.base import Initializer
 from brushexp.plugins.init.grid import lattice
 from brushexp.registry import register
@@ -111,7 +111,7 @@ class InLayers(Initializer):
         n, limit = len(places), np.array([picture.shape[2], picture.shape[1]]) - 0.5
         shift = torch.randn(n, 2, generator=generator, dtype=torch.float64).numpy()
         places = (places + self.jitter * side * shift).clip(0.5, limit)
-        color = sampled_at(picture, *places.T).T
+        color = sample_at(picture, *places.T).T
         start, end = (self._trace(picture, flow, places, color, sign * 0.5 * self.length * side) for sign in (-1, 1))
         chord = (start + end) / 2
         middle = chord.clip(0.5, limit)
@@ -134,15 +134,15 @@ class InLayers(Initializer):
         The largest distance, in pixels, is ``reach``; if this is negative, the flow is traced backwards.
         """
         point, step = places.copy(), abs(reach) / SUBSTEPS
-        angle = sampled_at(flow, *point.T)
+        angle = sample_at(flow, *point.T)
         ahead = np.sign(reach) * np.stack([np.cos(angle), np.sin(angle)], 1)
         going = np.ones(len(places), bool)
         for number in range(1, SUBSTEPS + 1):
             following = point + step * ahead
-            differs = np.abs(sampled_at(picture, *following.T).T - color).max(1) > self.edges
+            differs = np.abs(sample_at(picture, *following.T).T - color).max(1) > self.edges
             going &= ~differs | (number <= SHORTEST_STROKE * SUBSTEPS)
             point = np.where(going[:, None], following, point)
-            angle = sampled_at(flow, *point.T)
+            angle = sample_at(flow, *point.T)
             turned = np.stack([np.cos(angle), np.sin(angle)], 1)
             turned *= np.where((turned * ahead).sum(1) < 0, -1, 1)[:, None]
             ahead = ahead + turned

@@ -187,7 +187,7 @@ class Style(StyleLoss):
     def _styles(self, target: Tensor, kernel: str) -> list[TapStyle]:
         def compute(target: Tensor) -> list[TapStyle]:
             picture, styles = self.picture(target), []
-            tiles = self.network.tiled(picture, self.taps)
+            tiles = self.network.activations_by_tile(picture, self.taps)
             statistics = ([_sample_and_power(features, kernel) for features in tile] for tile in tiles)
             for samples, powers, counts in (zip(*parts, strict=True) for parts in zip(*statistics, strict=True)):
                 unit = max(sum(powers) / sum(counts), MIN_FEATURE_POWER)
@@ -219,7 +219,7 @@ class Style(StyleLoss):
 
     def _tiled_sums(self, styles: list[TapStyle], picture: Tensor) -> list[Tensor]:
         """Compute the `_sums` of a picture of any size, using only as much memory as a single tile needs."""
-        tiles = self.network.tiled(picture, self.taps)
+        tiles = self.network.activations_by_tile(picture, self.taps)
         sums = ([style.sums(part) for style, part in zip(styles, tile, strict=True)] for tile in tiles)
         return [torch.stack(parts).sum(0) for parts in zip(*sums, strict=True)]
 

@@ -54,7 +54,7 @@ def edges(image: Array, count: int) -> Prediction:
     return prediction_from_labels(strokes_between_edges(image), image)
 
 
-def growing(image: Array, count: int) -> Prediction:
+def grow_regions(image: Array, count: int) -> Prediction:
     """Grow regions of one colour, and keep elliptical ones (Lamberti et al., 2014); ``count`` is not used."""
     return prediction_from_labels(grow_ellipses(image), image)
 
@@ -75,6 +75,6 @@ METHODS: dict[str, Method] = {
     "recovered_curves": recovered_curves,
     "gradient": gradient,
     "edges": edges,
-    "growing": growing,
+    "growing": grow_regions,
     "superpixels": superpixels,
 }
