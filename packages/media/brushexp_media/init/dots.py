@@ -24,7 +24,7 @@ DULL, DUSK, MUTED, COOL = 0.92, 0.15, 0.75, 40.0  # of touches: lightness over t
 OPPOSITE, LIGHT = 0.18, 0.2  # shares of dots of the complementary hue in shadow, and of the colour of the light
 RARE = 0.35  # share of complementary dots in light, relative to that in shadow
 SHADED = 40.0, 70.0  # L* below which all, and above which `RARE`, of these complementary dots are laid
-PURER = 0.48  # shift of purer and of complementary dots, relative to dots of the colour of the light
+PURER = 0.46  # shift of purer and of complementary dots, relative to dots of the colour of the light
 TURNED, UNEVEN = 0.3, 0.08  # standard deviation between dots: hue in radians, and L* relative to chroma
 
 
