@@ -16,7 +16,7 @@ VIEWS = (((0, -1.6, 0), (0, 0, 0)), ((0.42, -0.3, -0.28), (0.12, 0, 0)))  # posi
 
 
 def main() -> None:
-    """Render a painting and write both views as one sheet."""
+    """Render a painting from the front and from the side, and write the two views as one sheet."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("painting", type=Path)
     parser.add_argument("sheet", type=Path)

@@ -86,7 +86,7 @@ def write_sheet(sheet: Path, folder: Path, clip: Path) -> None:
 
 
 def main() -> None:
-    """Paint the film both ways, and print the comparison as a Markdown table."""
+    """Paint the film as a whole and frame by frame, and print the comparison as a Markdown table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("clip", nargs="?", help="a film; one is made by default")
     parser.add_argument("--look", default="oil")

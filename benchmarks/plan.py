@@ -58,7 +58,7 @@ def paint_plain(cfg: DictConfig, strokes: int, target: Tensor) -> ExportJob:
 
 
 def compare(image: str, options: dict[str, object], counts: list[int]) -> Iterator[dict[str, object]]:
-    """Paint a picture both ways for each number of mixtures, and yield the differences from the target."""
+    """For each number of mixtures, paint a picture with the table and without it; yield differences from the target."""
     plain = None
     for count in counts:
         constrained = settings_of("paint", {"image": image, "tubes": "eight", "mixtures": count, **options, **QUIET})

@@ -1,4 +1,4 @@
-"""Measure the quality of predicted strokes without optimisation, after some steps, and at equal CPU time.
+"""Compare predicted strokes with other initial strokes, before optimisation, after some steps, and at equal CPU time.
 
     python benchmarks/predictor.py                               thesis12 at 512 px (about half an hour on one core)
     python benchmarks/predictor.py --pictures kodak --side 0     a folder at full size

@@ -156,7 +156,7 @@ def f1_at(lines, scale):
 
 
 def report(rows):
-    """Print how well each criterion chooses the scale, and how much all searches improve on one search."""
+    """Print how well each criterion chooses the scale, and how much several searches improve on a single one."""
     pictures = {}
     for row in rows:
         line = {key: value if key in ("painting", "choice") else float(value) for key, value in row.items()}

@@ -49,7 +49,7 @@ def pack(strokes):
 
 
 def row_of(name):
-    """Paint a photograph and print its row; return the sizes of both codings relative to the plain packing."""
+    """Paint a photograph and print its row; return the sizes of the two codings, as fractions of the plain packing."""
     keys = {
         "look": "plain",
         "density": "adaptive",
@@ -90,7 +90,7 @@ def row_of(name):
 
 
 def main():
-    """Print the table, and the mean sizes of both codings relative to the plain packing."""
+    """Print the table, and the mean sizes of the two codings, as fractions of the plain packing."""
     heads = ("plain packing: bits per stroke, PSNR", f"at {LOSS} dB", "at the loss of the plain packing", "CPU, s")
     print(f"| photograph | PSNR of the strokes | {' | '.join(heads)} |\n|---{'|---:' * 5}|")
     shares = np.mean([row_of(name) for name in PHOTOGRAPHS], 0)

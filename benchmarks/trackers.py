@@ -31,7 +31,7 @@ CHOICES = {
 
 
 def alone(names: list[str], folder: Path) -> None:
-    """Print how long trackers take to open, including imports, to log one point of the curves, and to finish a run."""
+    """Print the time that trackers need to open with imports (s), to log a point (ms), and to finish a run (s)."""
     import lightning  # noqa: F401, PLC0415  (the program has it anyway)
 
     from brushexp.config.publish import prepare  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""Helpers that write made-up runs to disk, as sweeps do."""
+"""Helpers that write made-up runs to disk, in the layout of a sweep."""
 
 import csv
 import json

@@ -1,4 +1,4 @@
-"""Tests of the brushwork of a painting: its measures, its distance to other brushwork, and its transfer to strokes."""
+"""Tests of measuring a painting's brushwork, comparing it with other brushwork, and transferring it to new strokes."""
 
 import math
 from dataclasses import replace

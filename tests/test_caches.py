@@ -24,7 +24,10 @@ VARIABLES = ("HOME", KERNELS, CACHES, *caches.LIBRARY_CACHES, *caches.TEMPORARY_
 
 @pytest.fixture
 def surroundings(tmp_path, monkeypatch):
-    """Return a function that sets environment variables and the code's folder; temporary files go to ``tmp_path``."""
+    """Return a function that sets environment variables and the folder in which the program's code seems to be.
+
+    The other ``VARIABLES`` are unset, and temporary files go to ``tmp_path``.
+    """
 
     def surround(code: str | Path = UNWRITABLE, **environment: str) -> None:
         for name in VARIABLES:

@@ -126,7 +126,7 @@ def test_few_strokes_have_a_value_and_a_gradient_in_every_precision(name, kind):
 
 @pytest.mark.parametrize("name", OF_STROKES)
 def test_half_precision_costs_what_its_rounded_strokes_cost_and_the_slope_is_that_of_the_value(name):
-    """Only the strokes are rounded to half precision; the loss computes in single precision."""
+    """Only the strokes are rounded to half precision; the loss itself is computed in single precision."""
     for dtype in (torch.bfloat16, torch.float16):
         rounded = visible(12).map(lambda value, to=dtype: value.to(to))
         value, _ = judged_strokes(built(name), rounded, dtype)
@@ -165,7 +165,7 @@ def pairs(height: int, width: int) -> dict[str, tuple[Tensor, Tensor]]:
 
 
 def judged_pictures(loss: Loss, image: Tensor, target: Tensor, dtype: torch.dtype) -> tuple[Tensor, Tensor]:
-    """Return a loss's value and gradient; the loss computes in double precision for float64, otherwise in single."""
+    """Return a loss's value and gradient; both are computed in double precision for float64, otherwise in single."""
     loss = loss.double() if dtype is torch.float64 else loss.float()
     if hasattr(loss, "calls"):
         loss.calls.zero_()  # so that the shift is the same

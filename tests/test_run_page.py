@@ -130,7 +130,7 @@ def see(watched, selector: str) -> None:
 
 
 def idle(watched, count: int | None = None) -> None:
-    """Wait until the replay has finished painting, and shows ``count`` strokes if that is given."""
+    """Wait until the replay has finished painting and, if ``count`` is given, shows that number of strokes."""
     state = "" if count is None else f"[data-shown='{count}']"
     watched.page.wait_for_selector(f"#replay-stage[data-live=yes][data-busy=false]{state}")
 

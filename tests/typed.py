@@ -22,7 +22,10 @@ _composed = cache(lambda *words: compose_config(words))
 
 
 def configured(words: Sequence[str]) -> DictConfig:
-    """Compose the config for words; a set of choices is composed only once, and other values are set in a copy."""
+    """Compose the config for command-line words.
+
+    The config for each combination of group choices is composed only once; other values are set in a copy of it.
+    """
     names = {word: word.partition("=")[0].lstrip("+~") for word in words}
     choices = [word for word in words if names[word] in CHOSEN_GROUPS or "/" in names[word]]
     try:

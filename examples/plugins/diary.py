@@ -13,7 +13,7 @@ if TYPE_CHECKING:  # Lightning takes seconds to import
 
 @register("logger", "diary")
 class Diary(Logger):
-    """Writes ``diary/diary.txt``, a sentence with the outcome of a run and its metrics."""
+    """Writes a sentence with the outcome and the metrics of a run to ``diary/diary.txt``."""
 
     def open(self, run: Run) -> LightningLogger:
         from lightning.pytorch.loggers import CSVLogger  # noqa: PLC0415

@@ -44,7 +44,7 @@ def __dir__() -> list[str]:
 
 
 def _published_functions() -> Any:
-    """Map the name of each function that an installed package publishes to its entry point."""
+    """Return the entry points of the functions that installed packages publish, by function name."""
     from brushexp.system.published import entry_points_of  # noqa: PLC0415  (slow to import)
 
     return entry_points_of(FUNCTIONS)

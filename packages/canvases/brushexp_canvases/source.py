@@ -83,7 +83,7 @@ class PictureFile(Source):
 
 
 def in_srgb(image: Any) -> Any:
-    """Convert a picture to 8-bit sRGB by its profile, and composite it over white."""
+    """Convert a picture from its colour profile to 8-bit sRGB, and composite it over white if it has alpha."""
     if image.get_typeof("icc-profile-data"):
         image = image.icc_transform("srgb", depth=8, intent="relative")
     if image.hasalpha():

@@ -86,6 +86,6 @@ class Sizes(Change):
         return low, max(high, LEAST_THICKNESS)
 
     def _sizes(self) -> tuple[tuple[float, str], tuple[float, str]]:
-        """Parse both bounds; a missing bound has no unit."""
+        """Parse ``smallest`` and ``largest``; a missing bound becomes 0 or infinity, without a unit."""
         low = (0.0, "") if self.smallest is None else size_from(self.smallest, "change.sizes.smallest")
         return low, (math.inf, "") if self.largest is None else size_from(self.largest, "change.sizes.largest")

@@ -18,7 +18,7 @@ class Prediction(IntEnum):
 
 
 def nearest_before(middle: np.ndarray) -> np.ndarray:
-    """Find, for each stroke, which (N,) of the `BEFORE` preceding strokes is nearest; return 0 for the first stroke.
+    """Find, for each stroke, the index (N,) of the nearest of the `BEFORE` strokes before it; 0 for the first stroke.
 
     In a tie, the later stroke is chosen. ``middle`` (N, 2) contains the strokes' centres in pixels. Only differences,
     squares and a sum are computed, so the result is the same on all machines.

@@ -79,9 +79,10 @@ def shrink_to_side(job: ExportJob, side: int) -> ExportJob:
 
 
 def states(job: ExportJob, shares: Iterable[np.ndarray]) -> Iterator[Tensor]:
-    """Yield the canvas (3, H, W) for each array of drawn fractions in ``shares``; each one may overwrite the last.
+    """Yield the canvas (3, H, W) for each array in ``shares``, which holds the fraction of each stroke that is drawn.
 
-    The canvas shows the painting's paper and light; the heights of strokes are composited like their colours.
+    A canvas may overwrite the previous one. It shows the painting's paper and light; the heights of strokes are
+    composited like their colours.
     """
     if not job.blend.layered:
         log.warning("with this blend every frame is drawn from scratch, which is slow; try blend=tiled")

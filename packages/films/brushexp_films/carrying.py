@@ -52,7 +52,7 @@ class Carrier:
 
     @cached_property
     def unused(self) -> dict[str, Any]:
-        """State of the losses before the first picture."""
+        """State of the losses before they have compared any picture."""
         return state_of(self.components.losses)
 
     def __call__(self, cel: Cel, painted: Tensor, target: Tensor, changed: Tensor, motion: Tensor) -> Cel:

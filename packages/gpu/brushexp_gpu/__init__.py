@@ -1,4 +1,4 @@
-"""Triton kernels for the blend `tiled` on GPUs; every CUDA build of PyTorch includes Triton."""
+"""Triton kernels for the `tiled` blend on GPUs; every CUDA build of PyTorch includes Triton."""
 
 import os
 import shutil

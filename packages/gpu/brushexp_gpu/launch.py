@@ -12,7 +12,7 @@ def inline(function: Any) -> Any:
 
 
 def launch(kernel: Any, programs: int, *arguments: Any, **options: Any) -> None:
-    """Launch a kernel with this number of programs, possibly 0, on the device of its first tensor."""
+    """Launch a kernel on the device of its first tensor; ``programs`` is the number of its programs, possibly 0."""
     if programs:
         with torch.cuda.device_of(arguments[0]):
             kernel[(programs,)](*arguments, **options)

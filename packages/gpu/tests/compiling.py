@@ -62,7 +62,7 @@ def report(name, compiled, options):
 
 
 def paint(renderer, blend):
-    """Use all kernels for a kind of layer: paint, differentiate, and compute accuracy and importance."""
+    """Run every kernel for a kind of layer, by painting, differentiating, and computing accuracy and importance."""
     strokes, size, order = some_strokes(9, (17, 33)), (17, 33), torch.arange(9)
     leaves = strokes.map(lambda value: value.clone().requires_grad_())
     bare, target, weight = torch.ones(3), torch.rand(3, *size), torch.rand(size)

@@ -51,7 +51,7 @@ class StopOnPlateau(Callback):
 @register("callbacks", "model_checkpoint")
 @dataclass(kw_only=True)
 class BestCheckpoints(Callback):
-    """Save Lightning checkpoints in the run's folder ``checkpoints`` (Lightning's ModelCheckpoint).
+    """Save Lightning checkpoints in the run's ``checkpoints`` folder (Lightning's ModelCheckpoint).
 
     Args:
         monitor: logged value that ranks the checkpoints; null keeps the last checkpoint, or all with save_top_k=-1.

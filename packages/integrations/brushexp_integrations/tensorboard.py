@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 class TensorBoard(Logger):
     """Log curves, pictures, settings and metrics; ``tensorboard --logdir`` shows a run, or all runs of a sweep.
 
-    The files are in each run's folder ``tensorboard``. The command-line arguments are logged as hyperparameters
+    The files are in each run's ``tensorboard`` folder. The command-line arguments are logged as hyperparameters
     together with the final metrics, so that a sweep is shown as a table; all settings and the catalogue's path are
     logged as text.
     """

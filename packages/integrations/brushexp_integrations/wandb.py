@@ -37,7 +37,7 @@ ONE_SERVICE = ("https://api.wandb.ai", "https://api.forge.coreweave.com")  # one
 class WeightsAndBiases(Logger):
     """Log curves, pictures, a table and the catalogue to Weights & Biases; offline unless you are logged in.
 
-    All files are kept in the run's folder ``wandb``; ``wandb sync`` uploads offline runs later. Errors in wandb itself
+    All files are kept in the run's ``wandb`` folder; ``wandb sync`` uploads offline runs later. Errors in wandb itself
     are reported to its developers only if WANDB_ERROR_REPORTING is set to true.
 
     Args:
@@ -122,7 +122,7 @@ class WeightsAndBiases(Logger):
 
 
 def mode_of(mode: str) -> Any:
-    """Convert the option ``mode`` to wandb's mode; None leaves the choice to WANDB_MODE."""
+    """Convert the ``mode`` option to wandb's mode; None leaves the choice to WANDB_MODE."""
     import wandb  # noqa: PLC0415
 
     if mode != "auto":

@@ -1,4 +1,4 @@
-"""Hydra launcher ``dask``: run the jobs of a sweep on the workers of a Dask cluster, each in its own process."""
+"""Hydra's ``dask`` launcher: run the jobs of a sweep on the workers of a Dask cluster, each in its own process."""
 
 import logging
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""Hydra launcher ``processes``: run a sweep's jobs in parallel, in forks of this process with all modules loaded."""
+"""Hydra's ``processes`` launcher: run a sweep's jobs in parallel, in forks of this process with all modules loaded."""
 
 import ctypes
 import os

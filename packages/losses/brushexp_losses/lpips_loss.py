@@ -1,4 +1,4 @@
-"""The perceptual distance LPIPS as a loss."""
+"""The LPIPS perceptual distance as a loss."""
 
 from typing import Annotated
 

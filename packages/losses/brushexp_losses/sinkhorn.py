@@ -97,7 +97,10 @@ class Sinkhorn(Loss):
 
 
 def pooling_weights(first: int, count: int, side: int, small: int) -> Tensor:
-    """Compute the weights (count, small) of pixels, from ``first`` on, in the ``small`` averages along a ``side``."""
+    """Compute the weights (count, small) with which ``count`` pixels contribute to averages along a ``side``.
+
+    The pixels start at ``first``; the ``side`` pixels of the picture are reduced to ``small`` averages.
+    """
     pixels = functional.pad(torch.eye(count, dtype=torch.float64), (first, side - first - count))
     return functional.adaptive_avg_pool1d(pixels, small)
 

@@ -91,9 +91,10 @@ LENGTH = 5.0  # half widths: length of the stroke for which the grain is isotrop
 
 
 def chalk(variant: int) -> Tensor:
-    """Draw a mark of the side of a chalk stick, broken by grain, mainly at edges and ends; variants differ in pressure.
+    """Draw a mark made with the side of a stick of chalk, broken by grain, mainly at its edges and ends.
 
-    The last `RUBBED` variants look rubbed in with a finger: they are soft and have no grain.
+    Variants differ in pressure. The last `RUBBED` variants look rubbed in with a finger: they are soft and without
+    grain.
     """
     across, outside, t, along = _grid()
     if variant >= VARIANTS - RUBBED:

@@ -31,7 +31,7 @@ def gbr(mask: np.ndarray, spacing: int = 20, depth: int = 1, version: int = 2) -
 
 
 def wedge(height: int = 60, width: int = 400) -> np.ndarray:
-    """Draw the coverage of a stroke with a thin start and a square end without its lower hairs."""
+    """Draw the coverage of a stroke with a thin start, and a square end at which the lower hairs are missing."""
     y, x = np.mgrid[-1 : 1 : 1j * height, 0 : 1 : 1j * width]
     return ((np.abs(y) <= np.minimum(1, 0.1 + 3 * x)) & (x < np.where(y > 0, 0.7, 1.1))).astype(np.float32)
 

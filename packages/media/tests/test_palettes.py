@@ -1,4 +1,4 @@
-"""Test that palettes give a picture a medium's colours, and that losses for dots reward pure hues and a right mean."""
+"""Test that palettes give a picture a medium's colours, and that losses for dots reward pure hues and correct means."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The painter ``evolution``: a genetic algorithm whose population is the painting."""
+"""The ``evolution`` painter: a genetic algorithm whose population is the painting."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
@@ -111,7 +111,10 @@ class Evolution(Painter):
     def _children(
         self, genes: Genes, cells: "Cells", target: Array, canvas: Array, step: float, random: np.random.Generator
     ) -> tuple[Array, Genes, Array]:
-        """Choose parents, and make a child of each in its cell; return parents, children and a mask of the mutants."""
+        """Choose parents and make a child of each; return parents, children, and a mask that marks mutants.
+
+        Children that do not fit into their parent's cell are dropped, together with the parent.
+        """
         parents = cells.choose_one_each(genes, random)
         if random.random() < self.renewal:
             places = worst_places(target, canvas, random)
@@ -131,7 +134,7 @@ class Evolution(Painter):
 
 
 def vary(own: Genes, others: Genes, mutate: Array, step: float, random: np.random.Generator) -> Genes:
-    """Change each gene with probability 1/2: at random where ``mutate`` (n,) is true, else to that in ``others``."""
+    """Change each gene with probability 1/2: at random if ``mutate`` (n,) is true, else to the gene in ``others``."""
     n, length = len(mutate), np.hypot(*own.along.T) + own.half
     sizes = {"middle": length, "along": length, "bend": np.ones(n), "half": 0.5 * length, "color": np.full(n, 0.5)}
     genes = {}

@@ -1,4 +1,4 @@
-"""The painter ``gatys``: style transfer that optimises pixels."""
+"""The ``gatys`` painter: style transfer that optimises pixels."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

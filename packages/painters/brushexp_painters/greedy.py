@@ -1,4 +1,4 @@
-"""The painter ``greedy``: add strokes one by one, each the best of many candidates."""
+"""The ``greedy`` painter: add strokes one by one, each the best of many candidates."""
 # mypy: allow-untyped-defs
 
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""The painter ``haeberli``: straight strokes at random positions."""
+"""The ``haeberli`` painter: straight strokes at random positions."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

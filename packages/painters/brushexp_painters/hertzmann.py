@@ -1,4 +1,4 @@
-"""The painter ``hertzmann``: curved strokes in layers, from the largest to the smallest brush."""
+"""The ``hertzmann`` painter: curved strokes in layers, from the largest to the smallest brush."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

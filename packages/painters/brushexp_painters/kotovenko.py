@@ -1,4 +1,4 @@
-"""The painter ``kotovenko``: the parametrisation and losses of the published successor to the thesis."""
+"""The ``kotovenko`` painter: the parametrisation and losses of the paper that was published after the thesis."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

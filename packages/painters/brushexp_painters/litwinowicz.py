@@ -1,4 +1,4 @@
-"""The painter ``litwinowicz``: short strokes, placed on a grid, that end at edges."""
+"""The ``litwinowicz`` painter: short strokes, placed on a grid, that end at edges."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

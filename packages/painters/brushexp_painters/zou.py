@@ -1,4 +1,4 @@
-"""The painter ``zou``: add strokes one by one, and optimise them, in increasingly fine blocks of the canvas."""
+"""The ``zou`` painter: add strokes one by one, and optimise them, in increasingly fine blocks of the canvas."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

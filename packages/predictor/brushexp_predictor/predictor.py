@@ -1,4 +1,4 @@
-"""The painter ``predictor``: a trained network without gradient steps."""
+"""The ``predictor`` painter: a trained network without gradient steps."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -3,7 +3,7 @@
 The folders are listed in the order of data flow; each folder imports only from earlier ones:
 
 - `raster`: arrays of pixels, their tiles and label images
-- `model`: the learned weights and the names of their channels and features
+- `model`: the learned weights, and the names of the channels and features that they use
 - `segment`: a picture -> maps predicted by the network -> superpixels
 - `join`: superpixels -> a merge tree -> its best cut
 - `find`: a photograph of any size -> the regions of its strokes
@@ -17,5 +17,5 @@ The folders are listed in the order of data flow; each folder imports only from 
 - `synthesis`: a seed -> a painting with known strokes
 - `benchmark`: known and predicted strokes -> scores and a report
 - `train`: paintings with known strokes -> a model
-- `tasks`: the tasks of the command line
+- `tasks`: the command-line tasks of the package
 """

@@ -54,7 +54,7 @@ class Trade:
 
 
 def trade_of(frame: pd.DataFrame, cost: str | None = None, metrics: Sequence[str] = ()) -> Trade | None:
-    """Choose a cost and metrics that finished runs have; a cost or metrics that are given are kept.
+    """Choose a cost and metrics that finished runs have, unless the caller names them.
 
     Returns None if the runs have no cost or no metric. Raises UserError if no run has a given cost or metric.
     """

@@ -1,4 +1,4 @@
-"""``task=studio``: serve a page on this machine for painting photographs; needs the extra ``studio``.
+"""``task=studio``: serve a page on this machine for painting photographs; needs the ``studio`` extra.
 
 - `photos` stores the user's files, `wishes` converts choices to command-line overrides, and `works` paints one
   painting at a time.

@@ -63,7 +63,7 @@ class Print:
         return options | {"fill": self.is_cropped, "margin": self.margin, "bleed": self.bleed}
 
     def words(self, ratio: float) -> str:
-        """Describe the print in one line.
+        """Describe the size, bleed, resolution, margin and cropping of the print in one line.
 
         >>> Print("A4", bleed=3).words(1.5)
         '29.7 × 19.8 cm and 3 mm of bleed on each side, at 300 dpi'

@@ -185,7 +185,7 @@ def running(app: FastAPI, port: int) -> Iterator[str]:
 def open_studio(own: Path, results: Path, port: int, options: dict[str, Any]) -> Iterator[tuple[str, Works]]:
     """Run the studio within the ``with`` block, and yield its address and its paintings.
 
-    Uploads are stored in the folder ``own`` and paintings in ``results``; ``options`` are overrides that apply to every
+    Uploads are stored in the ``own`` folder and paintings in ``results``; ``options`` are overrides that apply to every
     painting.
     """
     warnings.filterwarnings("ignore", ".*torch.distributed.reduce_op", FutureWarning)  # NiceGUI inspects all objects

@@ -65,7 +65,7 @@ def keeps_shapes_of_target_and_ground(make: Make) -> None:
 
 
 def limits_strokes_once(make: Make) -> None:
-    """Check that limiting strokes keeps their number and validity, and that limiting them twice has no further effect.
+    """Check that limiting strokes preserves their number and keeps them valid, and that a second time has no effect.
 
     Enlarging strokes must also preserve their number.
     """

@@ -93,7 +93,7 @@ def is_bounded_and_differentiable_in_every_field(make: Make) -> None:
 
 
 def loads_its_checkpoint(make: Make) -> None:
-    """Check that a renderer with the option ``checkpoint`` raises a clear error if the file is missing."""
+    """Check that a renderer with a ``checkpoint`` option raises a clear error if the file is missing."""
     if "checkpoint" in signature(type(make())).parameters:
         try:
             make(checkpoint="missing.safetensors")

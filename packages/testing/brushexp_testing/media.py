@@ -1,4 +1,4 @@
-"""Check plugins of the families palette and paper."""
+"""Check palettes and papers."""
 
 import torch
 

@@ -37,7 +37,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def departures(settings: Mapping[str, str]) -> Iterator[dict[str, str]]:
-    """Yield each ``setting`` in which a run departs from the thesis, with both values and the thesis's section.
+    """Yield each ``setting`` in which a run departs from the thesis, with the value of each and the thesis's section.
 
     ``settings`` maps dotted keys to values in the form in which users type them, with plugins given by name.
     """

@@ -63,7 +63,7 @@ def table_cells(section: Section) -> list[dict[str, str]]:
 
 
 def published_cells(figures: PublishedFigures, pictures: str) -> dict[str, str]:
-    """Return a table row of published figures, with their source in the column ``settings``."""
+    """Return a table row of published figures, with their source in the ``settings`` column."""
     size = " at {} x {}".format(*figures.of.size) if len(figures.of.size) == 2 else ""
     machine = f", on {figures.machine}" if figures.machine else ""
     strokes = f"{count_of(figures.primitives)} {figures.what}" if figures.primitives else MISSING

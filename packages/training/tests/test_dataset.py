@@ -31,7 +31,7 @@ N = 5 * SHARD_STROKES + 70
 
 
 class Spot(Engine):
-    """An engine that draws waves in the stroke's colour, whose phase depends on the stroke's number and the seed."""
+    """An engine that draws waves in the stroke's colour; their phase depends on the stroke's number and the seed."""
 
     def __init__(self, window: int = 6) -> None:
         self.window = window

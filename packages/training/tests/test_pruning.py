@@ -35,7 +35,7 @@ def batch(n: int = 6) -> StrokeBatch:
 
 @torch.no_grad()
 def silence_every_other_channel(renderer: InverseVGG) -> None:
-    """Make every second channel of every layer but the last output 0 for all inputs."""
+    """Set the weights of every other channel to 0 in all layers but the last, so that these channels output 0."""
     for layer in renderer.dense:
         layer.weight[::2], layer.bias[::2] = 0, 0
     first = renderer.first

@@ -106,10 +106,10 @@ class Windows(Layers):
 
 @inline
 def _axis(centre, scale, side, origin, index, weight, inside):
-    """Find the texels before and after each of eight pixels along one axis, starting at ``origin``.
+    """Find the two texels between which each of eight pixels lies along one axis; the first pixel is at ``origin``.
 
-    Writes arrays (16,) with the indices and weights of the texels, and with 1 if a texel exists or 0 if not; the eight
-    texels before the pixels come first.
+    Writes arrays (16,): each texel's ``index`` and ``weight``, and ``inside``, which is 1 if the texel exists and 0 if
+    not. The lower texels of the eight pixels come first, then the upper ones.
     """
     per_pixel = F(side) / scale
     for q in range(TILE):
@@ -125,7 +125,7 @@ def _axis(centre, scale, side, origin, index, weight, inside):
 
 @inline
 def _axes(p, i, side, ox, oy, index, weight, inside):
-    """Find the texels along both axes and write arrays (AXES,), with x before y."""
+    """Find the texels along x and y as `_axis` does; write arrays (AXES,), in which x comes before y."""
     half = 2 * TILE
     _axis(p[i, 0], p[i, 2], side, ox, index[:half], weight[:half], inside[:half])
     _axis(p[i, 1], p[i, 2], side, oy, index[half:], weight[half:], inside[half:])
@@ -193,7 +193,7 @@ def _gather_kernel(channels: int) -> Compiled:
 
 @function
 def _over_strokes(begin, end, places, images, order, row, there, left, grad_image, grad_places, grad_images):
-    """Gather a range of strokes' gradients from the numbers that `_pull` stored in ``left``, always in the same order.
+    """Sum the gradients of a range of strokes from the numbers that `_pull` stored in ``left``, in a fixed order.
 
     ``places`` (N, 4) holds the centre (x, y), side and opacity for each of the ``images`` (N, C + 1, S, S). Writes
     ``grad_places`` and ``grad_images``, which have the same shapes and are initially 0.

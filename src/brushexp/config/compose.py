@@ -35,7 +35,7 @@ def folders_of(root: Path, words: Sequence[str] = ()) -> list[Path]:
 
 
 def own_folders(folders: Sequence[Path]) -> list[Path]:
-    """List the config folders that are not shipped."""
+    """Return those of the given config folders that are not shipped with brushexp or its packages."""
     return [folder for folder in folders if folder not in conf_folders()]
 
 

@@ -52,7 +52,7 @@ def scale(key: str, value: float, *, _root_: DictConfig) -> int | float:
 def fast_start(look: str, family: str) -> str:
     """Choose a family's member for a draft; for ``init``, prefer one that places strokes in a single pass.
 
-    A config in the group ``fast_start`` names this initialiser and the matching members of other families. A look that
+    A config in the ``fast_start`` group names this initialiser and the matching members of other families. A look that
     imitates brushwork or tunes the optimizer keeps its own members.
     """
     store = ConfigStore.instance()
@@ -184,7 +184,10 @@ def _values(options: Any) -> list[Any]:
 
 
 def _keys_of(path: Path, schema: type[Any]) -> DictConfig:
-    """Build a look's config without plugin options; its numbers are scaled by ``detail`` and similar keys."""
+    """Build a look's config without plugin options.
+
+    The numbers of the keys `SCALED` are multiplied according to ``detail``, ``effort`` and ``abstraction``.
+    """
     look = _read(path)
     for family, chosen in _tuned_members(look, schema.groups):
         _options_of(path, family, chosen, schema.groups)  # raises a UserError if the plugin lacks them

@@ -62,7 +62,7 @@ def offer(folders: Sequence[Path], left_out: Collection[Path] = ()) -> None:
 
 
 def offer_tasks(tuned: Collection[str]) -> None:
-    """Publish every task as a choice in Hydra's group ``task``; looks set options in the ``tuned`` families.
+    """Publish every task as a choice in Hydra's ``task`` group; looks set options in the ``tuned`` families.
 
     A run reads only one of the tasks, so configs are built when they are read.
     """

@@ -53,7 +53,7 @@ class OtherLamp:
 
 @dataclass
 class TrainerOptions:
-    """Keys below ``trainer``: options of Lightning's Trainer, named as in its manual; null keeps its default."""
+    """Keys below ``trainer``: options of Lightning's Trainer, named as in its manual; null is Lightning's default."""
 
     profiler: str | None = key(
         None, "profiler that writes profile.txt, such as simple; null = none", one_of("simple", "advanced")
@@ -73,7 +73,7 @@ class TrainerOptions:
 
 @dataclass
 class Task:
-    """Keys that all tasks have; each task is a subclass, and an entry point in the group ``brushexp.tasks``."""
+    """Keys that all tasks have; each task is a subclass, and an entry point in the ``brushexp.tasks`` group."""
 
     # Config groups, most of them families of plugins, and the chosen member of each; ``loss@style.loss`` is a loss with
     # options below ``style.loss``. Presets override the values here.

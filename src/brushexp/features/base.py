@@ -101,7 +101,7 @@ def packaged_file(package: str, file: str) -> Path:
 
 
 def read_tensors(path: Path, option: str = "weights") -> dict[str, Tensor]:
-    """Read a .pth or .safetensors file as a dictionary of tensors; error messages name the key ``option``."""
+    """Read a .pth or .safetensors file as a dictionary of tensors; error messages name the key given as ``option``."""
     cure = "name a .pth or .safetensors file that exists"
     try:
         if path.suffix == ".safetensors":

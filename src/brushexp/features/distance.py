@@ -53,7 +53,7 @@ class Distance(nn.Module):
 
 
 def bundled_distance(weights: str | None = None, option: str = OPTION) -> Distance:
-    """Return the distance in the bundled network, with its own weights or those in the file ``weights``."""
+    """Return the distance in the bundled network, with the network's own weights or those in the ``weights`` file."""
     network = open_backbone("effl0", weights, option)
     return Distance(network, {tap: torch.tensor([weight]) for tap, weight in WEIGHTS.items()}, "effl0")
 

@@ -38,7 +38,7 @@ def write_sweep_page(folder: Path, frame: DataFrame) -> Path:
 
 
 def sweep_page(folder: Path, frame: DataFrame) -> str:
-    """Build the page for one or more runs with embedded pictures; runs are named by their paths below ``folder``."""
+    """Build a page, with embedded pictures, that shows one or more runs; its title is the name of ``folder``."""
     data = _page_data(frame)
     return page(
         "sweep.html.j2",

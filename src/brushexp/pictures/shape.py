@@ -51,7 +51,7 @@ def _densities(picture: Any) -> tuple[Any, Any]:
 
 
 def _of_info(picture: Any) -> tuple[Any, Any]:
-    """Read the pixel densities that Pillow finds in PNG, BMP and JPEG 2000."""
+    """Read the pixel densities that Pillow finds in PNG, BMP and JPEG 2000 files."""
     return picture.info.get("aspect") or picture.info.get("dpi", (1, 1))
 
 

@@ -76,7 +76,7 @@ def needs_tifffile(picture: ImageFile) -> bool:
 
 
 def codec_needs(compression: int, bits: int, predictor: int) -> list[str]:
-    """List the reasons why tifffile needs the package imagecodecs to read a page; empty if it does not."""
+    """List the reasons why tifffile needs the imagecodecs package to read a page; empty if it does not."""
     needs = []
     if compression not in UNPACKED:
         needs.append(f"packed as {PACKINGS.get(compression, f'compression {compression}')}")

@@ -185,13 +185,13 @@ def _yaml_of(text: str, root: type) -> Any:
 
 
 def check_plain(data: Any, levels: int = DEEPEST, budget: list[int] | None = None) -> Any:
-    """Return ``data`` if it consists of fewer than `MOST_VALUES` plain values; otherwise raise a UserError.
+    """Return ``data`` if it consists of at most `MOST_VALUES` plain values; otherwise raise a UserError.
 
     Plain values are None, strings, 64-bit numbers, and lists and dictionaries nested at most ``levels`` deep.
     """
     budget = budget or [MOST_VALUES]
     budget[0] -= 1
-    if budget[0] == 0 or levels == 0:
+    if budget[0] < 0 or levels == 0:
         raise UserError(f"settings of more than {MOST_VALUES} values or {DEEPEST} levels")
     plain = isinstance(data, dict | list | tuple | str | int | float | None)
     if not plain or (isinstance(data, int) and abs(data) >= 2**64):

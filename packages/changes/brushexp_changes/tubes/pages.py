@@ -242,7 +242,10 @@ def _by_numbers(plan: Plan, smallest_mm: float) -> Figure:
 
 
 def _grid(axes: Axes, plan: Plan, frame: Sequence[float], corner: tuple[float, float], scale: float) -> None:
-    """Draw a painting's grid and border in a frame (left, right, bottom, top) whose upper left shows ``corner``."""
+    """Draw a painting's grid and border in a frame (left, right, bottom, top).
+
+    The frame's upper left corner shows the point ``corner`` of the painting, in mm.
+    """
     height, width = (side / plan.pixels_per_mm for side in plan.job.size)
     left, right, bottom, top = frame
     axes_of = (width, corner[0], left, right), (height, corner[1], top, bottom)

@@ -59,7 +59,7 @@ class Tubes:
 def load_tubes(name: str, option: str = "tubes") -> Tubes:
     """Load a shipped set of tubes or the user's CSV file; raise UserError if the file is invalid.
 
-    The file has a column ``tube`` and, for each tube, a colour ``color`` (sRGB, ``#c8a040``); or reflectances ``R400``
+    The file has a ``tube`` column and, for each tube, its ``color`` (sRGB, ``#c8a040``); or reflectances ``R400``
     to ``R700``; or absorption ``K400`` ... and scattering ``S400`` .... Spectra are in steps of 20 nm. Columns are
     separated by commas, or by semicolons or tabs, which spreadsheets use where the decimal mark is a comma.
     """
@@ -120,7 +120,7 @@ def _number(text: str | None, where: str) -> float:
 
 
 def _mixing_model(kind: str, values: Array) -> Callable[[Array], Array]:
-    """Choose the mixing model for the ``kind`` of the values (T, ...); see `_values_of`."""
+    """Return the mixing model for the values (T, ...) of T tubes, which are of the given ``kind``; see `_values_of`."""
     if kind == "color":
         return _by_color(values)
     if kind == "R":

@@ -19,7 +19,7 @@ class Gcode(PenExporter):
     """Writes ``painting.gcode``, a stroke plan for plotters and painting robots, and a picture of the plan.
 
     Coordinates are in millimetres from the lower left corner of the paper, with y upwards. The file is written by the
-    plugin vpype-gcode. Many plotters lift the pen with a servo: ``'to.gcode.up=M5' 'to.gcode.down=M3 S90'``.
+    vpype-gcode plugin. Many plotters lift the pen with a servo: ``'to.gcode.up=M5' 'to.gcode.down=M3 S90'``.
 
     Args:
         feed: speed while drawing, in mm per minute.

@@ -166,7 +166,10 @@ def _join_lines(lines: list[Array], reach: float) -> list[Array]:
 
 
 class _Grid:
-    """Grid for finding hidden parts: cells about half a ``pen`` wide on a ``frame`` (left, top, right, bottom)."""
+    """A grid over a ``frame`` (left, top, right, bottom) in which hidden parts of strokes are found.
+
+    Its cells are about half as wide as the ``pen``.
+    """
 
     def __init__(self, frame: tuple[float, ...], pen: float) -> None:
         self.corner, extent = np.array(frame[:2]), np.array(frame[2:]) - np.array(frame[:2])

@@ -1,1 +1,1 @@
-"""Colour spaces other than RGB in which paint is composited, as members of the family ``color``."""
+"""Members of the ``color`` family: colour spaces other than RGB in which paint is composited."""

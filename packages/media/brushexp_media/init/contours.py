@@ -73,9 +73,9 @@ def contours(picture: Array, n: int, length: float, width: float, color: Array, 
 def _draw_outlines(
     picture: Array, clear: Array, drawn: Array, n: int, length: float, width: float
 ) -> tuple[Array, Array]:
-    """Draw outlines in a picture (3, H, W) with at most n curves (m, 3, 2) of widths (m,), coarse outlines first.
+    """Trace the outlines in a picture (3, H, W), coarse ones first; return at most n curves (m, 3, 2) and widths (m,).
 
-    Outlines are omitted along ``drawn`` curves (k, 3, 2) and where edges are not ``clear`` (H, W).
+    Outlines are omitted beside curves that are already ``drawn`` (k, 3, 2) and where edges are not ``clear`` (H, W).
     """
     side, near = max(picture.shape), max(1, round(APART * width))
     taken, curves, widths, count = np.zeros(picture.shape[1:], bool), [np.zeros((0, 3, 2))], [np.zeros(0)], 0

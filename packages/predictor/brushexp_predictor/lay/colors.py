@@ -14,10 +14,10 @@ Paint = Callable[[Strokes], Tensor]  # function that draws strokes as a picture 
 
 
 def best_colors(strokes: Strokes, target: Tensor, draw: Paint, rounds: int) -> Strokes:
-    """Optimise stroke colours for the squared error by conjugate gradients (Hestenes and Stiefel, 1952).
+    """Optimise stroke colours by conjugate gradients (Hestenes and Stiefel, 1952) to minimise the squared error.
 
     Each round needs one forward and one backward pass through the renderer, and so costs about as much as a gradient
-    step. Rounds are preconditioned by each stroke's visible area. Colours are clamped to [0, 1] at the end.
+    step. The preconditioner is each stroke's visible area. Colours are clamped to [0, 1] at the end.
 
     Args:
         strokes: N strokes, whose shapes stay fixed.
@@ -34,7 +34,10 @@ def best_colors(strokes: Strokes, target: Tensor, draw: Paint, rounds: int) -> S
     painted = picture.detach()
 
     def sum_pixels(residual: Tensor) -> Tensor:
-        """For each stroke, sum pixels (3, H, W) weighted by its share in them, which does not depend on its colour."""
+        """Sum ``residual`` (3, H, W) over pixels for each stroke, weighted by the stroke's share of each pixel.
+
+        These weights do not depend on the colours.
+        """
         return torch.autograd.grad(picture, color, residual, retain_graph=True)[0]
 
     inverse = 1 / sum_pixels(torch.ones_like(painted)).clamp_min(LEAST_SEEN)

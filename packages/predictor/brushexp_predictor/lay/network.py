@@ -78,7 +78,7 @@ class StrokePredictor(nn.Module):
         return CellPredictions(told[..., :NUMBERS], deviations, told[..., -1])
 
     def _look_weight(self) -> Tensor:
-        """Fold the weights of all `INPUTS` into weights for target, canvas and 1: the same sums with half the work."""
+        """Fold the weights of all `INPUTS` into weights for target, canvas and a constant 1, which halves the work."""
         target, canvas, difference, inside = self.look.weight.split((3, 3, 3, 1), 1)
         middle = 0.5 * (target + canvas).sum(1, keepdim=True)
         return torch.cat([target + 3 * difference, canvas - 3 * difference, inside - middle], 1)

@@ -59,7 +59,7 @@ class PredictorData(L.LightningDataModule):
         return StrokeLoader(lambda _epoch, _first: map(self.held_out_batch, range(VALIDATED)), VALIDATED)
 
     def held_out_batch(self, number: int) -> Batch:
-        """Make a validation batch, with the levels that are used for paintings."""
+        """Make a validation batch, with strokes divided among the levels as in a painting, not at random."""
         first = HELD_OUT + number * self.batch_size
         return Batch(self._pictures(first), levels_of((CELLS, CELLS), (CELLS // 2) ** 2))
 

@@ -50,7 +50,7 @@ def plot_reliability(path: Path, reliability: Mapping[str, list[ReliabilityBin]]
 def draw_examples(path: Path, paintings: Path, rows: Sequence[Row]) -> Path:
     """Draw a clean painting of each kind, with its true regions and the first method's regions in random colours.
 
-    The folder ``paintings`` contains the pictures, their ground truth and the predicted regions.
+    The ``paintings`` folder contains the pictures, their ground truth and the predicted regions.
     """
     method = rows[0]["method"]
     first = {row["kind"]: row["scene"] for row in reversed(clean_rows(rows)) if row["method"] == method}

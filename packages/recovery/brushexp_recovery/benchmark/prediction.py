@@ -64,7 +64,7 @@ def prediction_from_labels(labels: Array, image: Array | None = None) -> Predict
 
 
 def lines_of(labels: Array, count: int) -> tuple[Array, Array]:
-    """Fit straight lines (count, 3, 2) along regions, with widths (count,) that give the same areas."""
+    """Fit a straight line of the same area to each region; return lines (count, 3, 2) and their widths (count,)."""
     curve, width = np.zeros((count, 3, 2)), np.zeros(count)
     for number, pixels in enumerate(group_pixels(labels, count)):
         y, x = np.divmod(pixels, labels.shape[1])
@@ -73,7 +73,7 @@ def lines_of(labels: Array, count: int) -> tuple[Array, Array]:
 
 
 def line_along(places: Array) -> tuple[Array, float]:
-    """Fit a straight line (3, 2) along a region's pixels (P, 2), with a width that gives the same area."""
+    """Fit a straight line (3, 2) to a region's pixels (P, 2); return it and the width that gives it the same area."""
     middle = places.mean(0)
     offset = places - middle
     _, axes = np.linalg.eigh(offset.T @ offset)

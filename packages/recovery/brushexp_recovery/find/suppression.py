@@ -1,4 +1,4 @@
-"""Apply greedy non-maximum suppression: accept candidates, the most certain first, while enough of each is free."""
+"""Apply greedy non-maximum suppression: accept candidates with enough free pixels, most certain candidate first."""
 
 from dataclasses import dataclass
 from typing import Any

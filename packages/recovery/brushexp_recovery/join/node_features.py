@@ -32,7 +32,7 @@ def node_features(tree: MergeTree) -> Array:
 
 
 def _write_merges(tree: MergeTree, table: Array) -> None:
-    """Write the affinities within nodes and to other regions, and the probabilities of the merges around each node."""
+    """Write to ``table`` each node's affinities, inside and to other regions, and the probabilities of its merges."""
     prior = PRIOR_PAIRS_INSIDE
     table[:, INSIDE] = (tree.within[:, SUMS] + 0.5 * prior) / (tree.within[:, PAIRS] + prior)
     prior = PRIOR_PAIRS_OUTSIDE
@@ -48,7 +48,7 @@ def _write_merges(tree: MergeTree, table: Array) -> None:
 
 
 def _write_region(shapes: RegionShapes, table: Array) -> None:
-    """Write how much the colours and the predicted stroke centre and direction vary within each region."""
+    """Write to ``table`` the variation of colour, predicted stroke centre and predicted direction in each region."""
     mean = shapes.mean
     wide, long = np.exp(mean[:, Moment.LOG_WIDTH]), np.exp(mean[:, Moment.LOG_LENGTH])
     gap = np.linalg.norm(mean[:, PREDICTED_CENTRE] - mean[:, MIDDLE], axis=1)
@@ -63,7 +63,7 @@ def _write_region(shapes: RegionShapes, table: Array) -> None:
 
 
 def _write_size(shapes: RegionShapes, area: Array, table: Array) -> None:
-    """Write the size of each region relative to the predicted size of its stroke."""
+    """Write to ``table`` the size of each region, relative to the predicted size of its stroke."""
     mean = shapes.mean
     log_width, log_length = mean[:, Moment.LOG_WIDTH], mean[:, Moment.LOG_LENGTH]
     wide, long = np.exp(log_width), np.exp(log_length)

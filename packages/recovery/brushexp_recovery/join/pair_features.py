@@ -41,9 +41,9 @@ def _write_all(moments, pairs, between, table):
 
 @function
 def write_pair_features(one, other, between, scratch, row):
-    """Write the features (len(PairFeature),) of a pair of regions, given the moments (len(Moment),) of each.
+    """Write the features of a pair of regions to ``row`` (len(PairFeature),), given the moments of each.
 
-    ``scratch`` (SCRATCH_ROWS, DESCRIPTION) is overwritten.
+    ``one`` and ``other`` (len(Moment),) are the moments; ``scratch`` (SCRATCH_ROWS, DESCRIPTION) is overwritten.
     """
     small, large, both, union = scratch[0], scratch[1], scratch[2], scratch[3]
     is_smaller = one[Moment.AREA] <= other[Moment.AREA]
@@ -69,7 +69,7 @@ def write_pair_features(one, other, between, scratch, row):
 
 @inline
 def _write_affinities(between, smaller_area, row):
-    """Write the affinities between the pixels of the two regions."""
+    """Write to ``row`` the affinities between the pixels of the two regions."""
     total, pairs = 0.0, 0.0
     for k in range(DISTANCE_GROUPS):
         affinity, number = between[AffinityColumn.SUM_ADJACENT + k], between[AffinityColumn.PAIRS_ADJACENT + k]
@@ -83,7 +83,7 @@ def _write_affinities(between, smaller_area, row):
 
 @inline
 def _write_colors(small, large, row):
-    """Write the differences between the regions' colours in CIELAB, their colour variation and fractions of paint."""
+    """Write to ``row`` the regions' colour difference in CIELAB, and the colour variation and paint share of each."""
     lightness = abs(small[Moment.LIGHTNESS] - large[Moment.LIGHTNESS])
     a, b = abs(small[Moment.A] - large[Moment.A]), abs(small[Moment.B] - large[Moment.B])
     row[PairFeature.LIGHTNESS_GAP] = lightness
@@ -109,7 +109,7 @@ def _color_spread(one):
 
 @inline
 def _write_centres(small, large, both, row):
-    """Write the distance between the regions, and the distance between the predicted centres of their strokes."""
+    """Write to ``row`` the distances between the regions and between the predicted centres of their strokes."""
     wide = np.exp(both[Moment.LOG_WIDTH])
     gap = np.hypot(small[Moment.CENTRE_X] - large[Moment.CENTRE_X], small[Moment.CENTRE_Y] - large[Moment.CENTRE_Y])
     distance = np.hypot(small[Moment.X] - large[Moment.X], small[Moment.Y] - large[Moment.Y])
@@ -122,7 +122,7 @@ def _write_centres(small, large, both, row):
 
 @inline
 def _write_directions(small, large, both, row):
-    """Write how well the predicted directions of the regions' strokes agree."""
+    """Write to ``row`` measures of the agreement between the predicted stroke directions in the regions."""
     coherence_small = np.hypot(small[Moment.COSINE], small[Moment.SINE]) + 1e-3
     coherence_large = np.hypot(large[Moment.COSINE], large[Moment.SINE]) + 1e-3
     product = small[Moment.COSINE] * large[Moment.COSINE] + small[Moment.SINE] * large[Moment.SINE]
@@ -134,7 +134,7 @@ def _write_directions(small, large, both, row):
 
 @inline
 def _write_sizes(small, large, both, area, larger_area, row):
-    """Write the sizes of the regions and of their union relative to the predicted size of their stroke."""
+    """Write to ``row`` the sizes of the regions and of their union, relative to the predicted size of their stroke."""
     wide, long = np.exp(both[Moment.LOG_WIDTH]), np.exp(both[Moment.LOG_LENGTH])
     fill = np.log(area / (wide * long))
     row[PairFeature.LOG_PREDICTED_WIDTH] = both[Moment.LOG_WIDTH]

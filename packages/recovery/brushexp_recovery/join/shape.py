@@ -59,7 +59,7 @@ def _describe_all(moments, table):
 
 @function
 def describe(moments, out):
-    """Write the mean moments and the shape (DESCRIPTION,) of a region, given its summed moments (len(Moment),)."""
+    """Write a region's mean moments and shape to ``out`` (DESCRIPTION,), given its summed moments (len(Moment),)."""
     for k in range(len(Moment)):
         out[k] = moments[k] / moments[Moment.AREA]
     xx = out[Moment.XX] - out[Moment.X] * out[Moment.X] + 1 / 12  # 1 / 12 is the variance within a pixel

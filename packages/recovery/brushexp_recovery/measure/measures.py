@@ -28,11 +28,11 @@ class Measure:
     share: bool = False  # whether the figure lies between 0 and 1
 
     def factor(self, mm: float | None) -> float:
-        """Return the factor that converts a value in pixels to the unit `unit_in`; ``mm`` is millimetres per pixel."""
+        """Return the factor that converts pixels to the unit returned by `unit_in`; ``mm`` is millimetres per pixel."""
         return self.times[0] if mm is None else self.times[1] * mm**self.power
 
     def unit_in(self, mm: float | None) -> str:
-        """Return the unit of values that are multiplied by `factor`."""
+        """Return the unit of values that have been multiplied by the result of `factor`."""
         return self.unit if mm is None else self.mm_unit or self.unit
 
 

@@ -57,7 +57,7 @@ class RecoveryError:
     errors: Mapping[str, ErrorOfMeasure]  # by name in `MEASURES`
 
     def correct(self, draws: Draws, confidence: Array) -> Draws:
-        """Combine each of the samples (views, draws) with every error, to samples (views, draws * `SAMPLES`).
+        """Add every error to each of the samples (views, draws), and return samples (views, draws * `SAMPLES`).
 
         ``confidence`` (N,) holds the confidences of the strokes found in the photograph. Undefined values stay
         undefined, and predictors are clamped to the range of the known paintings.

@@ -101,7 +101,7 @@ def page_of(
 
 
 def initial_threshold(confidence: np.ndarray) -> float:
-    """Return the minimum confidence of the strokes shown at first: 0.5, or less so that half of the strokes are shown.
+    """Return the minimum confidence of the strokes shown at first: 0.5, or lower if needed to show half of the strokes.
 
     On photographs of real paintings, most confidences are below 0.5.
 

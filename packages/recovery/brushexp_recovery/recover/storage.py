@@ -37,7 +37,7 @@ class Recovered:
 
 
 def write_recovered(path: Path, recovered: Recovered) -> None:
-    """Write recovered strokes atomically as a catalogue with the additional group ``recovered``."""
+    """Write recovered strokes atomically as a catalogue with an additional ``recovered`` group."""
     with replacing(path) as temporary:
         save_catalogue(temporary, recovered.saved)
         with h5py.File(temporary, "a", libver=(HDF5, HDF5)) as file:

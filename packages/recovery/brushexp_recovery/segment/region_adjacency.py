@@ -14,7 +14,7 @@ Array = NDArray[Any]
 
 
 class AffinityColumn(IntEnum):
-    """Sums over pairs of pixels, grouped by the length of their offset in pixels."""
+    """Columns with sums of affinities and numbers of pixel pairs, grouped by the distance between the two pixels."""
 
     SUM_ADJACENT = 0  # sum of affinities
     SUM_3 = 1

@@ -46,7 +46,7 @@ def opaque_mixing(n: int, coats: float) -> Mixing:
 
 
 class Extent(IntEnum):
-    """The extent of a stroke's paint, including hidden parts; only ``VISIBLE`` refers to the visible part."""
+    """The area and position of a stroke's paint, whether visible or hidden; only ``VISIBLE`` excludes hidden paint."""
 
     AREA = 0  # pixels
     X = 1  # mean position in pixels

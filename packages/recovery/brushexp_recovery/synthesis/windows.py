@@ -36,7 +36,7 @@ class Texel(IntEnum):
 
 @dataclass(frozen=True)
 class BrushLook:
-    """How strokes are drawn: a plugin of the family ``engine`` or ``renderer``, with options."""
+    """The way in which strokes are drawn: a plugin of the ``engine`` or ``renderer`` family, with its options."""
 
     family: str
     name: str

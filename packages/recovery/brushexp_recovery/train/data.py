@@ -47,7 +47,7 @@ class RecoveryData(L.LightningDataModule):
         painters: int,
         families: Iterable[str] = (),
     ) -> None:
-        """Use paintings of ``pictures`` with numbers below ``paintings``, which ``painters`` processes make.
+        """Use paintings of ``pictures`` with numbers below ``paintings``, made by a number of ``painters`` processes.
 
         If ``families`` are given, about half of all paintings have a paint family; of these, only the paintings of the
         given families are made and used. Otherwise no painting has a family.

@@ -138,7 +138,7 @@ def majority(regions: Array, labels: Array, count: int) -> tuple[Array, Array]:
 
 
 def node_examples(part: SegmentedPart, tree: MergeTree) -> Examples:
-    """Make examples of nodes, with the best intersection over union with a stroke, and whether that is a match."""
+    """Make examples of nodes, whose targets are the best IoU with any stroke and whether it counts as a match."""
     chosen = tree.moments[:, Moment.AREA] >= SMALLEST_REGION
     overlaps = node_overlaps(tree, part.superpixels.labels, part.labels, int(part.labels.max()) + 1)
     return examples_of_nodes(tree, chosen, overlaps.max(1, initial=0))

@@ -100,7 +100,7 @@ def test_attributes_of_regions_are_in_pixels_of_the_picture():
 
 
 def kept(candidates: list[tuple[range, float]], labels: Array, least_share: float = 0.0) -> list[float]:
-    """Return the chances of the regions that are kept, in the order in which they are kept."""
+    """Return the chances of the accepted regions, in order of acceptance."""
     made = [Candidate(np.array(pixels), chance, np.zeros(len(StrokeAttribute))) for pixels, chance in candidates]
     return [one.chance for one in keep_surest(made, labels, least_share)]
 

@@ -175,7 +175,7 @@ def range_fault(strokes: Strokes) -> str:
 
 @torch.no_grad()
 def _alpha_fault(layers: Layers, size: Size) -> str:
-    """Describe a fault in the alpha or colour of some strokes at some pixels; return "" if there is none."""
+    """Check the alpha and colour of sampled strokes at sampled pixels; return the fault in words, or "" for none."""
     pairs = ((len(layers.reach), PROBED_STROKES), (size[0] * size[1], PROBED_PIXELS))
     index, pixel = (torch.linspace(0, n - 1, min(n, most)).round().long()[None] for n, most in pairs)
     alpha, color = layers.sample(index, pixel_centres(pixel, size[1], layers.color.dtype))
@@ -184,7 +184,7 @@ def _alpha_fault(layers: Layers, size: Size) -> str:
 
 
 def _fault(name: str, value: Tensor, low: float = -torch.inf, high: float = torch.inf) -> str:
-    """Describe a value that is not finite or is outside its bounds; return "" if there is none."""
+    """Describe the fault if some of ``value`` is not finite or is out of bounds; return "" otherwise."""
     if not value.isfinite().all():
         return f"{name} is not finite"
     if value.numel() and (value.min() < low or value.max() > high):

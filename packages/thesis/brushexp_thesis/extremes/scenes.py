@@ -61,7 +61,7 @@ def one_bright_pixel(size: Size) -> Tensor:
 
 @dataclass(frozen=True)
 class Scene:
-    """Random strokes on a canvas, with windows in the range ``scale`` and with some fields replaced by ``change``."""
+    """Random strokes on a canvas; window sizes lie in the range ``scale``, and ``change`` replaces some fields."""
 
     change: Callable[[Strokes], Fields] = lambda strokes: {}
     n: int = 16

@@ -102,7 +102,7 @@ def _shorten(valid: Tensor, generator: torch.Generator) -> Tensor:
 
 
 def _bend(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """Move the control point to 0.5 to 3000 chord lengths from the middle of the chord, in a random direction."""
+    """Place the control point 0.5 to 3000 chord lengths away from the middle of the chord, in a random direction."""
     start, _, end, width = valid.split([2, 2, 2, 1], dim=1)
     length = torch.linalg.vector_norm(end - start, dim=1, keepdim=True)
     angle = 2 * math.pi * _uniform(len(valid), 1, generator)

@@ -1,1 +1,1 @@
-"""Brush simulators, which are plugins of the family ``engine``."""
+"""Brush simulators, which are plugins of the ``engine`` family."""

@@ -43,7 +43,7 @@ NORMALISATIONS: dict[str, Callable[[int], nn.Module]] = {
 class InverseVGG(PatchRenderer):
     """Inverse VGG: dense layers, then upsampling and three convolutions at each size; trained on simulated strokes.
 
-    Source: thesis 2020, 6.2; its original size is the preset `neural_thesis`. The default size differs from the source
+    Source: thesis 2020, 6.2; its original size is the `neural_thesis` preset. The default size differs from the source
     in three ways: the last convolution draws squares of ``subpixel`` pixels (Shi et al., 2016, arXiv:1609.05158),
     because on a CPU a few channels at full size would take most of the time; the network receives the stroke's
     coordinates (``coordconv``); and it does not draw the stroke's colour (``tint``).
@@ -61,15 +61,15 @@ class InverseVGG(PatchRenderer):
         tint: whether the stroke's colour is added to the output, so that the network only has to learn the light on it.
         noise: initial strength of the noise added to every convolution, learned per channel (Karras et al., 2019,
             arXiv:1812.04948, who start at 0); 1 is about as strong as the signal; 0 = none. It is sampled anew at each
-            training step, but is the same for every stroke in painting. Unlike in the source, all channels share one
-            plane.
+            training step, but is the same for all strokes when painting. Unlike in the source, all channels share one
+            noise plane.
         activation: activation after every layer but the last: relu, leaky_relu, elu, gelu or silu.
         normalisation: normalisation after every convolution but the last: none, batch, group (of channels) or instance.
         upsampling: upsampling between sizes: nearest, bilinear, or pixel_shuffle, which is learned.
         channels: widths of all layers but the last, as left by task=prune: dense layers, coarsest picture, and every
             convolution; null = from the checkpoint, or otherwise from width, widest and dense.
-        precision: precision of the network in painting; bfloat16 is faster on GPUs and on CPUs that support it (AVX-512
-            BF16, AMX). Training has a separate precision.
+        precision: precision of the network when painting; bfloat16 is faster on GPUs and on CPUs that support it
+            (AVX-512 BF16, AMX). Training has a separate precision.
         project: whether strokes are moved into the training range before they are drawn; false shows what the network
             draws outside the range.
         checkpoint: trained weights: a .safetensors file from task=train, or the name of shipped weights; null = random
@@ -148,7 +148,7 @@ class InverseVGG(PatchRenderer):
 
     @property
     def widths(self) -> list[int]:
-        """The widths of all layers but the last, in the format of the option ``channels``."""
+        """The widths of all layers but the last, in the format of the ``channels`` option."""
         dense = [len(layer.weight) for layer in self.dense]  # type: ignore[arg-type]
         return [*dense, self.first.channels, *(len(layer.convolution.weight) for layer in self.convolving)]  # type: ignore[arg-type, union-attr]
 

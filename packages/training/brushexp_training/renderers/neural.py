@@ -1,4 +1,4 @@
-"""Draw strokes with a network that turns ten parameters and a brush into a texture along and across the stroke."""
+"""Draw strokes with a network that turns ten parameters and a brush into a texture, which is bent along the stroke."""
 
 import math
 from collections.abc import Sequence
@@ -36,7 +36,7 @@ CHUNK = 256  # number of strokes processed by the network at once
 
 @register("renderer", "neural")
 class Neural(Renderer):
-    """A network, trained on simulated strokes, that draws a texture along and across every stroke.
+    """A network, trained on simulated strokes, that draws a texture for each stroke, to be bent along its curve.
 
     Streaks follow a stroke, and the brush turns with it. The network therefore does not draw a picture of the window,
     as in the thesis (`inverse_vgg`), but a texture in the stroke's coordinates. The texture is a smooth function of the
@@ -57,7 +57,7 @@ class Neural(Renderer):
             64 along it.
         project: whether a stroke outside the training range is replaced by the nearest one inside it; false shows what
             the network draws outside the range.
-        precision: precision of the network in painting: float32, bfloat16, or auto, which is bfloat16 on CPUs that
+        precision: precision of the network when painting: float32, bfloat16, or auto, which is bfloat16 on CPUs that
             support it (AVX-512 BF16, AMX) and are twice as fast with it; textures always have 8 bits. Training has a
             separate precision.
         checkpoint: trained weights: a .safetensors file, or the name of shipped weights; null = random weights, for

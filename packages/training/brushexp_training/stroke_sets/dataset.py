@@ -93,7 +93,7 @@ def first_difference(first: dict[str, object], second: dict[str, object]) -> tup
 
 
 class Shard:
-    """One file of a set, whose first stroke has the number ``first``; pictures are read and checked on demand."""
+    """One file of a set, whose first stroke is number ``first`` of the set; pictures are read and checked on demand."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

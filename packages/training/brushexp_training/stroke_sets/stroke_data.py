@@ -81,7 +81,7 @@ def origin_for(cfg: DictConfig) -> tuple[Origin, list[int]]:
 def engine_node(cfg: DictConfig) -> DictConfig:
     """Return the config node of the engine.
 
-    Options that the user has not set are those with which the training strokes of the measured renderer were made.
+    Options not set by the user default to the values with which the measured renderer's training strokes were made.
     """
     plugin, (trained, _) = plugin_of(cfg.engine), origin_of_training(cfg)
     if trained is None or trained.engine != plugin.name:

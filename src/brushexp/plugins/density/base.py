@@ -70,7 +70,7 @@ class Density(ABC):
         return budget
 
     def idle_reason(self, steps: int) -> str:
-        """Explain why the policy neither adds nor removes strokes in ``steps`` steps; "" if it does so.
+        """Explain why the policy neither adds nor removes strokes in ``steps`` steps; return "" if it does either.
 
         The text continues a sentence that begins with the policy's name.
         """

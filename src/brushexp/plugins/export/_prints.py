@@ -171,7 +171,7 @@ class SheetExporter(PrintExporter):
 
 
 def crop(bands: Iterator[np.ndarray], size: tuple[int, int], shown: tuple[int, int]) -> Iterator[np.ndarray]:
-    """Crop a picture of ``size`` (H, W), given in bands (h, W, C), to its central ``shown`` (H, W) pixels.
+    """Crop a picture of ``size`` (H, W), given in bands (h, W, C), to the size ``shown`` (H, W) around its centre.
 
     >>> picture = np.arange(16).reshape(4, 4, 1)
     >>> np.concatenate([*crop(iter([picture[:1], picture[1:]]), (4, 4), (2, 4))])[..., 0].tolist()

@@ -49,7 +49,10 @@ def _lines(job: ExportJob) -> Iterator[str]:
 
 
 def heading_degrees(curve: Tensor) -> Tensor:
-    """Compute clockwise angles (N,), in (-180, 180], from start to end of curves (N, 3, 2); NaN for equal ends."""
+    """Compute the direction from the start to the end of each curve (N, 3, 2); NaN if the two coincide.
+
+    Directions (N,) are clockwise angles from the x axis in degrees, in (-180, 180].
+    """
     x, y = (curve[:, 2] - curve[:, 0]).unbind(1)
     angle = torch.atan2(y, x).rad2deg()
     return torch.where((x == 0) & (y == 0), torch.nan, torch.where(angle == -180, 180.0, angle)) + 0.0  # no -0

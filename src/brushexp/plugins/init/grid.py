@@ -16,7 +16,7 @@ from brushexp.registry import register
 @register("init", "grid")
 @dataclass(kw_only=True)
 class Grid(CellInitializer):
-    """Places one stroke in each cell of a regular lattice; see also the preset ``overlapping_grid``.
+    """Places one stroke in each cell of a regular lattice; see also the ``overlapping_grid`` preset.
 
     Args:
         shift: whether every other row is shifted by half a cell.

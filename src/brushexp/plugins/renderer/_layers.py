@@ -34,7 +34,7 @@ class CoordConv(nn.Module):
 
 
 class Noise(nn.Module):
-    """Adds one plane of noise, multiplied by a learned strength per channel (Karras et al., 2019, arXiv:1812.04948).
+    """Adds the same noise to all channels, with a learned strength per channel (Karras et al., 2019, arXiv:1812.04948).
 
     During training, every call samples new noise; otherwise the noise is the same for every stroke and call. Unlike in
     the source, the initial strength is not 0 by default.
@@ -62,7 +62,7 @@ class Noise(nn.Module):
 
 
 def add_noise(x: Tensor, strength: Tensor, grain: Tensor | None) -> Tensor:
-    """Add ``strength`` (C,) times a noise plane to (n, C, H, W): ``grain`` (1, 1, H, W), or new noise if None."""
+    """Add noise times ``strength`` (C,) to ``x`` (n, C, H, W); ``grain`` (1, 1, H, W) is the noise, or None for new."""
     grain = torch.randn_like(x[:, :1]) if grain is None else grain
     return x + strength[:, None, None] * grain
 

@@ -55,7 +55,7 @@ RENDERERS = CheckpointFormat(
 class Renderer(nn.Module, ABC):
     """Turns stroke parameters into layers; a subclass defines `forward` and overrides other methods as needed.
 
-    A trained renderer has an option ``checkpoint`` and calls `restore` at the end of its ``__init__``.
+    A trained renderer has a ``checkpoint`` option and calls `restore` at the end of its ``__init__``.
     ``tests/dabs.py`` contains an example with its own layers and compiled kernel.
 
     >>> from brushexp.registry import build_named

@@ -1,4 +1,4 @@
-"""Large opaque daubs on a coarse canvas, in even and sometimes dark colours, with visible bristle marks."""
+"""Large, opaque daubs of flat and sometimes dark colour on a coarse canvas, with visible bristle marks."""
 
 from dataclasses import replace
 
