@@ -1,4 +1,4 @@
-"""Compare the time and memory of steps with partial updates with those of steps on the whole canvas.
+"""Compare the time and memory of a step that updates part of the canvas with those of a step on the whole canvas.
 
     python benchmarks/partial.py            (about three minutes on two idle cores)
 

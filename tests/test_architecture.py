@@ -1,4 +1,4 @@
-"""Tests of the architecture: imports go one way, the map is complete, and plugins need only contracts and libraries."""
+"""Tests of the architecture: imports go one way, its map is complete, and plugins need contracts and libraries only."""
 
 import ast
 import inspect

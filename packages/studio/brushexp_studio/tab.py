@@ -52,7 +52,7 @@ def by_popularity(look: str) -> tuple[int, str]:
 
 
 class Tab:
-    """The content of a tab below the bar."""
+    """The part of a browser tab below the page's header."""
 
     controls: Controls
 

@@ -217,7 +217,7 @@ def _tuned_members(look: Mapping[str, Any], groups: Mapping[str, Any]) -> Iterat
 
 
 def _options_of(path: Path, family: str, chosen: str, groups: Mapping[str, Any]) -> DictConfig:
-    """Build the config of the options that a look sets for a member; raise a UserError for options that it lacks."""
+    """Build the config of the options that a look sets for a member; raise a UserError for unknown options."""
     look = _read(path)
     options: DictConfig = OmegaConf.create(look[family][chosen] if family in MULTI_SELECT else look[family])
     check_options(path, family, chosen, options)

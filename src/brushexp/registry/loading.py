@@ -20,7 +20,7 @@ _broken: dict[str, str] = {}  # file of a user's plugins -> why it cannot be loa
 
 
 def load_plugins(directory: Path, *, warns: bool = True) -> list[str]:
-    """Announce the plugins of brushexp and of packages, import the user's files, and return those files' names.
+    """Register the plugins of brushexp and of packages, import the user's files, and return those files' names.
 
     The user's files are ``directory/*.py`` and the files in the folders that ``BRUSHEXP_PLUGINS`` lists. A file that
     cannot be imported is skipped, with a warning if ``warns`` is set; `reasons_for_missing` gives the reasons again

@@ -120,7 +120,7 @@ def differences(chosen: Sequence[Mapping[str, str]]) -> list[tuple[str, ...]]:
 
 
 def shorten(values: Sequence[str], longest: int = LONGEST_VALUE) -> dict[str, str]:
-    """Shorten the values of a setting to the ends of paths and of long values, as far as they remain distinct."""
+    """Shorten a setting's values by keeping only the ends of paths and of long values, if the results are distinct."""
     depths = range(1, 1 + max(value.count("/") for value in values))
     tails = ([_tail(value, depth) for value in values] for depth in depths)
     names = next((names for names in tails if len(set(names)) == len(names)), list(values))

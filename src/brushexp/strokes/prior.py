@@ -118,7 +118,7 @@ def rewindow(strokes: Strokes) -> Strokes:
 
 
 def bend_of(strokes: Strokes) -> Tensor:
-    """Compute the `control_offset` (N, 2) of strokes; shorter chords count as ``SHORTEST_CHORD``."""
+    """Compute the `control_offset` (N, 2) of strokes; chords count as at least ``SHORTEST_CHORD`` long."""
     return control_offset(torch.stack([strokes.start, strokes.control, strokes.end], dim=1), SHORTEST_CHORD)
 
 

@@ -11,7 +11,7 @@ if TYPE_CHECKING:  # Lightning takes seconds to import; --help should not
 
 
 class Callback(ABC):
-    """Creates a Lightning callback that acts during a painting or the training of a network.
+    """Creates a Lightning callback that acts while a picture is painted or a network is trained.
 
     The callback may use any hook described at https://lightning.ai/docs/pytorch/stable/extensions/callbacks.html. The
     Lightning module has ``progress`` (0 to 1), ``state_line()`` and ``global_step``; the module of a painting also has

@@ -32,7 +32,7 @@ class Run:
 
     @property
     def step(self) -> int:
-        """Number of the last step; 0 if no step was taken."""
+        """Number of the last step; 0 if no step has been taken."""
         return int(self.metrics.get("steps") or 0)
 
     @property
