@@ -66,7 +66,7 @@ def painted(tmp_path_factory) -> Path:
     log = (folder / "run.log").read_text()
     last = [line for line in done.stdout.splitlines() if "%" not in line and not line.startswith("compiling ")]
     assert [line.split("  ")[0] for line in last[:3]] == ["writing the page", "run/painting.png", "run/report.html"]
-    assert last[2].endswith("look at it: brushexp view run")
+    assert last[2].endswith("to open it, type: brushexp view run")
     assert re.match(r"next: .*: brushexp ", last[3])
     assert not any(word in line for line in last for word in ("dB", "SSIM", "INFO"))
     assert re.search(r"\]\[INFO\] - .*painting.png: .* dB.*, SSIM", log), "run.log has the figures"

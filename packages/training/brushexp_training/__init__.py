@@ -1,5 +1,4 @@
-"""Train renderers on simulated strokes.
+"""Train renderers on simulated strokes; the list below gives the modules in the order in which data flows through them.
 
-The modules, in the order in which data flows through them, are:
 schema (with rules, functions, tasks) -> engine -> stroke_sets -> fitting (with renderers, discriminator) -> evaluation
 """

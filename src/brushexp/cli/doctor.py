@@ -147,12 +147,12 @@ def _cores() -> int:
 
 def _environment() -> str:
     variables = [f"{name}={os.environ[name]}" for name in VARIABLES if name in os.environ]
-    return ", ".join([f"{sys.stdout.encoding} output", *(variables or ["no variables for threads or devices"])])
+    return ", ".join([f"{sys.stdout.encoding} output", *(variables or ["no thread or device variables set"])])
 
 
 def _gpu(torch: Mapping[str, Any]) -> str:
     if torch["gpu"] is None:
-        return "PyTorch finds none" if torch["cuda"] else "none: this PyTorch is a build for CPUs"
+        return "PyTorch finds none" if torch["cuda"] else "none: this PyTorch is a CPU-only build"
     try:
         return f"{torch['gpu']}, CUDA {torch['cuda']}, Triton {version('triton')}"
     except PackageNotFoundError as error:
@@ -224,7 +224,7 @@ def _packages() -> str:
     groups = [name for name in entry_points().groups if name.startswith("brushexp.")]
     owners = [point.dist for group in groups for point in entry_points(group=group) if point.dist is not None]
     names = {f"{owner.name} {owner.version}" for owner in owners if owner.name != "brushexp"}
-    return ", ".join(sorted(names)) or "none that extend the program"
+    return ", ".join(sorted(names)) or "none"
 
 
 def _without_home(text: str) -> str:

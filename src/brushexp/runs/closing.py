@@ -32,9 +32,10 @@ def log_result(folder: Path, strokes: int, start: float | None) -> None:
     if not HydraConfig.initialized():
         return
     took = "" if start is None else f" in {time.monotonic() - start:.0f} s"
-    log.info("%s  %s strokes%s", as_shown(folder / "painting.png"), f"{strokes:,}", took)
+    count = f"{strokes:,} stroke{'s' * (strokes != 1)}"
+    log.info("%s  %s%s", as_shown(folder / "painting.png"), count, took)
     if not is_job():
-        log_page(folder, "see how it was painted")
+        log_page(folder, "shows how it was painted")
         log.info("next: %s", suggestion(list(HydraConfig.get().overrides.task), folder))
 
 

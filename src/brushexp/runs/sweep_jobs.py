@@ -139,7 +139,7 @@ def launch_jobs(
         raise UserError(f"a job ended without a result ({first_line(error)}); continue with resume=sweep") from error
     finally:
         renew_sweep_report(folder)
-    log_page(folder, "see all of them on one page")
+    log_page(folder, "shows all of them")
     failed = [str(k) for k, one in zip(jobs, results, strict=True) if one.status is not JobStatus.COMPLETED]
     if failed:
         table = folder / "table.md"
