@@ -31,7 +31,7 @@ def test_lines_beside_others_are_left_out():
 def test_an_outline_is_drawn_once():
     picture = np.full((3, 90, 120), 0.9)
     picture[:, 45:] = 0.1
-    strokes = contours(picture, 400, 20.0, 2.0, np.zeros(3))
+    strokes = contours(picture, picture.mean(0), 400, 20.0, 2.0, np.zeros(3))
     assert len(strokes) == 400
     length = (strokes.end - strokes.start).norm(dim=1) * strokes.scale / 2
     assert 100 < float(length[strokes.opacity > 0].sum()) < 300
@@ -42,7 +42,7 @@ def test_what_is_out_of_focus_has_no_contour():
     picture[:, :, 60:64] = picture[:, 24:72, 24:26] = 0.1
     slope = ((np.arange(240) - 130) / 80).clip(0, 1)  # a blurred edge, as dark as the sharp ones
     picture = picture - 0.85 * slope
-    strokes = contours(picture.clip(0, 1), 400, 20.0, 2.0, np.zeros(3))
+    strokes = contours(picture.clip(0, 1), picture.clip(0, 1).mean(0), 400, 20.0, 2.0, np.zeros(3))
     across = strokes.position[strokes.opacity > 0, 0]
     assert int((across < 100).sum()) > 5
     assert not (across > 120).any()

@@ -8,6 +8,7 @@ import torch
 from brushexp.contracts.pictures import sample_at
 from brushexp.contracts.strokes import Strokes
 from brushexp_media.init.contours import contours
+from brushexp_media.picture.decolorization import contrast_weights, decolorize
 
 Array = np.ndarray
 DARK, LIGHT = 0.45, 0.6  # mean of RGB above which there are no dark accents, and below which no light ones
@@ -25,7 +26,9 @@ def accents(
     """
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
 
-    lines = contours(picture if dark else 1 - picture, n, length, width, np.zeros(3), focus)
+    shown = picture if dark else 1 - picture
+    grey = decolorize(shown, contrast_weights(shown))
+    lines = contours(shown, grey, n, length, width, np.zeros(3), focus)
     around = gaussian_filter(picture.mean(0), AROUND * max(picture.shape))
     places = lines.position.double().numpy().T
     color = sample_at(picture, *places)

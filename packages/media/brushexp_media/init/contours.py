@@ -8,7 +8,6 @@ import torch
 from brushexp.contracts.pictures import along_edges, sample_at, sharpness, structure_tensor, worst_of_cells
 from brushexp.contracts.strokes import Strokes
 from brushexp_media.init.ink import strokes_of
-from brushexp_media.picture.decolorization import contrast_weights, decolorize
 from brushexp_media.picture.lines import (
     BESIDE,
     SIGMA,
@@ -41,12 +40,15 @@ SCALES = ((2.0, 1.0, 0.8 * FAINTEST), (1.0, FINER, 1.6 * FAINTEST))  # scale, re
 FINEST = 0.7  # least scale of outlines in pixels
 
 
-def contours(picture: Array, n: int, length: float, width: float, color: Array, focus: Array | None = None) -> Strokes:
+def contours(
+    picture: Array, grey: Array, n: int, length: float, width: float, color: Array, focus: Array | None = None
+) -> Strokes:
     """Draw n contour strokes of a picture (3, H, W): single bold lines, outlines, and fine lines in the focus.
 
-    Single lines follow strong straight edges. Outlines, drawn as chains of strokes, follow the other edges, the longest
-    and strongest first. ``length`` and ``width`` are the maximum dimensions of a stroke in pixels. With a ``focus`` (H,
-    W), some of the strokes draw faint features in it, such as eyes and mouths. Blurred edges get no contour.
+    Single lines follow strong straight edges. Outlines, drawn as chains of strokes, follow the other edges of ``grey``
+    (H, W), the picture in grey, the longest and strongest first. ``length`` and ``width`` are the maximum dimensions of
+    a stroke in pixels. With a ``focus`` (H, W), some of the strokes draw faint features in it, such as eyes and mouths.
+    Blurred edges get no contour.
     """
     side = max(picture.shape)
     frame = round(FRAME * side)
@@ -61,7 +63,7 @@ def contours(picture: Array, n: int, length: float, width: float, color: Array, 
     coarse = np.maximum(edge_lines(picture), 0.8 * edge_lines(picture, 2.0)) * clear
     single = _trace(coarse, flow, straight, bold, length, width)
     clear = clear * straight * (1 - SHADED * looked_at)
-    parts = [single, _draw_outlines(picture, clear, single[0], n - few - bold, length, width)]
+    parts = [single, _draw_outlines(grey, clear, single[0], n - few - bold, length, width)]
     if few:
         attended = looked_at > LOOKED_AT
         faint = _fine_lines(picture, SUBTLE) * inner * attended * looked_at**FADING
@@ -70,17 +72,14 @@ def contours(picture: Array, n: int, length: float, width: float, color: Array, 
     return strokes_of(curve, across, across > 0, color, n)
 
 
-def _draw_outlines(
-    picture: Array, clear: Array, drawn: Array, n: int, length: float, width: float
-) -> tuple[Array, Array]:
-    """Trace the outlines in a picture (3, H, W), coarse ones first; return at most n curves (m, 3, 2) and widths (m,).
+def _draw_outlines(grey: Array, clear: Array, drawn: Array, n: int, length: float, width: float) -> tuple[Array, Array]:
+    """Trace the outlines in a picture (H, W), coarse ones first; return at most n curves (m, 3, 2) and widths (m,).
 
     Outlines are omitted beside curves that are already ``drawn`` (k, 3, 2) and where edges are not ``clear`` (H, W).
     """
-    side, near = max(picture.shape), max(1, round(APART * width))
-    taken, curves, widths, count = np.zeros(picture.shape[1:], bool), [np.zeros((0, 3, 2))], [np.zeros(0)], 0
+    side, near = max(grey.shape), max(1, round(APART * width))
+    taken, curves, widths, count = np.zeros(grey.shape, bool), [np.zeros((0, 3, 2))], [np.zeros(0)], 0
     _take(taken, points_of(drawn).reshape(-1, 2), near)
-    grey = decolorize(picture, contrast_weights(picture))
     for scale, broad, lowest in SCALES:
         lines = find_outlines(grey, max(FINEST, scale * SIGMA * side), clear, lowest, 2 * lowest)
         lines.sort(key=lambda line: -float(line[1].sum()))

@@ -23,7 +23,7 @@ WHITE = 87.0  # L* above which an undertouch keeps its colour
 DULL, DUSK, MUTED, COOL = 0.92, 0.15, 0.75, 40.0  # of touches: lightness over the place's, less in shadow; chroma; blue
 OPPOSITE, LIGHT = 0.18, 0.2  # shares of dots of the complementary hue in shadow, and of the colour of the light
 RARE = 0.35  # share of complementary dots in light, relative to that in shadow
-SHADED = 40.0, 70.0  # L* below which all, and above which `RARE`, of these complementary dots are laid
+SHADED = 40.0, 70.0  # L* below which a place is fully in shadow, and above which it is fully in light
 PURER = 0.46  # shift of purer and of complementary dots, relative to dots of the colour of the light
 TURNED, UNEVEN = 0.3, 0.08  # standard deviation between dots: hue in radians, and L* relative to chroma
 

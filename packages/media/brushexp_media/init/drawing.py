@@ -100,17 +100,18 @@ class Drawing(Initializer):
         random = np.random.default_rng(int(torch.randint(2**31, (1,), generator=generator)))
         inner = _within_margin(size, random)
         weights = contrast_weights(picture)
+        grey = decolorize(picture, weights)
         dark = (1 - decolorize(flat, weights)) * inner
         washes = round(n * self.washes)
         lines = min(n - washes, round(n * self.contours))
         accents = min(n - washes - lines, round(n * self.accents))
-        steep = slope_of(inner * (1 - decolorize(picture, weights)))
+        steep = slope_of(inner * (1 - grey))
         distant = np.zeros(size) if weight is None else _distance_from(attended)
         sparing = gaussian_filter(dark ** (1 + FADED * distant) * (1 - SPARED * attended), SMOOTH * side)
         return Strokes.join(
             self._washes(_simplify(dark, distant), steep, washes, random),
             self._hatching(sparing, _sway(forms(picture), random), n - washes - lines - accents, random),
-            contours(picture, lines, self._longest(side), self._widest(side), rgb_of(self.color), weight),
+            contours(picture, grey, lines, self._longest(side), self._widest(side), rgb_of(self.color), weight),
             self._fill_lines(
                 edge_lines(simple, *BLUNT) * (simple.max(0) < DEEPEST) * inner, inner, accents // 2, random
             ),

@@ -25,10 +25,10 @@ def decolorize(picture: Array, weights: Array) -> Array:
 def contrast_weights(picture: Array) -> Array:
     """Find the weights (3,) of red, green and blue with which grey keeps most of the contrast between colours.
 
-    Weights are at least 0 and add up to 1. Red parrots on green leaves, which have equal luma, become light or dark.
+    Weights are at least 0 and add up to 1. Red parrots become lighter or darker than green leaves of the same luma.
 
-    Source: Lu, Xu and Jia, "Real-time contrast preserving decolorization" (2012): among a grid of weights, they choose
-    those under which the differences in grey most likely are the differences in CIELAB, with either sign. Unlike in the
+    Source: Lu, Xu and Jia, "Real-time contrast preserving decolorization" (2012): from a grid, they choose the weights
+    whose differences in grey are most likely to equal the differences in CIELAB, with either sign. Unlike in the
     source, weights far from those of luma are less likely, so that pictures whose colours differ in luma keep it.
     """
     random, (height, width) = np.random.default_rng(SEED), picture.shape[1:]

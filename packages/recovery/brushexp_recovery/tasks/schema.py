@@ -81,7 +81,7 @@ class MeasureTask(Task):
     )
     threshold: float | None = key(
         None,
-        "minimum confidence of the strokes shown first on the page; null = 0.5, or less so that half are shown",
+        "minimum confidence of the strokes shown first on the page; null = 0.5, or lower to show at least half",
         between(0, 1),
     )
     seed: int = key(0, "seed of views and draws", at_least(0))
