@@ -1,4 +1,4 @@
-"""Measure the time saved by blending only the top k layers (thesis 2020, 6.3), excluding the rest of a step.
+"""Measure the time that blending only the top k layers saves (thesis 2020, 6.3); the rest of a step is not timed.
 
     python benchmarks/blending.py            (a minute on one idle core, 3 GB of memory)
 
@@ -33,7 +33,7 @@ QUESTION = "How much time does it save to blend the uppermost layers alone, apar
 
 
 def layers_of(seed: int) -> tuple[Tensor, Tensor]:
-    """Scatter short strokes around a lattice; return their alpha (1, N, P) and slightly varied colours (1, N, P, 3)."""
+    """Scatter short strokes around lattice points; return alpha (1, N, P) and slightly varied colours (1, N, P, 3)."""
     generator = torch.Generator().manual_seed(seed)
     pitch = SIDE / N**0.5
     place = (torch.cartesian_prod(*2 * [torch.arange(20.0)])[:N] + 0.5) * SIDE / 20
@@ -71,7 +71,7 @@ def over_in_pairs(alpha: Tensor, color: Tensor) -> Tensor:
 
 
 def cpu_seconds_of(blend: Callable[[Tensor, Tensor], Tensor], alpha: Tensor, color: Tensor) -> tuple[float, Tensor]:
-    """Return the median CPU time of a forward and a backward pass, after an untimed run, and the blended picture."""
+    """Time a forward and backward pass, after an untimed run; return the median CPU time and the blended picture."""
     times = []
     for _ in range(RUNS + 1):
         leaves = [one.clone().requires_grad_() for one in (alpha, color)]

@@ -38,7 +38,7 @@ def brushify(target: Image.Image, path: Path) -> None:
 
 
 def paintings(picture: str, looks: list[str], folder: Path) -> list[Image.Image]:
-    """Return the paintings of one picture, first by Brushify if it is installed, then in each look."""
+    """Return the paintings of one picture: one by Brushify, if it is installed, followed by one in each look."""
     found = []
     for painter in [*(["brushify"] if shutil.which("gmic") else []), *looks]:
         path = folder / f"{quote(picture, safe='')}_{painter}.png"  # a/1.jpg and b/1.jpg are different pictures

@@ -1,12 +1,12 @@
-"""Measure whether the cost per megapixel of a canvas on disk depends on its size, and the speed-up from two workers.
+"""Measure how the cost per megapixel of a canvas on disk depends on its size, and how much two workers speed it up.
 
     python benchmarks/canvas.py             (4, 16 and 64 megapixels; about ten minutes on two idle cores)
     python benchmarks/canvas.py --sizes 4 16 64 100
     python benchmarks/canvas.py --grids 1024 900    errors along each grid's tile borders, relative to the other grid
 
-The picture is scikit-image's coffee, repeated by reflection, so that tile borders cross every part of it without
-creating new edges. At 4 megapixels, no two tiles are painted at the same time. Every table comes from a single run:
-compare the ratios, not the seconds.
+The picture is filled with mirrored copies of scikit-image's coffee, so that tile borders cross every part of the
+photograph and no edges appear between the copies. At 4 megapixels, no two tiles are painted at the same time. Every
+table comes from a single run: compare the ratios, not the seconds.
 """
 
 import argparse
@@ -29,7 +29,7 @@ SETTINGS = ("look=even", "steps=40", "report=false", "pyramid=none")
 
 
 def mirror_photograph(side: int) -> Image.Image:
-    """Make a picture of ``side`` x ``side`` pixels by repeating a photograph by reflection, without visible joins."""
+    """Fill a picture of ``side`` x ``side`` pixels with mirrored copies of a photograph, without visible joins."""
     picture = data.coffee()
     more = [(0, max(0, side - length)) for length in picture.shape[:2]]
     return Image.fromarray(np.pad(picture, [*more, (0, 0)], mode="symmetric")[:side, :side])

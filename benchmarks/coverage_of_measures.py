@@ -6,11 +6,11 @@
     python benchmarks/coverage_of_measures.py report tested docs/records/measures.csv
     python benchmarks/coverage_of_measures.py show docs/records/measures.csv
 
-Each combination of kind and seed is one painting; pictures are clean for even seeds, and weathered photographs for odd
-seeds. ``measure`` writes a file for each painting with its true values and the samples from its views. ``fit`` fits
-the recovery errors that ship with the program. ``report`` writes the measured values, with and without a correction for
-these errors, and ``show`` prints the coverage of the confidence intervals. True values count only strokes of which at
-least 30 % of the area and at least 12 pixels are visible, and use their full length.
+Each combination of kind and seed is one painting. Its picture is clean if the seed is even, and a weathered photograph
+if the seed is odd. ``measure`` writes a file for each painting with its true values and the samples from its views.
+``fit`` fits the recovery errors that ship with the program. ``report`` writes the measured values, with and without a
+correction for these errors, and ``show`` prints the coverage of the confidence intervals. True values count only
+strokes that show at least 30 % of their area and at least 12 pixels, and use the full lengths of these strokes.
 """
 
 import argparse
@@ -136,7 +136,7 @@ def widths(rows, of):
 
 
 def describe(rows):
-    """Format the coverage of rows, with its confidence interval over paintings, and the median relative width."""
+    """Format the coverage, with its confidence interval over paintings, and the intervals' median relative width."""
     cells, random = [], np.random.default_rng(0)
     relative = rows["measure"].map(lambda name: not MEASURES[name].axial and not MEASURES[name].share)
     for of in ("found", "corrected"):

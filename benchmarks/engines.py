@@ -1,4 +1,4 @@
-"""Compare brush simulators by their pictures of the same twelve strokes, their speed and their colour errors.
+"""Compare brush simulators: their pictures of the same twelve strokes, their speed and their colour errors.
 
     python benchmarks/engines.py             print the tables
     python benchmarks/engines.py FIGURE.png  also draw the strokes
@@ -63,7 +63,7 @@ def panel(name: str, window: int) -> np.ndarray:
 
 
 def figure(names: list[str]) -> Image.Image:
-    """Arrange the engines in columns, with large windows at the top and magnified windows of 64 pixels below."""
+    """Arrange the engines' strokes in columns: large windows at the top, magnified windows of 64 pixels below."""
     panels = [[panel(name, window) for name in names] for window in (LARGE, 64)]
     high, wide = panels[0][0].shape[:2]
     sheet = Image.new("RGB", (len(names) * (wide + 8), 2 * (high + HEAD)), "white")
@@ -87,7 +87,7 @@ def strokes_per_second(name: str, options: dict[str, object], n: int = 512) -> f
 
 
 def color_error(name: str) -> tuple[float, float]:
-    """Return the mean and the 99th percentile of |shown - recorded| colour, 0 to 1, where alpha is greater than 0.5."""
+    """Return the mean and 99th percentile of the colour error |shown - recorded|, 0 to 1, where alpha exceeds 0.5."""
     engine: Engine = build_named("engine", name, {})
     parameters = parameters_of(sample_prior(1000, seed=1))
     images = engine(parameters, seed=0).images

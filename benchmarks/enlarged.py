@@ -1,11 +1,12 @@
 """Measure how much of the finest detail in simulated strokes `renderer=textured` preserves in enlarged paintings.
 
     python benchmarks/enlarged.py            print a table
-    python benchmarks/enlarged.py STROKE.png also draw them: simulated above, textured below
+    python benchmarks/enlarged.py STROKE.png also draw the strokes: simulated above, textured below
 
-Strokes of several widths at 4096 px, each seven times as long as wide, are simulated at that size and drawn with
-several textures. The energy in the finest octave is the mean square of the difference between the coverage and the
-coverage blurred by a Gaussian of 1 pixel; in the next octave, of the difference between blurs of 1 and 2 pixels.
+Strokes of several widths at 4096 px, each seven times as long as it is wide, are simulated at that size and
+drawn with several textures. The energy in the finest octave is the mean squared difference between the coverage and the
+coverage blurred by a Gaussian of 1 pixel. The energy in the next octave is the mean squared difference between blurs of
+1 and 2 pixels.
 """
 
 import sys

@@ -1,12 +1,12 @@
-"""Measure how float32 kernels deviate from float64 with more layers and pixels, and opaque, distant or thin strokes.
+"""Measure errors of float32 kernels against float64 for many layers or pixels, and opaque, distant or thin strokes.
 
     python benchmarks/error_growth.py                       tables (20 s of processor time, 1.4 GB)
     python benchmarks/error_growth.py --plots docs/images   also draw the plots numerics_*.png
 
 The reference is eager PyTorch in float64 on exactly the same (float32) strokes. The error in a picture is the largest
-difference at any pixel and channel. The error in a gradient (of a randomly weighted sum of the picture) is |g - G| /
-|G| over all strokes, for the field with the largest error. Errors are the same on every machine except for differences
-in the last bits, which depend on the vector unit.
+difference at any pixel and channel. The error in the gradient of a randomly weighted sum of the pixels is
+|g - G| / |G| over all strokes, for the field with the largest error. Errors are the same on every machine except for
+differences in the last bits, which depend on the vector unit.
 """
 
 import argparse
@@ -79,7 +79,7 @@ def strokes_of(n: int, *, side: float = 8.0, length: float = 12.0, width: float 
 def paint_with_gradients(
     blend: Blend, renderer: Renderer, strokes: Strokes, size: tuple[int, int], weight: Tensor
 ) -> tuple[Tensor, dict[str, Tensor]]:
-    """Return the picture's last columns, and the gradient of their weighted sum with respect to each field."""
+    """Return the picture's rightmost columns, and the gradient of their weighted sum with respect to each field."""
     leaves = strokes.map(lambda value: value.clone().requires_grad_())
     image = blend(renderer(leaves), torch.arange(len(strokes)), size, BACKGROUND.to(strokes.width)).image
     image = image[:, :, -weight.shape[2] :]
@@ -142,7 +142,7 @@ def distances() -> Table:
 
 
 def sizes() -> tuple[Table, Table]:
-    """Measure errors for strokes smaller than a pixel, absolute and relative to the change that the strokes cause."""
+    """Measure errors for small strokes, both absolute and relative to the change that the strokes cause."""
     plain, relative = Table(), Table()
     renderers = RENDERERS | {"analytic, taper 0.5": Analytic(taper=0.5)}
     for exponent in range(2, -9, -1):
@@ -165,7 +165,7 @@ def sizes() -> tuple[Table, Table]:
 
 
 def values(count: int, part: Tensor) -> Iterator[Tensor]:
-    """Yield ``count`` float32 numbers in pieces by repeating ``part``."""
+    """Repeat ``part`` to yield ``count`` float32 numbers in chunks."""
     while count > 0:
         yield part[:count]
         count -= len(part)
@@ -206,7 +206,7 @@ def sum_in_sequence(numbers: "np.ndarray[tuple[int], np.dtype[np.float32]]") -> 
 
 
 def of_a_stroke(numbers: Tensor) -> float:
-    """Measure the relative error in a float32 sum over pixels, accumulated within tiles of 64, then over the tiles."""
+    """Measure the relative error in a float32 sum accumulated within tiles of 64 pixels, and then over the tiles."""
     tiles = numbers[: len(numbers) // 64 * 64].reshape(-1, 64)
     pairs = np.zeros((len(tiles), 1), np.float32)
     for k in range(64):

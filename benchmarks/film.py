@@ -1,9 +1,9 @@
-"""Compare the flicker, PSNR and time of a painted film with those of its frames painted one by one.
+"""Compare painting a film as a whole with painting its frames one by one, by flicker, PSNR and time.
 
     python benchmarks/film.py                          a piece of a photograph moving over another photograph
-    python benchmarks/film.py clip.mp4 --count 12      the first pictures of a film
+    python benchmarks/film.py clip.mp4 --count 12      the first 12 frames of a film
     python benchmarks/film.py --look ink --side 256
-    python benchmarks/film.py --side 256 --sheet film.jpg    also save three painted pictures and how they change
+    python benchmarks/film.py --side 256 --sheet film.jpg    also save three painted frames and their changes
     python benchmarks/film.py --cut --count 5 --override steps=8    PSNR of each picture around a cut
 
 All frames are painted with the same look and at the same size. Flicker is the mean change (in levels of 255) from one
@@ -66,7 +66,7 @@ def cut(count: int, side: int) -> list[np.ndarray]:
 
 
 def tell_pictures(folder: Path, clip: Path) -> None:
-    """Print the PSNR of each picture in a painted film, painted without lighting."""
+    """Print the PSNR of each picture in a painted film, rendered without lighting."""
     catalogues = sorted((folder / FRAMES).glob("*.h5"))
     for path, shown in zip(catalogues, timed_pictures(open_clip(clip)), strict=False):
         painted = export_job(load_catalogue(path)).bare().picture()
@@ -74,7 +74,7 @@ def tell_pictures(folder: Path, clip: Path) -> None:
 
 
 def write_sheet(sheet: Path, folder: Path, clip: Path) -> None:
-    """Save the first, middle and next-to-last frames, their paintings, and how each painting changes to the next."""
+    """Save the first, middle and next-to-last frames, their paintings, and each painting's change to the next."""
     shown = [one.picture for one in timed_pictures(open_clip(clip))]
     paths = sorted((folder / FRAMES).glob("*.h5"))
     painted = [export_job(load_catalogue(path)).picture().astype(int) for path in paths]

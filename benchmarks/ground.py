@@ -1,4 +1,4 @@
-"""Measure, in saved paintings, the fraction of pixels where over a tenth of the ground shows, and the median bend.
+"""Measure the fraction of pixels in saved paintings that show over a tenth of the ground, and the median stroke bend.
 
 python benchmarks/ground.py outputs/a/catalogue.h5 outputs/b/catalogue.h5
 """

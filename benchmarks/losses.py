@@ -60,7 +60,7 @@ def of_a_painting(losses: list[Loss]) -> Callable[[], None]:
 
 
 def against(function: Callable[[], None], other: Callable[[], None], runs: int) -> tuple[float, float]:
-    """Return the median time of a step in ms, and its median ratio to another step, measured in alternation."""
+    """Time two steps in alternation; return the median time of the first in ms, and its median ratio to the second."""
     for _ in range(WARM):
         function()
         other()

@@ -2,9 +2,9 @@
 
     python benchmarks/outputs.py                      (about three minutes on two idle cores)
     python benchmarks/outputs.py --strokes 2621 --resolution 4096
-    python benchmarks/outputs.py --looks oil ink      (only the faithfulness of SVG and replay in these looks)
+    python benchmarks/outputs.py --looks oil ink      (only the fidelity of SVG and replay in these looks)
     python benchmarks/outputs.py --runs outputs/a     (the same for existing paintings)
-    python benchmarks/outputs.py --replay outputs/a   (only how smoothly the page of this run replays)
+    python benchmarks/outputs.py --replay outputs/a   (only how smoothly this run's page replays)
 
 The default picture is painted twice, with default settings and at 1000 px with 10,000 strokes, and then exported. Each
 export runs in a separate process; its time and memory include the imports. Pages are opened in headless Chromium. PSNR

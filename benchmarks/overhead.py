@@ -1,7 +1,7 @@
 """Measure the time spent outside the steps, for a second picture and for a folder of pictures in one process.
 
     python benchmarks/overhead.py second              brushexp.paint at 512 px, after a first call
-    python benchmarks/overhead.py folder photos/      brushexp photos/ against brushexp photo for each picture
+    python benchmarks/overhead.py folder photos/      brushexp photos/, compared with one call per picture
     python benchmarks/overhead.py folder photos/ --count 4 quality=draft jobs=2
 
 Times are minima over several alternating rounds; arguments with = are settings. CPU seconds include all threads.
@@ -27,7 +27,7 @@ STEPS = 5
 
 
 def second(rounds: int, words: list[str]) -> None:
-    """Print, for each look, the seconds that a later call takes in addition to its steps."""
+    """Print, for each look, the seconds that a call after the first spends outside its steps."""
     options = dict(word.split("=", 1) for word in words)
     least = {look: float("inf") for look in LOOKS}
     for number in range(rounds + 1):
@@ -52,7 +52,7 @@ def time_program(words: list[str]) -> tuple[float, float]:
 
 
 def folder(place: str, count: int, rounds: int, words: list[str]) -> None:
-    """Print the seconds needed to paint pictures one by one and as a folder, and their ratio, as a table."""
+    """Print a table of the seconds needed to paint pictures one by one and as a folder, with their ratio."""
     pictures = [Path(name).resolve() for name in pictures_in(place)[:count]]
     singly = [word for word in words if not word.startswith("jobs=")]
     least = {"one by one": (float("inf"), float("inf")), "the folder": (float("inf"), float("inf"))}

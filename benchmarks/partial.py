@@ -1,9 +1,9 @@
-"""Compare the time and memory of a step that updates part of the canvas with those of a step on the whole canvas.
+"""Compare steps that update part of the canvas with steps on the whole canvas, by time and memory.
 
     python benchmarks/partial.py            (about three minutes on two idle cores)
 
 Every table comes from a single run: compare the ratios, not the seconds. Each row is measured in a separate process,
-so that its peak memory does not include that of other rows.
+so that its peak memory does not include the memory of other rows.
 """
 
 import argparse

@@ -57,7 +57,7 @@ def paint(image: Path, folder: Path, *words: str) -> dict[str, float]:
 
 
 def print_sizes(names: list[str], folder: Path) -> None:
-    """Print the time and memory of whole runs by picture size, and the ratios to the smallest size."""
+    """Print the time and memory of whole runs by picture size, and the ratios to the smallest picture's times."""
     print("| photograph | size | wall s | ratio | CPU s | ratio | memory MB | PSNR dB |")
     print("|---|---|---|---|---|---|---|---|")
     for name in names:

@@ -29,7 +29,7 @@ def color(text: str) -> Tensor:
 
 
 def logarithms(light: Tensor, spectra: Tensor) -> Tensor:
-    """Return the logarithms of the reflectances in each band, not scaled to channels."""
+    """Return the logarithms of linear RGB colours' reflectances in each band, before conversion to channels."""
     return (paints(light) @ spectra + DEEPEST).log()
 
 

@@ -1,14 +1,14 @@
-"""Compare plans painted with a table of mixtures and brushes with paintings converted to that table afterwards.
+"""Compare plans that use a table of mixtures and brushes from the start with paintings converted to it afterwards.
 
     python benchmarks/plan.py        (a minute for each picture and number of mixtures, on one core)
 
 Each picture is painted twice with the same numbers of strokes and steps: with `tubes=`, and with look=even, whose
 strokes are then converted to the same mixtures and brushes. The converted strokes are played back in the order of the
 plan and in their own order, and the better result is reported. Both plans are played back with brushes that run dry.
-The table has the median CIEDE2000 difference from the target for four pictures: the target with each pixel replaced by
-its nearest mixture (pixels), the painting with look=even before (plain) and after conversion (afterwards), and the
-plan (planned). The last column compares the plan with the photograph before its tones are mapped to those of the
-paints. Means are geometric, with two standard errors.
+The table has the median CIEDE2000 differences of four pictures from the target: the target with each pixel replaced by
+its nearest mixture (pixels), the painting with look=even before (plain) and after conversion (afterwards), and the plan
+(planned). The last column compares the plan with the photograph before its tones are mapped to the range of the paints.
+Means are geometric, with two standard errors.
 """
 
 import argparse
@@ -82,7 +82,7 @@ def compare(image: str, options: dict[str, object], counts: list[int]) -> Iterat
 
 
 def main() -> None:
-    """Print a row for each picture, and the geometric mean of the ratios with its interval."""
+    """Print a row for each picture and number of mixtures, and the geometric mean of the ratios with its interval."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--pictures", nargs="+", default=[])
     parser.add_argument("--mixtures", nargs="+", type=int, default=[24, 96])

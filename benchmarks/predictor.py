@@ -2,7 +2,7 @@
 
     python benchmarks/predictor.py                               thesis12 at 512 px (about half an hour on one core)
     python benchmarks/predictor.py --pictures kodak --side 0     a folder at full size
-    python benchmarks/predictor.py --only strokes                one table of: strokes, steps, seconds, edges, drafts
+    python benchmarks/predictor.py --only strokes                one table: strokes, steps, seconds, edges or drafts
     python benchmarks/predictor.py --sheet sheet.jpg             two pictures and their predicted strokes
 
 Differences are paired by picture, with 95 % confidence intervals from Student's t. Times are CPU seconds of one thread
@@ -60,7 +60,7 @@ def begin(name: str, side: int, init: str, n: int, **options: object) -> tuple[S
 
 
 def paint(name: str, side: int, init: str, n: int, steps: int) -> tuple[float, float, float]:
-    """Paint a picture; return PSNR in dB, perceptual distance, and CPU seconds without initialisation."""
+    """Paint a picture; return its PSNR in dB, perceptual distance, and CPU seconds without initialisation."""
     keys: dict[str, str | int] = {"look": "even", "strokes": n, "init": init, "steps": steps, "threads": 1}
     if init == "predicted" and not steps:
         keys["painter"] = "predictor"  # which keeps the predicted order; an optimiser starts with its own
@@ -111,7 +111,7 @@ def wall_of(name: str, side: int, n: int) -> float:
 
 
 def by_steps(names: Sequence[str], side: int, n: int, steps: Sequence[int]) -> None:
-    """Print the quality of paintings after each number of steps."""
+    """Print the quality of paintings after different numbers of steps."""
     rows = []
     for count in steps:
         found = {init: [paint(name, side, init, n, count)[0] for name in names] for init in INITS}
@@ -162,7 +162,7 @@ def by_place(names: Sequence[str], side: int, n: int) -> None:
 
 
 def draft(name: str, side: int, look: str, keys: dict[str, str | int | float]) -> tuple[float, float, float]:
-    """Paint a draft; return PSNR in dB, perceptual distance, and CPU seconds of initialisation and steps."""
+    """Paint a draft; return its PSNR in dB, perceptual distance, and CPU seconds of initialisation and steps."""
     size = {"resolution": side} if side else {}
     metrics = brushexp.paint(name, look=look, quality="draft", threads=1, **keys, **size).metrics
     own = {"init": "predicted", "checkpoint": "brushed"} if keys["init"] == "brushed" else {"init": str(keys["init"])}
@@ -174,7 +174,7 @@ def draft(name: str, side: int, look: str, keys: dict[str, str | int | float]) -
 
 
 def by_draft(names: Sequence[str], side: int) -> None:
-    """Print the quality of drafts with the former, the present and alternative settings."""
+    """Print the quality of drafts with the former, current and alternative settings."""
     rows = []
     for look, choices in DRAFTS.items():
         found = [list(zip(*(draft(name, side, look, keys) for name in names), strict=True)) for keys in choices]

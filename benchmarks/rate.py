@@ -1,4 +1,4 @@
-"""Compare the rate and distortion of coded strokes and picture codecs: PSNR of decoded pictures against bits per pixel.
+"""Compare the rate and distortion of coded strokes and image codecs: PSNR of decoded pictures against bits per pixel.
 
     python benchmarks/rate.py paint records.csv --kodak ../shared/images/kodak   # paint, code, and add to the records
     python benchmarks/rate.py show records.csv figure.png                        # print the tables, and draw the figure
@@ -124,7 +124,7 @@ def psnr(picture: np.ndarray, target: np.ndarray) -> float:
 
 
 def by_codecs(target: np.ndarray) -> Iterator[tuple[str, str, float, float]]:
-    """Yield codec, setting, bits per pixel and PSNR for each file that Pillow writes."""
+    """Yield the codec, setting, bits per pixel and PSNR of each file that Pillow writes."""
     for codec, (form, qualities) in CODECS.items():
         for options in qualities:
             Image.fromarray(target).save(file := io.BytesIO(), form, **options)
@@ -180,7 +180,7 @@ def read(records: Path) -> list[Record]:
 
 
 def curves(rows: list[Record]) -> dict[tuple[str, str, str], Curve]:
-    """Collect a curve of points, sorted by rate and without dominated points, for each set, picture and codec."""
+    """Make a curve for each set, picture and codec: its points sorted by rate, without dominated points."""
     points = defaultdict(list)
     for row in rows:
         points[row["set"], row["picture"], row["codec"]].append((float(row["bits_per_pixel"]), float(row["psnr"])))

@@ -39,7 +39,7 @@ def find(model, image, scale=None):
 
 
 def find_with(model, image, marks):
-    """Find regions as ``recover marks=`` does before marks replace regions."""
+    """Find regions as ``recover marks=`` does, up to the point where marks replace regions."""
     scale = choose_scale(model, image, marks)
     return find(fit_judges(model, image, marks, scale, 0), image, scale)
 
@@ -79,7 +79,7 @@ def compare_known(model, options):
 
 
 def compare_hand(model, folder):
-    """Print, for each picture, the recall of either half of its marks before and after training on the other half."""
+    """Print, for each picture, the recall of each half of its marks before and after training on the other half."""
     print("| marks by hand | recall at 0.5 | at 0.3 | marks in the test |\n|---|---|---|---|")
     for path in sorted(folder.glob("*.json")):
         marks = read_marks(path)

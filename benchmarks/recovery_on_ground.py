@@ -3,7 +3,8 @@
     python benchmarks/recovery_on_ground.py --seeds 0 3
 
 The script paints the scans that ship with the program in random colours, at random positions and angles, on black,
-white and brown grounds. It prints F1 at an IoU of 0.5 for each ground and number of strokes, pooled over the seeds.
+white and brown grounds. It prints the F1 score at an IoU of 0.5 for each ground and number of strokes, pooled over the
+seeds.
 """
 
 import argparse
@@ -31,7 +32,7 @@ LEAST_PIXELS = 60  # of a visible stroke that counts
 
 
 def paint(ground, count, seed, scans, enlargement):
-    """Paint a square picture, `SIDE` times ``enlargement`` pixels wide; return it and its labels, -1 on the ground."""
+    """Paint a square picture, `SIDE` times ``enlargement`` pixels wide; return it and its labels (-1 on the ground)."""
     random = np.random.default_rng([seed, count])
     image, labels = np.ones((SIDE, SIDE, 3)) * ground, np.full((SIDE, SIDE), -1, np.int32)
     for number in range(count):

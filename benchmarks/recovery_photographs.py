@@ -4,8 +4,8 @@
 
 The script recovers strokes from photographs, resampled to ``--side`` pixels, and from known paintings of 192 pixels.
 The row for each picture has the number of strokes, their median confidence, the fraction of pixels classified as bare
-ground, and whether `recover` reports that the picture does not look like paint. For the paintings, the precision of
-bare pixels and their recall on the ground that no recovered stroke covers are printed as well.
+ground, and whether `recover` reports that the picture does not look like paint. For the paintings, the script also
+prints the precision of bare pixels, and their recall on ground that no recovered stroke covers.
 """
 
 import argparse

@@ -3,9 +3,9 @@
     python benchmarks/recovery_scale.py scales.csv
     python benchmarks/recovery_scale.py others.csv --rounds 3 7 --sides
 
-In each round, the script paints a picture of each of the `KINDS`, enlarges or reduces it, and recovers its strokes: by
-one search and by all `SEARCHES` at the scale that `recover` chooses, and by one search at each scale that resamples the
-picture to one of the ``--sides`` (no scales if ``--sides`` is empty). The file gets a row per painting and scale, with
+In each round, the script paints a picture of each of the `KINDS`, enlarges or reduces it, and recovers its strokes:
+with one search and with all `SEARCHES` at the scale that `recover` chooses, and with one search at each scale that
+resamples the picture to one of the ``--sides`` (which may be empty). The file gets a row per painting and scale, with
 F1 and the quantities that a criterion can use without ground truth. Existing rows are kept, so an interrupted run
 continues. Finally, the script prints for each criterion how often the chosen scale is within a factor of 1.4 of the
 best scale, the F1 at the chosen scale, and the improvement from one search to all searches.
@@ -63,7 +63,7 @@ PRESENT, ALL, LADDER = "present", "all searches", "ladder"  # choices
 
 
 def list_pictures(first, last):
-    """List the kind, strokes, round, enlargement and look of each painting in rounds ``first`` to ``last - 1``."""
+    """List the kind, stroke count, round, enlargement and look of each painting in rounds ``first`` to ``last - 1``."""
     pictures = []
     for turn in range(first, last):
         for number, kind in enumerate(KINDS):
@@ -132,7 +132,7 @@ def measure(options, path, done):
 
 
 def choose_explained(lines):
-    """Choose the scale with enough regions and the highest ``explained``; keep the present one if the gain is small."""
+    """Choose a scale with enough regions and the highest ``explained``, or the automatic scale if the gain is small."""
     enough = [line for line in lines if line["regions"] >= FEWEST_REGIONS] or lines[:1]
     best = max(enough, key=lambda line: line["explained"])
     return best["scale"] if best["explained"] > GAIN * lines[0]["explained"] else lines[0]["scale"]
@@ -156,7 +156,7 @@ def f1_at(lines, scale):
 
 
 def report(rows):
-    """Print how well each criterion chooses the scale, and how much several searches improve on a single one."""
+    """Print how well each criterion chooses the scale, and how much several searches improve on one search."""
     pictures = {}
     for row in rows:
         line = {key: value if key in ("painting", "choice") else float(value) for key, value in row.items()}

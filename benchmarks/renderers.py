@@ -30,7 +30,7 @@ BESIDE = ((6, 4), (6, -12))  # points from a dot to its label, alternately above
 
 
 def main(picture: Path, folders: list[Path]) -> None:
-    """Print a table of all runs, and plot the fronts of FID and of bristle energy against speed."""
+    """Print a table of all runs, and plot the Pareto fronts of FID and of bristle energy against speed."""
     metrics = gather(folders, Path())["metric"].reindex(columns=SHOWN).astype(float)
     metrics.insert(0, "renderer", [folder.name for folder in folders])
     print(markdown_table(metrics, {name: metric.digits for name, metric in quantities().items()}))

@@ -6,7 +6,7 @@
 `collect` copies the listed pictures from a folder and its subfolders. Before the first stroke, `paint` records the date
 and the version in sealed.json; then it paints each picture with the settings in `WORDS`, and writes the metrics of each
 picture to sealed.csv. If the set has been painted before, `paint` refuses to paint it again. `--again REASON` paints it
-nevertheless and records the reason; from then on it is a development set, and reports must say so.
+nevertheless and records the reason; from then on, the set is a development set, and reports must say so.
 """
 
 import argparse

@@ -137,7 +137,7 @@ def measure(records: Path) -> None:
 
 
 def record_of(name: str, words: str) -> dict[str, Any]:
-    """Paint a picture with a setting; return its record, without bits for neural strokes, which are slow to code."""
+    """Paint a picture with a setting; return its record, omitting bits for neural strokes, which are slow to code."""
     metrics = METRICS[:2] if "renderer=neural" in words else METRICS
     found = paint(scene(name, SIDE), words, metrics)
     digits = {"cpu_seconds": 3, "seconds": 3, "psnr": 3, "perceptual": 4, "bits": 4, "psnr_decoded": 3}
@@ -226,7 +226,7 @@ def draw(table: pd.DataFrame, path: Path) -> None:
 
 
 def paint_points(axes: Axes, table: pd.DataFrame) -> None:
-    """Plot settings by kind, and the fronts of settings with up to 1, 2 and 4 times the strokes of quality=normal.
+    """Plot settings by kind, and Pareto fronts of settings with up to 1, 2 and 4 times the strokes of quality=normal.
 
     Labels of settings on a front are above their points and to the left; most other labels are below and to the right.
     """
@@ -261,7 +261,7 @@ def label_of(settings: str) -> str:
 
 
 def paint_renderers(axes: Axes, table: pd.DataFrame) -> None:
-    """Plot the front of each renderer among settings with at most as many strokes as quality=normal."""
+    """Plot each renderer's Pareto front of settings with at most as many strokes as quality=normal."""
     normal = table.loc["quality=normal", "strokes"]
     table = table[table["strokes"] <= MORE_STROKES * normal]
     table = table[[kind_of(name) != "other looks" for name in table.index]]

@@ -141,7 +141,7 @@ def switches() -> None:
 
 
 def memory() -> None:
-    """Print the peak memory that ten steps at one megapixel need in addition to the imports, in a separate process."""
+    """Print the peak memory of ten steps at one megapixel, without the imports, measured in a separate process."""
     code = "from step import memory_of_ten_steps; memory_of_ten_steps()"
     subprocess.run([sys.executable, "-c", code], check=True, cwd=sys.path[0])
 

@@ -1,10 +1,10 @@
-"""Measure the cost of trackers, in whole runs with and without each tracker, and on their own.
+"""Measure the cost of trackers, on their own and in whole runs with and without each tracker.
 
     python benchmarks/trackers.py                     (about five minutes on two idle cores)
     python benchmarks/trackers.py --rounds 1 --steps 50
 
 Each run is a separate process. Each round consists of consecutive runs, and the reported ratio is the median of the
-ratios within rounds. A point of the curves is logged about every 0.25 s, so a millisecond per point is 0.4 % of a run.
+ratios within rounds. A point on the curves is logged about every 0.25 s, so a millisecond per point is 0.4 % of a run.
 Nothing is sent, because wandb is offline.
 """
 
@@ -31,7 +31,7 @@ CHOICES = {
 
 
 def alone(names: list[str], folder: Path) -> None:
-    """Print the time that trackers need to open with imports (s), to log a point (ms), and to finish a run (s)."""
+    """Print how long trackers take to open, including imports (s), to log a point (ms), and to finish a run (s)."""
     import lightning  # noqa: F401, PLC0415  (the program has it anyway)
 
     from brushexp.config.publish import prepare  # noqa: PLC0415

@@ -3,7 +3,7 @@
 The shape of paint does not depend on its colour, so the network does not need to learn colours. It receives only the
 seven shape parameters and draws two planes, a mask (alpha) and a shading; the exact colour is applied afterwards.
 
-The framework does the rest: `PatchRenderer` brings the parameters into the training range, calls `draw`, places the
+The framework does the rest: `PatchRenderer` moves the parameters into the training range, calls `draw`, places the
 windows on the canvas and saves memory; `restore` loads the weights in ``checkpoint``;
 ``brushexp task=train renderer=dual data=data/fluid`` trains the network;
 ``brushexp renderer=dual renderer.checkpoint=outputs/x/dual.safetensors`` paints with it.

@@ -19,7 +19,7 @@ def packed(name: bytes, contents: bytes) -> bytes:
 
 
 def clap(width: int, height: int, right: int, low: int, parts: int = 2) -> Box:
-    """Make a crop box with its centre ``right / parts`` pixels right of the picture's and ``low / parts`` below it."""
+    """Make a crop box whose centre lies ``right / parts`` pixels right of and ``low / parts`` below the picture's."""
     return b"clap", struct.pack(">IIIIiIiI", width, 1, height, 1, right, parts, low, parts)
 
 

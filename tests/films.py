@@ -54,7 +54,7 @@ def scene(n: int, side: int = 64, speed: int = 3) -> list[np.ndarray]:
 
 
 def encoded(path: Path, pictures: list[np.ndarray], rate: int = 25) -> Path:
-    """Encode pictures as an mp4 video, which adds the noise of the codec."""
+    """Encode pictures as an mp4 video, which adds compression noise."""
     with filming(path.with_suffix(""), "mp4", pictures[0].shape[:2], Fraction(rate)) as film:
         for picture in pictures:
             film.show(picture, 1)

@@ -110,7 +110,7 @@ def check_accuracy(renderer, blend):
 
 @torch.no_grad()
 def check_importance(renderer, blend):
-    """Check a blend's importance of each stroke in a random scene against the dense blend, and return the inputs."""
+    """Check the importance that a blend computes for random strokes against the dense blend, and return the inputs."""
     size, strokes = (20, 29), with_shapes(random_strokes(25, (20, 29), bend=0.05))
     order, target, weight = torch.randperm(25), torch.rand(3, *size), torch.rand(size)
     layers = renderer(strokes)

@@ -1,4 +1,4 @@
-"""Classic networks with torchvision's structure and names of weights; the weights are random."""
+"""Classic networks with torchvision's structure and weight names, but random weights."""
 
 from functools import cache
 from itertools import pairwise
@@ -25,7 +25,7 @@ class Fire(nn.Module):
 
 @cache
 def torchvision_features(name: str) -> nn.Sequential:
-    """Build the convolutions of alexnet, squeeze (squeezenet1_1) or vgg16; their weights keep activations stable."""
+    """Build the convolutions of alexnet, squeeze (squeezenet1_1) or vgg16; the weights keep activations stable."""
     torch.manual_seed(0)
     if name == "alexnet":
         first = [nn.Conv2d(3, 64, 11, 4, 2), nn.ReLU(), nn.MaxPool2d(3, 2)]

@@ -78,7 +78,7 @@ def error_of(painter: StrokeOptimizer) -> float:
 
 
 def gradient_of(painter: StrokeOptimizer, view: View, part: Catalogue | None = None) -> dict[str, torch.Tensor]:
-    """Return the gradient of a view's loss with respect to the strokes of ``part``, or to all strokes if it is None."""
+    """Return the gradient of a view's loss with respect to the strokes of ``part``, or all strokes if it is None."""
     moving = painter.catalogue if part is None else part
     moving.zero_grad()
     painter.loss(view, moving()).backward()

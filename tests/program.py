@@ -1,4 +1,4 @@
-"""Runs of the program in separate processes that do not spend seconds on imports.
+"""Helpers that run the program in separate processes without spending seconds on imports.
 
 Every process is forked from a server that has only imported all modules and filled Numba's tables. A fork behaves like
 ``brushexp``: it has its own environment, working folder, output, signals and exit code.
@@ -46,10 +46,10 @@ Kill = tuple[str, int, bool]
 
 
 class Program:
-    """A process that runs ``brushexp`` with overrides in the folder ``cwd``, with methods of `subprocess.Popen`.
+    """A process that runs ``brushexp`` with overrides in the folder ``cwd``; it has methods of `subprocess.Popen`.
 
-    ``kill`` is a tuple of a path's ending, a count n and a flag: the program receives the signal ``sent`` just before
-    the n-th move of a file with that ending into its place, or just after the move if the flag is true.
+    ``kill`` is a tuple of a path suffix, a count n and a flag: the program receives the signal ``sent`` just before
+    a file with that suffix is moved into place for the n-th time, or just after the move if the flag is true.
     """
 
     def __init__(
@@ -117,7 +117,7 @@ def ended(cwd: Path, *words: str, kill: Kill | None = None, sent: int = signal.S
 
 
 def disturb_move(name: str, number: int, after: bool, disturb: Callable[[], object]) -> None:
-    """Call ``disturb`` just before or after the ``number``-th move of a file with the ending ``name`` into place."""
+    """Call ``disturb`` just before or after the ``number``-th move of a file that ends in ``name`` into place."""
     real, moved = os.replace, 0
 
     def replace(source: Path, target: Path) -> None:

@@ -1,4 +1,4 @@
-"""Tests of the Python API: its functions match the command line's tasks and messages, and write no files unasked."""
+"""Tests of the Python API: it matches the command line's tasks and messages, and writes no files unless asked."""
 
 import io
 import json

@@ -1,4 +1,4 @@
-"""Tests of the architecture: imports go one way, its map is complete, and plugins need contracts and libraries only."""
+"""Tests of the architecture: no import cycles, a complete map, and plugins that need only contracts and libraries."""
 
 import ast
 import inspect
@@ -43,7 +43,7 @@ def modules() -> dict[str, Path]:
 
 
 def imports_by(room) -> dict[str, set[str]]:
-    """Group modules by ``room``, and return the groups that each group imports, also in functions and for types."""
+    """Group modules by ``room``, and map each group to those it imports, also in functions and for types."""
     names, found = modules(), {}
     for name, path in names.items():
         inner = {module for module in imports(path) if module in names or f"{module}.__init__" in names}

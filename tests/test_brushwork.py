@@ -1,4 +1,4 @@
-"""Tests of measuring a painting's brushwork, comparing it with other brushwork, and transferring it to new strokes."""
+"""Tests that measure a painting's brushwork, compare it with other brushwork, and transfer it to new strokes."""
 
 import math
 from dataclasses import replace

@@ -24,7 +24,7 @@ VARIABLES = ("HOME", KERNELS, CACHES, *caches.LIBRARY_CACHES, *caches.TEMPORARY_
 
 @pytest.fixture
 def surroundings(tmp_path, monkeypatch):
-    """Return a function that sets environment variables and the folder in which the program's code seems to be.
+    """Return a function that sets environment variables and the folder in which the program seems to be installed.
 
     The other ``VARIABLES`` are unset, and temporary files go to ``tmp_path``.
     """
@@ -47,7 +47,7 @@ def surroundings(tmp_path, monkeypatch):
 
 
 def nobody(monkeypatch) -> None:
-    """Make the user's entry missing from the password database."""
+    """Simulate a user who has no entry in the password database."""
     monkeypatch.setattr("pwd.getpwuid", lambda number: {}[number])
 
 

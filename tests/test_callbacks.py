@@ -219,7 +219,7 @@ def test_what_ends_a_fit_before_its_plan_is_told(end, tmp_path, monkeypatch):
 
 
 class Watch(L.Callback):
-    """A callback that stores each step's PSNR tensor, and the values that PSNR and loss have at that time."""
+    """A callback that stores each step's PSNR tensor, and the values of PSNR and loss at that time."""
 
     def __init__(self):
         self.kept, self.then = [], []

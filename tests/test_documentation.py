@@ -55,7 +55,7 @@ IN_A_LINE = re.compile(r"`brushexp\s([^`]+)`")  # may continue on the next line
 
 
 def commands_of(pages, *patterns):
-    """Map the arguments of every command in the pages to a test name that includes the page."""
+    """Map the arguments of every command in the pages to a test name that includes the page's name."""
     return {
         " ".join(command.split()): f"{page.name}: {command}"
         for page in pages

@@ -54,7 +54,7 @@ from brushexp.tasks import paint
 
 @pytest.fixture
 def resumed(config, tmp_path, monkeypatch):
-    """Return a function that resumes a run; given words in ``begun``, it first writes the checkpoint of such a run."""
+    """Return a function that resumes a run; if ``begun`` has words, it first writes a checkpoint of a run with them."""
     hydra = OmegaConf.create({"overrides": {"task": []}, "runtime": {"output_dir": str(tmp_path)}})
     monkeypatch.setattr(resume, "HydraConfig", SimpleNamespace(get=lambda: hydra))
 

@@ -1,4 +1,4 @@
-"""Tests of exporters: they all keep their contract, and their files show the painting."""
+"""Tests of exporters: they all fulfil their contract, and their files show the painting."""
 
 import csv
 import io

@@ -47,7 +47,7 @@ def part_of(image: Tensor, target: Tensor, region: Region, focus: Tensor | None 
 def slopes_of(
     loss: Loss, regions: Iterable[Region], size=SIZE, focus: Tensor | None = None
 ) -> Iterator[tuple[Tensor, Tensor]]:
-    """Yield two gradients of the weighted loss in each region: from that part alone and from the whole picture."""
+    """Yield, for each region, the weighted loss's gradient there, from that part alone and from the whole picture."""
     noise, target = torch.rand(2, 3, *size, generator=torch.Generator().manual_seed(7), dtype=torch.float64)
     image = (0.7 * target + 0.3 * noise).requires_grad_()
 

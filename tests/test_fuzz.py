@@ -1,4 +1,4 @@
-"""Fuzz tests of damaged or malicious files: each yields finite content or a one-line refusal; no code in it runs."""
+"""Fuzz tests of damaged or malicious files: each yields finite content or a one-line refusal; no code in them runs."""
 
 import copy
 import json

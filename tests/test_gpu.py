@@ -1,4 +1,4 @@
-"""Tests on a GPU: paintings match those of the CPU, and a renderer trains."""
+"""Tests on a GPU: paintings match those made on the CPU, and a renderer trains."""
 
 import pytest
 import torch

@@ -202,7 +202,7 @@ def noise(height: int, width: int, seed: int = 0) -> Tensor:
 
 
 def stripes(height: int, width: int, degrees: float) -> Tensor:
-    """Return stripes with a period of 12 pixels along a direction (clockwise from the x axis, as y points down)."""
+    """Draw stripes that run ``degrees`` clockwise from the x axis (y points down), with a period of 12 pixels."""
     y, x = torch.meshgrid(torch.arange(height) + 0.5, torch.arange(width) + 0.5, indexing="ij")
     across = y * math.cos(math.radians(degrees)) - x * math.sin(math.radians(degrees))
     return (0.5 + 0.4 * torch.sin(2 * math.pi * across / 12)).expand(3, height, width).contiguous()

@@ -451,7 +451,7 @@ def test_a_texture_in_twice_its_size_is_the_same_with_finer_detail_where_it_has_
 
 @pytest.mark.parametrize("offset", [-1.3, -0.3, -0.1, 0.07, 1.2])
 def test_pixels_that_see_only_the_end_of_a_short_thick_stroke_give_it_the_exact_gradient(offset):
-    """Beyond the end, inside the bend, the distance has no minimum, so no Newton step may divide by its curvature."""
+    """The gradient is exact even where the distance to the curve has no minimum: beyond the end, inside the bend."""
     curve = torch.tensor([[[3.5, 4.0], [4.5, 4.0], [7.5, 4.0]]]) + offset
     strokes = strokes_along(curve, torch.tensor([24.0]), torch.tensor([[0.2, 0.5, 0.8]]), 0.9)
     strokes = replace(strokes, widening=torch.tensor([0.3]), drift=torch.tensor([[0.1, 0.05, -0.1]]))

@@ -97,7 +97,7 @@ def declared():
 
 @pytest.mark.slow(kernels=False)
 def test_every_value_fits_or_is_refused_in_one_line_that_names_the_key():
-    """Each key is tested with a twelfth of the values, in rotation, or with all if ``BRUSHEXP_VALUES=all``."""
+    """Each key accepts or refuses a twelfth of the values, in rotation, or all values if ``BRUSHEXP_VALUES=all``."""
     without, wrong = {}, []
     apart = 1 if os.environ.get("BRUSHEXP_VALUES") == "all" else 12
     for k, (which, name, kind) in enumerate(declared()):

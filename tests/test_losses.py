@@ -176,7 +176,7 @@ def judged_pictures(loss: Loss, image: Tensor, target: Tensor, dtype: torch.dtyp
 
 @pytest.mark.parametrize("name", KINDS)
 def test_tiny_pictures_have_a_value_and_a_gradient_in_every_precision(name):
-    """The pictures are smaller than SSIM's window (11 pixels) and the networks' receptive fields (up to 200 pixels)."""
+    """Losses accept pictures smaller than SSIM's window (11 px) and the networks' receptive fields (up to 200 px)."""
     loss = built(KINDS[name][0], **KINDS[name][1])
     for size in SIZES:
         for kind, (image, target) in pairs(*size).items():
@@ -196,7 +196,7 @@ def test_tiny_pictures_have_a_value_and_a_gradient_in_every_precision(name):
 
 
 def test_ssim_in_half_precision_is_that_of_the_rounded_pictures():
-    """A naive SSIM fails here: bright flat pictures lose their variance in bfloat16, and sums overflow in float16."""
+    """A naive SSIM would fail: bright flat pictures lose their variance in bfloat16, and sums overflow in float16."""
     for image, target in pairs(90, 70).values():
         for dtype in (torch.bfloat16, torch.float16):
             rounded = [picture.to(dtype).double() for picture in (image, target)]

@@ -1,4 +1,4 @@
-"""Tests of stroke measures, curves and metrics against slow references, with gradients and degenerate strokes."""
+"""Tests of stroke measures, curves and metrics against slow references, including gradients and degenerate strokes."""
 
 import math
 from dataclasses import replace

@@ -116,7 +116,7 @@ def test_the_rate_rises_holds_and_falls(schedule, end):
 @pytest.mark.parametrize("missing", [False, True])
 @every_preset
 def test_steps_without_a_slope_move_nothing(name, missing):
-    """AdamW is the exception: if gradients are 0, its weight decay shrinks parameters by the preset's rate per step."""
+    """Parameters stay put, but AdamW's weight decay shrinks them by the preset's rate per step if gradients are 0."""
     chosen, steps = preset(name), 200
     catalogue = Catalogue(random_strokes(9, SIZE), chosen.units)
     optimizer = chosen.over(catalogue.parameters())

@@ -1,4 +1,4 @@
-"""Tests that every registered plugin and preset, including yours, keeps the contract of its family."""
+"""Tests that every registered plugin and preset, including your own, fulfils the contract of its family."""
 
 import pytest
 from brushexp_testing import contract

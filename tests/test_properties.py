@@ -223,7 +223,7 @@ def test_bands_of_a_picture_are_the_picture(blend, renderer, scene, rows, tiles)
 @PROFILE
 @given(scene=scenes(), zoom=st.sampled_from([3, 5]))
 def test_a_larger_picture_shows_the_same_at_the_centres_of_the_old_pixels(blend, taper, scene, zoom):
-    """Pixel i in the small picture has the same centre as pixel zoom * i + zoom // 2 in the large one."""
+    """Pixel i of the small picture equals pixel zoom * i + zoom // 2 of the large one, which has the same centre."""
     order, size = torch.arange(len(scene.strokes)), tuple(zoom * side for side in scene.size)
     expected = BLENDS[blend](Analytic(soft=1.5, taper=taper)(scene.strokes), order, scene.size, BACKGROUND).image
     layers = Analytic(soft=1.5 * zoom, taper=taper)(scene.strokes.moved(zoom=zoom))

@@ -1,4 +1,4 @@
-"""Tests of a sweep's report, whatever its runs did: results, tables, contact sheet and page in a real browser."""
+"""Tests of a sweep's report, however its runs ended: results, tables, contact sheet and page in a real browser."""
 
 import json
 import logging
@@ -178,7 +178,7 @@ def test_every_target_stands_where_its_runs_are(tmp_path):
 
 
 def test_a_sheet_of_looks_has_a_row_for_each_picture_as_high_as_it_needs(tmp_path):
-    """The sweep has more pictures than looks, and each look has its own loss."""
+    """The sheet has a row per picture even if pictures outnumber looks and each look has its own loss."""
     painted(tmp_path, {"look": ["oil", "ink"], "image": ["/d/a.png", "/d/b.png", "/d/c.png"]})
     for number in range(6):
         note(tmp_path, number, loss="mse" if number < 3 else "mse+width")
@@ -227,7 +227,7 @@ def test_large_sheets_stay_within_bounds(count, long):
 
 
 def end_job(folder: Path, number: int, outcome: object, mode: str = "MULTIRUN") -> None:
-    """Call the hook that Hydra calls after a job, when a report is due; ``outcome`` is metrics or an exception."""
+    """Call the hook that Hydra calls after a job, with a report due; ``outcome`` is metrics or an exception."""
     sweep_report._next_report = 0.0
     config = OmegaConf.create({"hydra": {"runtime": {"output_dir": str(folder / str(number))}, "mode": RunMode[mode]}})
     status = JobStatus.FAILED if isinstance(outcome, Exception) else JobStatus.COMPLETED

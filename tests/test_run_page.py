@@ -462,7 +462,7 @@ def test_a_visitor_replays_strokes_back_and_forth_and_leaves_layers_out(visited)
 
 
 def oracle(saved: Saved, points: np.ndarray) -> list[int | None]:
-    """Return the top stroke at each point, or None where rounding could decide."""
+    """Return the top stroke at each point, or None where it depends on rounding."""
     curve, half = curve_of(saved.strokes), half_width_of(saved.strokes)
     place = torch.as_tensor(points, dtype=torch.float32)[None].expand(len(half), -1, -1)
     t = closest_parameter(curve[:, None], place)

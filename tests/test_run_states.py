@@ -1,8 +1,8 @@
 """Tests that runs lose nothing and report the truth when started, killed, interrupted, resumed and moved in any order.
 
 ``BRUSHEXP_STATES=30 pytest tests/test_run_states.py`` tries 30 histories of each kind of run. The default is three, and
-the first one is empty. All completed runs of a kind match bit for bit. A sweep is killed at every seventh kill point,
-just before or after it writes a file, or at each one with ``BRUSHEXP_KILLS=all``.
+the first one is empty. All completed runs of a kind match bit for bit. The kill points of a sweep lie just before and
+after it writes a file; it is killed at every seventh of them, or at all of them if ``BRUSHEXP_KILLS=all``.
 """
 
 import json
@@ -65,7 +65,7 @@ NAMES = ["a", "b"]
 
 
 class Runs(RuleBasedStateMachine):
-    """Two run folders, a picture and the user's own notes, along with the state that they should have."""
+    """Two run folders, a picture and the user's own notes, along with their expected state."""
 
     whole: ClassVar = {}  # kind and target -> the bits of every complete run, killed or not
     begun: ClassVar[list[str]] = []  # words of the runs in all histories

@@ -86,7 +86,7 @@ def test_the_style_picture_itself_costs_nothing(kernel, tmp_path):
     ("kernel", "size"), [("poly", (96, 123)), ("linear", (101, 90)), ("gaussian", (83, 80)), ("meanstd", (77, 98))]
 )
 def test_a_part_counts_as_in_the_whole(kernel, size, monkeypatch):
-    """Parts of a changing canvas agree with the whole, except for what the network sees outside a part's context."""
+    """Loss and gradient on parts of a changing canvas match those of the whole, but for effects beyond the context."""
     monkeypatch.setattr("brushexp.features.base.TILE_PIXELS", 64)
     image, target = pictures(*size)
     loss, whole = Style(kernel=kernel), Style(kernel=kernel)
@@ -152,7 +152,7 @@ def moments(picture: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def test_recolouring_takes_over_mean_and_covariance_also_of_the_target_if_asked(tmp_path):
-    """The colours are muted, so that none is clipped."""
+    """A recoloured picture has the other picture's mean and covariance, as long as the colours are not clipped."""
     mix = torch.tensor([[0.1, 0.02, 0.0], [0.0, 0.05, 0.03], [0.02, 0.0, 0.08]])
     picture = 0.4 + 0.2 * (torch.rand(3, 40, 60) - 0.5)
     like = 0.5 + torch.einsum("ij,jhw->ihw", mix, torch.rand(3, 30, 20) - 0.5)

@@ -179,7 +179,7 @@ def test_a_run_builds_a_plugin_once_and_a_sweep_once_more_for_its_check(tmp_path
 
 
 def test_a_sweep_on_several_cores_ends_in_one_table_and_one_sheet(tmp_path):
-    """The workers here are not forks; later tests cover sweeps with forks."""
+    """A sweep whose workers are not forks ends in one table and one sheet; later tests cover forks."""
     pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
     (tmp_path / "plugins").mkdir()
     (tmp_path / "plugins" / "shy.py").write_text(SHY)
@@ -254,7 +254,7 @@ def photos(folder: Path) -> Path:
 
 
 def test_all_pictures_are_painted_and_the_same_command_goes_on(tmp_path):
-    """The first command paints one picture at a time; the second resumes in two processes."""
+    """The first command paints one picture at a time; the second goes on from there in two processes."""
     name = "my \\${photos}"
     photos(tmp_path / name)
     code, output = ended(tmp_path, f"image={name}", "jobs=1", *QUICK)

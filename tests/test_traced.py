@@ -117,7 +117,7 @@ def test_lines_cover_as_strokes_do_and_traced_ones_paint_better_than_adaptive_on
 
 
 def test_the_longest_part_that_pays_is_as_good_as_any_from_the_seed_on():
-    """The gain is 80 to 100 % of the best that an exhaustive search finds."""
+    """The gain is 80 to 100 % of the best gain that an exhaustive search finds."""
     target = with_arc()
     maps = traced._maps(missing(target))
     lines = traced.lines_of_width(target.numpy(), maps, 3.0, 6)

@@ -18,7 +18,7 @@ from brushexp.strokes.storage import load_catalogue
 
 
 def broken(strokes, target, amount=0.5, seed=0, focus=None):
-    """Return the strokes' colours after variety, and check that nothing else has changed."""
+    """Return the strokes' colours after `Variety` has varied them, and check that nothing else has changed."""
     painter = painter_of(target=target, options={"focus": focus})
     state = replace(painter.now(), generator=torch.Generator().manual_seed(seed))
     order = torch.arange(len(strokes))

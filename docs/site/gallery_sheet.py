@@ -1,6 +1,6 @@
 """Make the sheet of twenty paintings in docs/gallery.md: ``python docs/site/gallery_sheet.py FOLDER``.
 
-The commands are read from the page. Paintings are kept in FOLDER, so that later runs only paint new commands.
+The commands are read from the page. Paintings are kept in FOLDER, so that later runs execute only new commands.
 """
 
 import re

@@ -1,4 +1,4 @@
-"""Paint the small samples of looks that the page shows, from one photograph: ``python docs/site/look_samples.py``."""
+"""Paint the small samples of looks shown in the studio, from one photograph: ``python docs/site/look_samples.py``."""
 
 from pathlib import Path
 

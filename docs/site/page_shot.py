@@ -12,7 +12,7 @@ WIDE, SMALLER = {"width": 1320, "height": 1790}, 0.75
 
 
 def main(report: Path, picture: Path) -> None:
-    """Open the page in Chromium, and save what the window shows as a JPEG."""
+    """Open the page in Chromium, and save its visible part as a JPEG."""
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=["--no-sandbox"])
         page = browser.new_page(viewport=WIDE, color_scheme="light")

@@ -10,7 +10,7 @@ from brushexp.contracts.strokes import Strokes
 
 @register("sampler", "halves")
 class Halves(Sampler):
-    """Alternates between the left and the right half of the canvas: each step only moves the strokes in one half."""
+    """Alternates between the left and the right half of the canvas: each step moves only the strokes in one half."""
 
     cost, moves = "half", "those in one half of the canvas"
 

@@ -13,7 +13,7 @@ INK = (0.36, 0.23, 0.13)
 
 @register("palette", "sepia")
 class Sepia(Palette):
-    """Brown tones from dark ink to white paper, like those of old photographs.
+    """Brown tones from dark ink to white paper, as in old photographs.
 
     Args:
         share: strength of the sepia tone; 0 keeps the picture unchanged.

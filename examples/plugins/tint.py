@@ -6,7 +6,7 @@ from brushexp.contracts.families import Comparison, Metric
 
 @register("metric", "tint")
 class Tint(Metric):
-    """Difference between the mean colours of painting and target, as a measure of colour cast, 0 to 1."""
+    """Difference between the mean colours of the painting and its target, as a measure of colour cast, 0 to 1."""
 
     title = "tint"
     higher_is_better = False

@@ -1,4 +1,4 @@
-"""Paint a canvas on the workers of a Dask cluster, each tile as soon as its predecessors are painted."""
+"""Paint a canvas on the workers of a Dask cluster, starting each tile as soon as its predecessors are painted."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Place the initial strokes for a tile: the tile's own strokes, and those of its painted and unpainted neighbours."""
+"""Place the initial strokes for a tile: its own strokes, and strokes of its painted and unpainted neighbours."""
 
 from dataclasses import dataclass
 
@@ -25,7 +25,7 @@ class Laid:
 
 
 def lay(store: CanvasStore, tile: Tile, cfg: DictConfig, target: Tensor, focus: Tensor | None) -> Laid:
-    """Place a tile's initial strokes for the ``target`` (3, h, w) in its window, with weights (h, w) or None."""
+    """Place a tile's initial strokes for the ``target`` (3, h, w) in its window; ``focus`` (h, w) weights pixels."""
     grid, window, region = store.grid, store.grid.window(tile), store.grid.region(tile)
     before = sorted(grid.before(tile))
     stored, depth = store.strokes_of(before)

@@ -1,4 +1,4 @@
-"""Paint a saved painting at any size as the levels of a pyramid on disk, and archive exported files."""
+"""Render a saved painting at any size, as the levels of a pyramid on disk, and archive exported files."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -44,7 +44,7 @@ def levels_of(job: ExportJob) -> Iterator[dict[str, list[Level]]]:
 
 @contextmanager
 def archive(path: Path) -> Iterator[Path]:
-    """Yield a temporary folder, and finally pack its files into a zip file at ``path`` atomically."""
+    """Yield a temporary folder, then pack its files atomically into a zip file at ``path``."""
     with TemporaryDirectory(prefix="brushexp-") as folder:
         yield Path(folder)
         with replacing(path) as temporary, ZipFile(temporary, "w") as packed:

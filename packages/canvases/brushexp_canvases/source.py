@@ -1,7 +1,7 @@
 """Read pictures of any size strip by strip, as 8-bit sRGB.
 
-libvips reads TIFF, BigTIFF, PNG, JPEG, WebP and HEIC; GDAL reads JPEG 2000, which libvips lacks in its wheels; Zarr
-reads OME-Zarr.
+libvips reads TIFF, BigTIFF, PNG, JPEG, WebP and HEIC; GDAL reads JPEG 2000, which the wheels of libvips cannot read;
+Zarr reads OME-Zarr.
 """
 
 import math
@@ -54,7 +54,7 @@ def open_source(path: Path, resolution: int | None = None) -> Source:
 
 @contextmanager
 def _explaining(path: Path, error: type[Exception], program: str, needed: str) -> Iterator[None]:
-    """Convert an error that ``program`` raises while it reads a file into a UserError."""
+    """Raise UserError with an explanation if ``program`` fails to read a file."""
     try:
         yield
     except error as reason:
@@ -63,7 +63,7 @@ def _explaining(path: Path, error: type[Exception], program: str, needed: str) -
 
 
 class PictureFile(Source):
-    """A file streamed by libvips, rotated by its EXIF, converted to sRGB by its profile, and composited over white."""
+    """A file streamed by libvips, rotated according to EXIF, converted to sRGB, and composited over white."""
 
     def __init__(self, path: Path, resolution: int | None = None) -> None:
         vips = _vips()

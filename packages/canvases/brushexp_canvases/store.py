@@ -24,7 +24,7 @@ SQUARES = ("seam", "seam_pixels", "all", "all_pixels")  # a tile's squared error
 
 
 class CanvasStore:
-    """Arrays of a canvas on disk; a tile is considered painted once its number of strokes, written last, is stored.
+    """Arrays of a canvas on disk; a tile counts as painted once its number of strokes (written last) is stored.
 
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:
@@ -87,12 +87,12 @@ class CanvasStore:
         return rows_to_strokes(np.concatenate([np.empty((0, NUMBERS), np.float32), *rows]))
 
     def put_strokes(self, tile: Tile, strokes: Strokes, depth: Tensor) -> None:
-        """Store a tile's strokes with their depths (N,), and mark it as painted."""
+        """Store a tile's strokes with their depths (N,), and mark the tile as painted."""
         self.root["strokes"][tile.row, tile.column, : len(strokes)] = strokes_to_rows(strokes, depth)
         self.root["count"][tile.row, tile.column] = len(strokes)
 
     def put_squares(self, tile: Tile, squares: Sequence[float]) -> None:
-        """Store a tile's errors, in the order of `SQUARES`, and mark it as drawn."""
+        """Store a tile's errors, in the order of `SQUARES`, and mark the tile as drawn."""
         self.root["squares"][tile.row, tile.column] = squares
 
     def errors(self) -> dict[str, float]:

@@ -113,7 +113,7 @@ def relevant_settings(cfg: DictConfig) -> dict[str, Any]:
 
 
 def check_same(store: CanvasStore, cfg: DictConfig) -> None:
-    """Raise UserError if a canvas was started with settings other than the present ones."""
+    """Raise UserError if a canvas was started with different settings."""
     before, now = todays_settings(store.record["settings"]), relevant_settings(cfg)
     for key in sorted(before.keys() | now.keys()):
         if before.get(key) != now.get(key):

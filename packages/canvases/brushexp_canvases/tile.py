@@ -48,7 +48,7 @@ class Canvas:
     plugins: str  # folder of the user's plugins
 
     def open(self) -> tuple[CanvasStore, DictConfig]:
-        """Open the arrays and the config, after loading the plugins, which is necessary in every new process."""
+        """Load the plugins, as every new process must, and open the arrays and the config."""
         logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)  # otherwise it logs the hardware for each tile
         load_plugins(Path(self.plugins), warns=False)
         use_threads(1)
@@ -61,7 +61,7 @@ class Canvas:
 
 
 class MoveAllButFirst(Sampler):
-    """Sample the whole window, and move all strokes except the first ``first`` strokes, which stay fixed."""
+    """Sampler of the whole window that moves all strokes except the first ``first`` strokes, which stay fixed."""
 
     cost, moves = "that of the whole window", "all but those of neighbours"
 
@@ -74,7 +74,7 @@ class MoveAllButFirst(Sampler):
 
 
 class RecordedOrder(Order):
-    """Wrap another order and record its depths; the first strokes keep the depths given in ``first``.
+    """Order that wraps another order and records its depths; the first strokes keep the depths given in ``first``.
 
     Together, the recorded depths of all tiles order the canvas's strokes as they were ordered during optimisation. The
     last ``passing`` strokes are below all others.
@@ -133,8 +133,8 @@ def border_weights(focus: Tensor | None, near: np.ndarray) -> Tensor | None:
     """Increase the weights of pixels near borders between tiles, so that more strokes are placed there.
 
     ``focus`` (h, w) contains the weights, or is None for equal weights; ``near`` (h, w) marks the pixels near borders.
-    With equal weights, the error near borders was 1.07 times that elsewhere, because each tile's strokes are placed
-    without regard to the strokes of its neighbours.
+    With equal weights, the error near borders was 1.07 times the error elsewhere, because each tile's strokes are
+    placed without regard to the strokes of its neighbours.
     """
     if not near.any():
         return focus
@@ -181,7 +181,7 @@ def draw_tile(canvas: Canvas, tile: Tile, *before: object) -> None:
 
 
 def job_of(store: CanvasStore, cfg: DictConfig, region: Region) -> ExportJob:
-    """Return a region as a painting, with all strokes that reach into it, in pixels from the region's corner."""
+    """Return a region as a painting of all strokes that reach into it, in pixels relative to the region's corner."""
     near = sorted({other for tile in store.grid.tiles_in(region) for other in (tile, *store.grid.around(tile))})
     strokes, depth = store.strokes_of(near)
     seen = mark_overlapping(strokes, region, LIGHT_MARGIN)

@@ -1,4 +1,4 @@
-"""Test the tiles, strokes and seams of canvases on disk, and that interrupted paintings can be continued."""
+"""Test that the tiles of a canvas on disk form one picture, and that painting continues after an interruption."""
 
 import itertools
 import json

@@ -1,4 +1,4 @@
-"""Test in a real browser which files the viewer page loads, and how it draws strokes up close."""
+"""Test in a real browser that the viewer page loads only nearby strokes, and draws them as the painting shows them."""
 
 import base64
 import io

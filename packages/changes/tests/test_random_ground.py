@@ -1,4 +1,4 @@
-"""Test that the ground has a new colour at each step, but the painting's own colour whenever the picture is shown."""
+"""Test that the ground changes colour at each step, but has the painting's own colour whenever the picture is shown."""
 
 import torch
 from brushexp_changes.random_ground import RandomGround, random_color

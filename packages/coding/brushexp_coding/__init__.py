@@ -1,1 +1,1 @@
-"""Compress paintings: round strokes and encode them in a small file, and decode and paint such files."""
+"""Compress paintings into small files of rounded, encoded strokes, and decode and paint such files."""

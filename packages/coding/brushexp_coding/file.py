@@ -156,7 +156,7 @@ def _groups(present: list[bool]) -> list[list[Column]]:
 
 
 def _classes(coarseness: np.ndarray) -> np.ndarray:
-    """Classify how each stroke's shape is rounded (N,): finer than the median (0), equal (1) or coarser (2)."""
+    """Classify the rounding (N,) of each stroke's shape as finer than the median (0), equal (1) or coarser (2)."""
     if len(coarseness) < FEWEST_TO_CLASS:
         return np.zeros(len(coarseness), np.int64)
     return np.sign(coarseness[:, 0]) + 1

@@ -36,7 +36,7 @@ def nearest_before(middle: np.ndarray) -> np.ndarray:
 
 
 def sources(prediction: Prediction, count: int, nearest: np.ndarray | None) -> np.ndarray | None:
-    """Return the earlier stroke (N,) that predicts each of ``count`` strokes, or None without prediction."""
+    """Return the earlier stroke (N,) that predicts each of ``count`` strokes, or None if nothing is predicted."""
     if prediction == Prediction.LAST:
         return np.maximum(np.arange(count) - 1, 0)
     return nearest if prediction == Prediction.NEAREST else None
@@ -51,7 +51,7 @@ def rescale(numbers: np.ndarray, octaves: np.ndarray) -> np.ndarray:
 
 
 def residuals_of(numbers: np.ndarray, octaves: np.ndarray, source: np.ndarray | None) -> np.ndarray:
-    """Subtract the predictions from the numbers (N, K), in each stroke's own steps; the first stroke is not changed."""
+    """Subtract the predictions from the numbers (N, K), in each stroke's step sizes; the first stroke is unchanged."""
     if source is None or len(numbers) < 2:
         return numbers
     residuals = numbers.copy()

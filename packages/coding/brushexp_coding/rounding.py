@@ -63,8 +63,8 @@ REVERSED = (Column.CHORD_X, Column.CHORD_Y, Column.WIDENING, *DRIFT)
 class Rounded:
     """N strokes as integers, bottom to top; each value is an integer times its column's step times 2**coarseness.
 
-    A stroke has separate coarseness values, in octaves, for its shape and its paint: the effect of errors in its shape
-    is proportional to its contrast with the surroundings, and that of errors in its colour to its visible area.
+    A stroke has separate coarseness values, in octaves, for its shape and its paint: errors in its shape matter in
+    proportion to its contrast with the surroundings, and errors in its colour in proportion to its visible area.
     """
 
     numbers: np.ndarray  # (N, C) int64, where C is the number of columns

@@ -15,7 +15,7 @@ from brushexp_exports.stroke_outlines import OutlinedStroke, outlined_strokes
 @register("to", "geojson")
 @dataclass(kw_only=True)
 class GeoJson(Exporter):
-    """Writes ``strokes.geojson``: strokes as polygons with measures, bottom to top, for QGIS, R and GeoPandas.
+    """Writes ``strokes.geojson``: strokes as polygons with measurements, bottom to top, for QGIS, R and GeoPandas.
 
     As on maps, coordinates start at the lower left corner, with x to the right and y upwards. They are in pixels, or in
     millimetres with ``width_cm``. Unlike in RFC 7946, they are positions on the canvas, not on the Earth. Each polygon

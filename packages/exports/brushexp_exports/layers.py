@@ -17,7 +17,7 @@ ROUNDING = 2  # levels, of 255, by which 8-bit layers may differ from the painti
 
 @dataclass(frozen=True, eq=False)
 class Layer:
-    """A layer: its name and its pixels."""
+    """A layer of a painting, with its name and pixels."""
 
     name: str
     pixels: np.ndarray  # (H, W, 4) uint8, straight alpha

@@ -53,7 +53,7 @@ class OpenRaster(PrintExporter):
         return [folder / "painting.ora"]
 
     def _stack(self, job: ExportJob, layers: list[Layer]) -> str:
-        """Write the list of layers, top to bottom, as the XML of the file format."""
+        """Format the list of layers, top to bottom, as the XML that OpenRaster requires."""
         height, width = job.size
         dots = f' xres="{self.density:.0f}" yres="{self.density:.0f}"' if self.density else ""
         rows = [LAYER.format(quoteattr(layer.name), number) for number, layer in enumerate(layers)]

@@ -36,8 +36,8 @@ class Process(Exporter):
         fps: frames per second.
         format: format of the film: mp4 (replaced by gif if PyAV is not installed) or gif.
         hold: time for which the finished painting is shown, in seconds.
-        pace: pace of the strokes: even paints the same number every second; quickening starts slowly, with large
-            strokes.
+        pace: pace of the strokes: even paints the same number of strokes every second; quickening starts slowly,
+            with large strokes.
         growing: whether each stroke grows from start to end instead of appearing at once; a growing stroke is drawn
             about seven times. null = yes, unless the renderer is slow.
     """
@@ -79,7 +79,7 @@ def shrink_to_side(job: ExportJob, side: int) -> ExportJob:
 
 
 def states(job: ExportJob, shares: Iterable[np.ndarray]) -> Iterator[Tensor]:
-    """Yield the canvas (3, H, W) for each array in ``shares``, which holds the fraction of each stroke that is drawn.
+    """Yield the canvas (3, H, W) for each array in ``shares``: the fraction of each stroke that is drawn.
 
     A canvas may overwrite the previous one. It shows the painting's paper and light; the heights of strokes are
     composited like their colours.

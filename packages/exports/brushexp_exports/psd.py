@@ -26,7 +26,7 @@ PER_INCH, CENTIMETRES = 1, 2  # the format's codes for units
 @register("to", "psd")
 @dataclass(kw_only=True)
 class Psd(PrintExporter):
-    """Writes ``painting.psd``, with the layers of ``to=ora`` for other programs; needs ``pip install 'brushexp[psd]'``.
+    """Writes ``painting.psd``, the layers of ``to=ora`` for other programs; needs ``pip install 'brushexp[psd]'``.
 
     The layers are the ground, strokes from bottom to top, light and paper; together they show the painting to within
     two levels of 255. The file has an sRGB profile, and contains the finished picture for programs that do not read

@@ -28,7 +28,8 @@ class Relief(Exporter):
 
     ``height.png`` has 16 bits: black is the bare canvas, and white is the highest point, whose height is given in the
     log and in the file's text fields ``Description`` and ``HeightOfWhite`` (pixels). ``normals.png`` is a tangent-space
-    normal map in OpenGL's convention: red points right, green up, blue towards the viewer, with -1 to 1 as 0 to 255.
+    normal map in OpenGL's convention: red points right, green up, blue towards the viewer, and -1 to 1
+    is stored as 0 to 255.
     """
 
     def check(self, count: int, size: tuple[int, int]) -> None:

@@ -1,4 +1,4 @@
-"""Carry strokes from one picture of a film to the next: adapt them where the film changes, and keep all others."""
+"""Carry strokes from one picture of a film to the next: adapt strokes where the film changes, and keep all others."""
 
 import logging
 import math
@@ -37,10 +37,10 @@ class Cel:
 
 @dataclass(frozen=True)
 class Carrier:
-    """Carry the strokes of a picture to the next picture in a few gradient steps.
+    """Carries the strokes of a picture to the next picture in a few gradient steps.
 
-    Where the film changes, strokes follow its motion and are then optimised for the painting's losses. Of these
-    strokes, the harmful and the least important are replaced by smaller strokes on top where the error is largest; each
+    Where the film changes, strokes follow its motion and are then optimised for the painting's losses. The
+    harmful and the least important of these are replaced by smaller strokes on top, where the error is largest; each
     new stroke takes the row index and the brush of the stroke that it replaces. All other strokes stay bit-identical
     and keep their order, so that nothing appears suddenly.
     """

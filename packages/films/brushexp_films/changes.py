@@ -31,7 +31,7 @@ def is_cut(first: Tensor, second: Tensor) -> bool:
 
 
 class Changes:
-    """Find the pixels of a film that have changed since they were last painted.
+    """Finds the pixels of a film that have changed since they were last painted.
 
     Each pixel is compared with its value at its last change, so that slow fades are found and noise does not
     accumulate.
@@ -44,7 +44,7 @@ class Changes:
         self._last: Tensor | None = None
 
     def __call__(self, picture: Tensor) -> Tensor:
-        """Return a mask (H, W) of the pixels that have changed in the next picture (3, H, W); all after a cut."""
+        """Mark the pixels (H, W) that have changed in the next picture (3, H, W); after a cut, mark all pixels."""
         self.begins = self._last is None or is_cut(self._last, picture)
         self._last = picture
         if self.begins:
@@ -74,7 +74,7 @@ class Flicker:
 
     @property
     def value(self) -> float | None:
-        """The flicker so far, or None if no pixel was still."""
+        """Flicker so far, or None if no pixel was still."""
         return self._total / self._count if self._count else None
 
 

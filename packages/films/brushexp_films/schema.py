@@ -1,4 +1,4 @@
-"""Keys of ``task=film``."""
+"""Configuration keys of ``task=film``."""
 
 import logging
 import os
@@ -25,7 +25,7 @@ PAGE_KEYS = {"frames", "frame_side", "timelapse", "timelapse_seconds", "report"}
 
 @dataclass
 class FilmOptions:
-    """Keys below ``film``."""
+    """Configuration keys under ``film``."""
 
     every: int = key(1, "interval between painted frames, in frames of the film", at_least(1))
     start: float = key(0, "start time in seconds", at_least(0))
@@ -36,7 +36,7 @@ class FilmOptions:
 
 @dataclass
 class FilmTask(PaintTask):
-    """Paint a film, carrying the strokes from picture to picture; image=clip.mp4 chooses this task."""
+    """Paint a film, carrying the strokes from frame to frame; image=clip.mp4 selects this task."""
 
     module = "brushexp_films.task"
     painted = f"FOLDER/{FRAMES}/000000.h5"

@@ -20,7 +20,7 @@ def add_sound(film: Path, source: Path, start: float = 0.0) -> None:
     """Copy the sound of ``source``, from ``start`` seconds on, into an MP4 film, if the MP4 format supports it.
 
     The start is relative to the beginning of the source, and the sound is cut at the end of the film. Sound that an MP4
-    cannot contain is omitted with a warning. Further sound tracks and subtitles are reported but not copied.
+    cannot contain is omitted with a warning. Additional sound tracks and subtitles are reported but not copied.
     """
     if is_moving(source):
         return
@@ -44,7 +44,7 @@ def add_sound(film: Path, source: Path, start: float = 0.0) -> None:
 
 
 def log_omitted_tracks(container: Any, source: Path) -> None:
-    """Log how many further sound tracks and subtitles are not copied into the painted film."""
+    """Log how many additional sound tracks and subtitles are not copied into the painted film."""
     tracks = {"sound": max(0, len(container.streams.audio) - 1), "subtitles": len(container.streams.subtitles)}
     if left := ", ".join(f"{count} of {name}" for name, count in tracks.items() if count):
         cure = "add them with: ffmpeg -i film.mp4 -i source -map 0 -map 1:a:1 -map 1:s? -c copy out.mkv"

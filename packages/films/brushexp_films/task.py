@@ -77,7 +77,7 @@ class PaintedFilm:
 
     @property
     def planned(self) -> int:
-        """Number of pictures to paint, at least 1, according to the length that the film states."""
+        """Number of pictures to paint, at least 1, computed from the length stated in the file."""
         film, rate, end = self.cfg.film, self.clip.rate, self.clip.count
         if film.stop is not None:
             end = min(max(1, math.ceil(film.stop * rate)), end)
@@ -90,7 +90,7 @@ class PaintedFilm:
             yield self.palette(planes_of(shown.picture, self.cfg.resolution)).to(self.device), shown
 
     def begin(self, picture: Tensor) -> Cel:
-        """Paint the first picture of a scene as a single picture would be painted."""
+        """Paint the first picture of a scene in the same way as a single picture."""
         cfg = self.cfg
         L.seed_everything(cfg.seed, verbose=False)
         painter = build_painter(cfg, picture).to(self.device)
@@ -118,7 +118,7 @@ class PaintedFilm:
         return cel_of(saved, self.device)
 
     def take(self, number: int, target: Tensor) -> np.ndarray:
-        """Paint a picture, or adopt its strokes from an earlier run, and return the lit painting (H, W, 3)."""
+        """Paint a picture, or reuse its strokes from an earlier run, and return the lit painting (H, W, 3)."""
         since, scenes, cel = time.monotonic(), self.reel.scenes, self.load_painted(number)
         if cel is None:
             self.reel.paint(target)
@@ -134,7 +134,7 @@ class PaintedFilm:
         return picture
 
     def finished_picture(self) -> np.ndarray:
-        """Return the last painting (H, W, 3) with its paper and light."""
+        """Return the last painting (H, W, 3), with paper and lighting applied."""
         return to_bytes(self.reel.image) if self.bare.is_bare else self.job().picture(self.reel.image)
 
     def job(self) -> ExportJob:
@@ -143,7 +143,7 @@ class PaintedFilm:
         return replace(self.bare, saved=self.bare.saved.with_strokes(cel.strokes, cel.front_to_back, cel.background))
 
     def metrics(self, start: float | None, status: Status) -> dict[str, object]:
-        """Collect the values of metrics.json."""
+        """Collect the values for metrics.json."""
         count, carried = len(self.psnr), len(self.seconds)
         finite = [psnr for psnr in self.psnr if math.isfinite(psnr)]  # black pictures have an infinite PSNR
         return {
@@ -196,7 +196,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def conclude_film(film: PaintedFilm, start: float | None, failure: BaseException | None) -> dict[str, object]:
-    """Write the preview and metrics of a film that has ended, and raise the ``failure`` that ended it, if any."""
+    """Write the preview and metrics of a film whose run has ended, and raise the ``failure`` that ended it, if any."""
     folder, count = film.folder, len(film.psnr)
     pictures = []
     for number in sorted({0, count // 2, count - 1}):

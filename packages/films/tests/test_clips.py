@@ -1,4 +1,4 @@
-"""Test that films from phones, browsers, recorders and studios are read as far as possible, or rejected in one line."""
+"""Test that films from phones, browsers, recorders and studios can be read, or fail with a one-line error."""
 
 import logging
 import sys
@@ -23,7 +23,7 @@ TICK = Fraction(1, 1000)
 
 
 def coded(path: Path, codec: str, form: str, frames: list[np.ndarray], times: list[int] | None = None, **said) -> Path:
-    """Encode frames in the pixel format ``form`` as a film, with times in milliseconds and further metadata."""
+    """Encode frames in the pixel format ``form`` as a film, with times in milliseconds and other codec settings."""
     options = said.pop("options", {})
     with av.open(str(path), "w") as container:
         stream = container.add_stream(codec, rate=25, options=options)
@@ -100,7 +100,7 @@ def test_a_recording_of_a_browser_has_its_length_and_a_clock_that_begins_anew_en
 
 
 def with_sound(path: Path, pictures: list[int], begin: int, tracks: int = 1) -> Path:
-    """Write a film whose sound begins at ``begin`` milliseconds and has a tone from 500 to 600 ms after that."""
+    """Write a film whose sound begins at ``begin`` milliseconds, with a tone from 500 to 600 ms into the sound."""
     with av.open(str(path), "w") as container:
         video = container.add_stream("libx264", rate=25)
         video.width, video.height, video.pix_fmt, video.codec_context.time_base = 64, 64, "yuv420p", TICK

@@ -1,4 +1,4 @@
-"""Test that strokes are carried from picture to picture without flicker, and that finished pictures are never lost."""
+"""Test that strokes are carried from frame to frame without flicker, and that finished frames are never lost."""
 
 import errno
 import json

@@ -90,7 +90,7 @@ def sum_pixels(values):
 
 @inline
 def store_moments(out, x0, x1, x2, y0, y1, y2, here):
-    """Write the control points' gradient, given those of start, start-to-control vector and bend (TILES, AREA)."""
+    """Write the gradient of the control points, given the gradients (TILES, AREA) of `load_curve`'s three vectors."""
     x0, x1, x2 = sum_pixels(x0), sum_pixels(x1), sum_pixels(x2)
     y0, y1, y2 = sum_pixels(y0), sum_pixels(y1), sum_pixels(y2)
     tl.store(out, x0 - x1 + x2, here)

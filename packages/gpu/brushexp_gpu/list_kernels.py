@@ -18,7 +18,7 @@ HALVINGS = tl.constexpr(32)  # enough bisections for any number of pairs
 
 @inline
 def _box(start, control, end, reach, tiles):
-    """Find the first and last pixel, within the canvas, that a stroke may reach along an axis, and whether any exist.
+    """Find the first and last pixels of the canvas that a stroke may reach along an axis, and whether it reaches any.
 
     A quadratic curve is contained in the bounding box of its ends and its midpoint, widened by an eighth of its bend.
     """

@@ -86,7 +86,7 @@ def forward_pass(
 ):  # fmt: skip
     """Paint ``image`` (C, H, W), and count the painted chunks in ``used``.
 
-    A tile is finished once, at the end of a chunk, less light than ``opaque`` remains at every pixel. With JUDGE, the
+    A tile is finished if, at the end of a chunk, less light than ``opaque`` remains at every pixel. With JUDGE, the
     pass visits every stroke regardless, compares it with a ``target`` (C, H, W), and writes, for each slot, the sums of
     alpha |color - target|^2 and of alpha to ``errors`` (pairs, 2). With KEEP, it writes the input of the backward pass:
     ``near`` and ``above`` (pairs, AREA), and ``states`` (chunks, C + 1, AREA), whose last channel is the transmitted
@@ -167,7 +167,7 @@ def behind_pass(
 
 @inline
 def _open_chunks(first, chunks, chunk_tile, tiles, CHUNK: tl.constexpr, TILES: tl.constexpr):
-    """Return a program's chunks (TILES,), their tiles, which were painted, and their first pairs and pair counts."""
+    """Return a program's chunks (TILES,), their tiles, whether they were painted, their first pairs and pair counts."""
     chunk = tl.program_id(0) * TILES + tl.arange(0, TILES)
     tile = tl.load(chunk_tile + chunk, chunk < tl.load(chunks + tiles), -1)
     inside = tile >= 0
@@ -247,7 +247,7 @@ def _pull_color(
     out, cover, ga, given, seen, t, here, C: tl.constexpr, CP: tl.constexpr, TEXTURED: tl.constexpr,
     DRIFTS: tl.constexpr,
 ):  # fmt: skip
-    """Write the gradients of opacity, colour and drift, given that of alpha (``ga``) and the visible part ``seen``."""
+    """Write the gradients of opacity, colour and drift, given alpha's gradient ``ga`` and the visible part ``seen``."""
     tl.store(out + 7, sum_pixels(ga * cover), here)
     store_colors(out + (9 if TEXTURED else 10), given, seen, here, C, CP)
     if DRIFTS:

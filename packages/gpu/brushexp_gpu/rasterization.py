@@ -16,7 +16,7 @@ ROWS = 64  # number of pairs of a stroke summed at once
 
 
 class TritonRasterization:
-    """A picture's kernel settings and tile lists; used as `brushexp.compositing.rasterization.Rasterization` is."""
+    """A picture's kernel settings and tile lists; used like `brushexp.compositing.rasterization.Rasterization`."""
 
     errors: Tensor
 

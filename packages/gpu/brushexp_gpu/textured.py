@@ -90,7 +90,7 @@ def look_up(t, sx, sy, fx, fy, bx, by, x, y, begin, cells, frames, i, scale, her
 
 @inline
 def textured_pull(out, gu, gv, t, sx, sy, fx, fy, bx, by, x, y, frames, i, half, scale, here):
-    """Write the gradient of curve and scale to ``out`` + 0 to 6 and 8, given the gradient of texture coordinates."""
+    """Write the gradients of curve and scale to ``out`` + 0 to 6 and 8, from the gradients of texture coordinates."""
     wx, wy, dx, dy, speed, moves, tx, ty, one = _direction(t, sx, sy, fx, fy, bx, by, x, y)
     size, beside = _size(fx, fy, bx, by), (t > 0.0) & (t < 1.0)
     along, across = tl.where(beside, 0.0, tx * wx + ty * wy), tx * wy - ty * wx

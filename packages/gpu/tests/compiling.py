@@ -1,4 +1,4 @@
-"""Compile every kernel to machine code as a painting would, without running it; no GPU is needed.
+"""Compile every kernel to machine code, as painting would, but without running it; no GPU is needed.
 
     python packages/gpu/tests/compiling.py 90    for an H100 or H200; other GPUs are 75, 80, 89, 100, 120
     python packages/gpu/tests/compiling.py 90 textured    only kernels for textured strokes in RGB
@@ -41,7 +41,7 @@ class Driver(SimpleNamespace):
 
 
 def compile_only(run, kernel, *arguments, grid, warmup, **options):
-    """Compile a kernel in place of `JITFunction.run`, and fill lists as if each stroke touched only the first tile."""
+    """Stand in for `JITFunction.run`: compile, and fill lists as if each stroke touched only the first tile."""
     compiled = run(kernel, *arguments, grid=grid, warmup=True, **options)
     for value in arguments:
         if isinstance(value, torch.Tensor) and value.dtype == torch.int32:
@@ -62,7 +62,7 @@ def report(name, compiled, options):
 
 
 def paint(renderer, blend):
-    """Run every kernel for a kind of layer, by painting, differentiating, and computing accuracy and importance."""
+    """Launch every kernel for one kind of layer: paint, differentiate, and compute accuracy and importance."""
     strokes, size, order = some_strokes(9, (17, 33)), (17, 33), torch.arange(9)
     leaves = strokes.map(lambda value: value.clone().requires_grad_())
     bare, target, weight = torch.ones(3), torch.rand(3, *size), torch.rand(size)

@@ -52,7 +52,7 @@ def moved(value, device=DEVICE):
 
 
 class Twin:
-    """Run the Triton blend on values in CPU memory."""
+    """The Triton blend, callable with values in CPU memory."""
 
     def __init__(self, **options):
         self.blend = Tiled(kernel="triton", **options)
@@ -106,7 +106,7 @@ def test_edges_of_any_width_agree_and_what_is_skipped_cannot_be_seen(monkeypatch
 
 @pytest.mark.parametrize("kind", ["plain", "textured"])
 def test_a_pile_of_several_chunks_has_the_same_bits_however_many_tiles_are_interpreted_at_once(kind, monkeypatch):
-    """The last stroke of a chunk is opaque, but the colour behind it, from the next chunk, must still be computed."""
+    """The colour behind a chunk is computed from the next chunk even if the chunk's last stroke is opaque."""
     shorten_chunks(monkeypatch)
     pile = random_strokes(15, (8, 9), seed=3, bend=0.05, width=(0.3, 1.0))
     pile = replace(pile, opacity=torch.where(torch.arange(15) % 4 == 3, 1.0, 0.2 * pile.opacity))

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def lightning_callback(name: str, *args: Any, **options: Any) -> L.Callback:
-    """Make one of Lightning's callbacks; Lightning is imported only now, because importing it takes seconds."""
+    """Create one of Lightning's callbacks; Lightning is imported only here, because importing it takes seconds."""
     return getattr(importlib.import_module("lightning.pytorch.callbacks"), name)(*args, **options)
 
 

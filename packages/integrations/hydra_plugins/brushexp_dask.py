@@ -30,7 +30,7 @@ if find_spec("distributed"):  # installed with the extra `dask`
 
 
 class DaskLauncher(Launcher):
-    """Run jobs on workers with one thread each, because Hydra has one state per process."""
+    """Launcher that runs jobs on workers with one thread each, because Hydra's state is global to a process."""
 
     def __init__(self, address: str | None, n_jobs: int) -> None:
         self.address, self.n_jobs = address, n_jobs
@@ -65,7 +65,7 @@ class DaskLauncher(Launcher):
 
 
 def _work(state: Any, *job: Any) -> JobReturn:
-    """Run a job in a process where Hydra is not set up yet."""
+    """Run a job in a process where Hydra has not been set up."""
     setup_globals()
     Singleton.set_state(state)
     return execute_job(*job)

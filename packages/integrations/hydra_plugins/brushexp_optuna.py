@@ -47,7 +47,7 @@ def sweeper_config() -> type[StudySweeperConf] | None:
 
 
 class StudySweeper(Sweeper):
-    """Run Optuna's trials as jobs; a failed trial is recorded as failed, and the study continues."""
+    """Sweeper that runs Optuna's trials as jobs; a failed trial is recorded as failed, and the study continues."""
 
     config: Any  # Hydra's config, set by `setup`
 
@@ -69,7 +69,7 @@ class StudySweeper(Sweeper):
         self.study.setup(hydra_context=hydra_context, task_function=task_function, config=config)
 
     def sweep(self, arguments: list[str]) -> None:
-        """Check the ends of the search space, then run the remaining trials."""
+        """Check jobs at the ends of the search space, then run the remaining trials."""
         from brushexp.contracts import UserError  # noqa: PLC0415
         from brushexp.contracts.runs import (  # noqa: PLC0415
             begin_sweep,
@@ -94,7 +94,7 @@ class StudySweeper(Sweeper):
             renew_sweep_report(folder)
 
     def go_on(self, words: list[str]) -> None:
-        """Add the finished trials in the sweep's folder to the study, and queue killed trials to be repeated first."""
+        """Add the finished trials in the sweep's folder to the study, and queue killed trials to be rerun first."""
         import optuna  # noqa: PLC0415
 
         from brushexp.contracts.results import has_ended, read_result, words_of  # noqa: PLC0415
@@ -184,7 +184,7 @@ def ends_of(override: Override) -> list[str]:
 
 
 def corner_jobs(ends: dict[str, list[str]]) -> list[list[str]]:
-    """List jobs that together try each value of each key, combined with the first values of all other keys."""
+    """List jobs that together try every value of every key, each combined with the first values of all other keys."""
     first = {key: values[0] for key, values in ends.items()}
     jobs = [first] + [first | {key: value} for key, values in ends.items() for value in values[1:]]
     return [[f"{key}={value}" for key, value in job.items()] for job in jobs]

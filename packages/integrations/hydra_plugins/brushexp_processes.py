@@ -29,7 +29,7 @@ class ProcessesLauncherConf:
 
 
 def works_here() -> bool:
-    """Check whether this process may be forked; libraries support forks only on Linux, and CUDA never does."""
+    """Check whether this process may be forked; libraries support forking only on Linux, and CUDA not at all."""
     from brushexp.contracts.machine import device_of  # noqa: PLC0415  (torch)
 
     return sys.platform == "linux" and device_of("auto").type == "cpu"
@@ -42,7 +42,7 @@ if sys.platform == "linux":
 
 
 class ProcessesLauncher(Launcher):
-    """Run jobs in parallel, as Hydra's joblib launcher does, but load modules and kernels only once."""
+    """Launcher that runs jobs in parallel, as Hydra's joblib launcher does, but loads modules and kernels only once."""
 
     def __init__(self, n_jobs: int) -> None:
         self.n_jobs = n_jobs

@@ -72,7 +72,7 @@ def test_a_search_marks_what_fails_and_goes_on(tmp_path):
     ("dask hydra.launcher.n_jobs=1", "distributed", "0,1"), ("submitit_local", "submitit", "0"),
 ])  # fmt: skip
 def test_jobs_of_other_launchers_meet_in_one_table(launcher, library, seeds, tmp_path):
-    """For each job, submitit starts a process that imports everything again, so it runs only one job in this test."""
+    """A sweep has one table for all jobs; submitit runs just one here, because each job imports everything again."""
     pytest.importorskip(library)
     words = [*TINY, f"seed={seeds}", *f"hydra/launcher={launcher}".split(), "output=s"]
     done = run(*words, cwd=tmp_path, PYTHONPATH=str(ROOT / "src"))

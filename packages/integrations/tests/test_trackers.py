@@ -54,7 +54,7 @@ def tracked(tmp_path_factory) -> SimpleNamespace:
 
 
 def records(path: Path) -> Iterator:
-    """Yield the records of a .wandb file, a LevelDB log whose blocks of 32 KiB contain pieces of messages."""
+    """Yield the records of a .wandb file, a LevelDB log that splits messages across blocks of 32 KiB."""
     from wandb.proto.wandb_internal_pb2 import Record  # noqa: PLC0415
 
     data, at, message = path.read_bytes(), 7, b""
@@ -179,7 +179,7 @@ class FakeWandb:
 
 @pytest.fixture
 def account(monkeypatch, tmp_path):
-    """Return a function that puts a fake with given settings in the place of wandb; no user is logged in."""
+    """Return a function that replaces wandb with a fake that has given settings; no user is logged in."""
     monkeypatch.setenv("NETRC", str(tmp_path / "netrc"))
 
     def known(**settings: object) -> FakeWandb:

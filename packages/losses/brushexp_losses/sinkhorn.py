@@ -22,10 +22,10 @@ class Sinkhorn(Loss):
     """Sinkhorn divergence (optimal transport) between painting and target; attracts strokes from far away.
 
     Each channel of the downsampled pictures is a distribution of mass on the pixel grid; the cost of moving mass is the
-    squared distance, in longer sides of the picture. The loss is the debiased Sinkhorn divergence (Feydy et al., 2019,
-    arXiv:1810.08278), averaged over channels: 0 for equal pictures, otherwise positive. It compares the distribution of
-    light, not its amount, so combine it with ``mse``. It always covers the whole canvas, even in steps that compare
-    only a part of it, and ignores the focus.
+    squared distance, in units of the picture's longer side. The loss is the debiased Sinkhorn divergence (Feydy et al.,
+    2019, arXiv:1810.08278), averaged over channels: 0 for equal pictures, otherwise positive. It compares the
+    distribution of light, not its amount, so combine it with ``mse``. It always covers the whole canvas, even in steps
+    that compare only a part of it, and ignores the focus.
 
     Source: Zou et al., 2021 (Stylized Neural Painting, arXiv:2011.08114), who use one random channel per step and the
     plain transport cost, which is not minimal for equal pictures. Unlike the source, this loss uses all channels, the
@@ -97,7 +97,7 @@ class Sinkhorn(Loss):
 
 
 def pooling_weights(first: int, count: int, side: int, small: int) -> Tensor:
-    """Compute the weights (count, small) with which ``count`` pixels contribute to averages along a ``side``.
+    """Compute the weights (count, small) of ``count`` pixels in the averages that downsample one side of a picture.
 
     The pixels start at ``first``; the ``side`` pixels of the picture are reduced to ``small`` averages.
     """

@@ -13,8 +13,8 @@ from brushexp.contracts.strokes import at_least_single
 class Chroma(Loss):
     """Mean of max(0, least - C)^2 over all strokes, where C is the range of a colour's RGB values; avoids grey paint.
 
-    In combination with `blurred`, neighbouring strokes reproduce a less pure colour by different hues that average to
-    it.
+    In combination with `blurred`, neighbouring strokes reproduce a less pure colour with different hues that average
+    to it.
 
     Args:
         least: chroma from which a colour counts as pure, 0 to 1.

@@ -80,7 +80,7 @@ def _sheets(kind: str, device: torch.device) -> Sheets:
 
 
 def _grid() -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Return each texel's offset across, distance beyond the ends, t, and offset along; lengths are in half widths."""
+    """Return each texel's offset across a stroke, distance beyond its ends, t, and offset along it, in half widths."""
     across, t, before, beyond = (part[1:-1].double() for part in coordinates_of(ROWS, COLUMNS))
     outside = (beyond - before)[None].expand(ROWS, -1)  # beyond the ends
     along = (LENGTH * t + before + beyond)[None].expand(ROWS, -1)
@@ -114,7 +114,7 @@ def chalk(variant: int) -> Tensor:
 
 @lru_cache(maxsize=1)
 def _scans() -> tuple[Tensor, Tensor]:
-    """Read the coverage (M, 1, rows, columns), 0 to 1, of scanned strokes: those with full ends, and with dry ends."""
+    """Read the coverage (M, 1, rows, columns), 0 to 1, of scanned strokes: first with full ends, then with dry ends."""
     scans = torch.from_numpy(read_scans().copy()).double()[:, None] / 255
     inner = scans[:, 0, :, SCAN_COLUMNS // 4 : -SCAN_COLUMNS // 4]
     filled, end = inner.mean((1, 2)), inner[:, SCAN_ROWS // 2 :].mean((1, 2))
@@ -186,7 +186,7 @@ def wash(variant: int) -> Tensor:
 
 
 def dab(variant: int) -> Tensor:
-    """Draw the mark of a dab with a brush tip: a soft, uneven spot, thickest where the brush lifts off."""
+    """Draw a dab of the brush tip: a soft, uneven spot, thickest where the brush lifts off."""
     across, outside, t, _ = _grid()
     along = 0.7 * t + outside  # a dab is hardly longer than wide
     uneven = 0.16 * fractal_noise(along / 1.5, across / 1.5, 900 + variant, 2)

@@ -26,7 +26,7 @@ def group_tones(lightness: Array, values: int, blend: float) -> Array:
 
 
 def equalise_tones(lightness: Array, share: float) -> Array:
-    """Equalise lightness, 0 to 100, so that tones are more equally frequent; ``share`` is the strength, 0 to 1.
+    """Equalise the histogram of lightness, 0 to 100; ``share`` is the strength, 0 to 1.
 
     Source: contrast-limited histogram equalisation (Zuiderveld, 1994). Unlike in the source, the histogram is computed
     over the whole picture.
@@ -159,7 +159,7 @@ def green_tint(red: Array, chroma: Array, lightness: Array) -> Array:
 
 
 def share_of_night(own: float, toned: float) -> float:
-    """Compute the weight, 0 to 1, with which a palette keeps a picture's own lightness so that night scenes stay dark.
+    """Compute how much of a picture's own lightness, 0 to 1, a palette should keep so that night scenes stay dark.
 
     ``own`` is the mean L* of the picture, and ``toned`` its mean L* after the palette's tone mapping.
     """

@@ -82,7 +82,7 @@ def test_pigment_gathers_on_the_dark_side_of_an_edge():
 
 
 def test_paper_is_what_strokes_that_skip_its_hollows_make(monkeypatch):
-    """The slow reference makes each stroke skip the hollows, and composites it onto the strokes below."""
+    """Paper agrees with a slow reference that makes each stroke skip the hollows before compositing it."""
     monkeypatch.setattr(papers, "STEEP", 1e9)  # every pixel has either full paint or none
     job = job_on("cold_pressed", grain=40.0, tooth=0.3)
     rows, bare = Rows(0, job.size[0], job.size), torch.tensor([0.8, 0.7, 0.3])

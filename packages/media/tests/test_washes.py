@@ -1,4 +1,4 @@
-"""Test that washes and accents fill shapes, follow paths only as far as strokes can bend, and begin at rare tones."""
+"""Test that strokes fill shapes and follow paths only as far as they can bend, and that tones move to rare values."""
 
 import numpy as np
 import pytest

@@ -15,7 +15,7 @@ Array = np.ndarray
 
 
 def portions(n: int) -> list[int]:
-    """List the numbers of strokes at which a painting of n strokes is yielded, at most `PORTIONS` times."""
+    """List the stroke counts, at most `PORTIONS`, at which the states of a painting with n strokes are yielded."""
     return sorted({n * k // PORTIONS for k in range(1, PORTIONS + 1)} - {0})
 
 

@@ -134,7 +134,7 @@ class Evolution(Painter):
 
 
 def vary(own: Genes, others: Genes, mutate: Array, step: float, random: np.random.Generator) -> Genes:
-    """Change each gene with probability 1/2: at random if ``mutate`` (n,) is true, else to the gene in ``others``."""
+    """Change each gene with probability 1/2: mutate it if ``mutate`` (n,) is true, else copy it from ``others``."""
     n, length = len(mutate), np.hypot(*own.along.T) + own.half
     sizes = {"middle": length, "along": length, "bend": np.ones(n), "half": 0.5 * length, "color": np.full(n, 0.5)}
     genes = {}
@@ -179,7 +179,7 @@ class Cells:
         self.of_pixels = self.of(np.stack([x, y], 2))  # (H, W)
 
     def of(self, place: Array) -> Array:
-        """Return the cell index (...) of each position (..., 2); positions far off canvas belong to border cells."""
+        """Return the cell index (...) of each position (..., 2); border cells include positions far off the canvas."""
         index = ((place + self.shift) / self.side).clip(0, self.columns - 1).astype(int)
         return index[..., 1] * self.columns + index[..., 0]
 
@@ -193,6 +193,6 @@ class Cells:
         return np.bincount(self.of_pixels.ravel(), np.square(difference).sum(2).ravel(), self.columns**2)
 
     def choose_one_each(self, genes: Genes, random: np.random.Generator) -> Array:
-        """Choose one random stroke from those completely inside each cell, if there are any; return the indices."""
+        """Choose a random stroke among those completely inside each cell, if there are any; return the indices."""
         index = random.permutation(np.flatnonzero(self.room(genes.middle) >= genes.reach))
         return index[np.unique(self.of(genes.middle[index]), return_index=True)[1]]

@@ -30,10 +30,10 @@ class Hertzmann(Painter):
     Unlike in the paper, each cubic B-spline is replaced by quadratic Bezier curves: one if it stays within
     ``tolerance``, otherwise several that meet; ``strokes`` counts these curves. The number of strokes replaces the
     threshold: each layer paints its worst cells (``threshold=100`` restores the paper's value, but the number of
-    strokes still applies). Bare canvas ends strokes of the first layer as paint does; otherwise, they would all have
-    the maximum length. The paper's styles are presets (`hertzmann_impressionist`) with the same ratios between brushes;
-    with the paper's pixels and thresholds (``scale=1 threshold=100``), a few thousand strokes leave most of a canvas
-    bare.
+    strokes still applies). In the first layer, bare canvas ends a stroke just as paint does; otherwise, all strokes
+    would have the maximum length. The paper's styles are presets (`hertzmann_impressionist`) with the same ratios
+    between brushes; with the paper's pixel sizes and thresholds (``scale=1 threshold=100``), a few thousand strokes
+    leave most of a canvas bare.
 
     Args:
         radii: radii of the brushes, largest first, in units of ``scale``.

@@ -22,8 +22,8 @@ class Kotovenko(Painter):
     Source: Kotovenko et al., 2021 (Rethinking Style Transfer: From Pixels to Parameterized Brushstrokes,
     arXiv:2103.17185), and its published code. The method optimises location, start, end, control, width and colour of
     each stroke, but neither depth nor opacity. SLIC initialises the strokes. The losses are content, Gram matrices,
-    curvature and direction. Adam takes 100 steps, with one rate for the shape, on all losses, and one for the colour,
-    on the style loss alone.
+    curvature and direction. Adam takes 100 steps, with separate learning rates for shapes, which minimise all losses,
+    and for colours, which minimise only the style loss.
 
     Unlike in the paper, where each pixel belongs to the nearest stroke, strokes cover each other, with larger strokes
     below. Features come from the small bundled network; the weights keep the paper's ratios between the terms. The

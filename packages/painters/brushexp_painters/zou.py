@@ -134,7 +134,7 @@ def block_span(number: int, m: int, side: int) -> tuple[int, int]:
 
 
 def with_windows(strokes: Strokes, side: float) -> Strokes:
-    """Express strokes in windows of ``side`` pixels, so that all strokes of a level have the same learning rates."""
+    """Express strokes relative to windows of ``side`` pixels, so that learning rates are equal within a level."""
     share = strokes.scale / side
     points = {name: getattr(strokes, name) * share[:, None] for name in ("start", "control", "end")}
     return replace(strokes, scale=torch.full_like(strokes.scale, side), width=strokes.width * share, **points)

@@ -37,7 +37,7 @@ QUICK = {"evolution": {"children": 5}, "gatys": {"steps": 3}, "predictor": {"tem
 
 
 class Counting(Painter):
-    """A painter that yields states with one more stroke each, and calls ``then`` after each state."""
+    """A painter that adds one stroke per state, and calls ``then`` after each state."""
 
     def __init__(self, states=10, then=lambda step: None):
         self.states, self.then = states, then
@@ -75,7 +75,7 @@ def test_all_states_are_shown_filmed_and_counted_and_fewer_strokes_than_promised
 
 @pytest.mark.parametrize("by_steps", [True, False])
 def test_cpu_seconds_are_those_of_the_steps(by_steps):
-    """The seconds must exclude compilation, which precedes the steps and would make the first run the slowest."""
+    """CPU seconds exclude compilation, which precedes the steps and would make the first run the slowest."""
     procedure = OtherPainter(Counting(), standard_components(), TARGET, torch.ones(3), n=50, seed=0)
     painter = painter_of(steps=4) if by_steps else procedure
     spent, prepare = SimpleNamespace(cpu=7.0), painter.prepare

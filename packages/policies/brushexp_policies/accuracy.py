@@ -14,7 +14,7 @@ from brushexp.contracts.strokes import Strokes
 @register("order", "accuracy")
 @dataclass(kw_only=True)
 class Accuracy(Order):
-    """Put those strokes on top whose colours best match the target in the area they cover (thesis 2020, eq. 6.6).
+    """Put on top the strokes whose colours best match the target in the area they cover (thesis 2020, eq. 6.6).
 
     Args:
         every: number of steps between computations of the order, at least 1; 1 in the thesis.

@@ -80,7 +80,7 @@ class Patches(Sampler):
         self._round, self._turn, self._point = state["round"], state["turn"], state["point"]
 
     def _turn_of(self, position: Tensor, generator: torch.Generator, begins: bool) -> Tensor:
-        """Return the strokes of the next group; begin a new round after the last, or if their number has changed."""
+        """Return the next group's strokes; begin a new round after the last group, or if the stroke count changed."""
         self._turn += begins
         if len(self._round) != len(position) or self._turn > int(self._round.max()):
             self._round = places(position.cpu(), self.n_active, self.patch, generator)

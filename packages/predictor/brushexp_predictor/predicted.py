@@ -17,7 +17,7 @@ from brushexp_predictor.lay.colors import ROUNDS
 @register("init", "predicted")
 @dataclass(kw_only=True)
 class Predicted(Initializer):
-    """Place strokes from large to small with a network, where the canvas so far is worst, in a fifth of a second.
+    """Place strokes from large to small with a network, where the canvas still differs most, in a fifth of a second.
 
     The network is trained through the renderer (``task=train_predictor``), because only the resulting picture matters.
 

@@ -1,4 +1,4 @@
-"""Keys of ``task=train_predictor``, ``task=sample`` and ``task=calibrate``."""
+"""Configuration keys of ``task=train_predictor``, ``task=sample`` and ``task=calibrate``."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

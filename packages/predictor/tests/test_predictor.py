@@ -92,7 +92,7 @@ def test_numbers_of_0_are_level_strokes_and_the_way_from_numbers_to_strokes_is_d
 
 
 def test_colors_are_those_of_least_squares() -> None:
-    """The reference is the least-squares solution for a matrix whose columns are pictures of single strokes."""
+    """Colours agree with the least-squares solution for a matrix whose columns are pictures of single strokes."""
     random = torch.Generator().manual_seed(0)
     target = torch.rand(3, 24, 24, generator=random)
     strokes = Predicted(color_rounds=0)(target, 6, torch.Generator())

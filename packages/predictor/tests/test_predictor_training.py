@@ -1,4 +1,4 @@
-"""Test that the network learns, resumes after an interruption without any difference, and is saved with a recipe."""
+"""Test that the network learns, gives the same result after an interruption, and is saved with a recipe."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -38,7 +38,7 @@ def straight(*ends: tuple[tuple[float, float], tuple[float, float]]) -> Array:
 
 
 def plain_strokes(curve: Array, width: float, color: Array | None = None) -> StrokeLayout:
-    """Make strokes of equal width without sway or taper, which are grey unless colours are given."""
+    """Make strokes of equal width, without sway or taper; they are grey unless colours are given."""
     n = len(curve)
     color = np.full((n, 3), 0.4) if color is None else color
     return StrokeLayout(np.asarray(curve, float), np.full(n, width), color, np.zeros(n), np.zeros(n))

@@ -14,7 +14,7 @@ MOST_MODULES = 15
 
 
 def folders_imported_by(path: Path) -> set[str]:
-    """List the package folders from which a module imports, including imports within functions and for types only."""
+    """List the package folders from which a module imports, even inside functions or only for type checking."""
     nodes = (node for node in ast.walk(ast.parse(path.read_text())) if isinstance(node, ast.ImportFrom))
     modules = (node.module for node in nodes if (node.module or "").startswith(f"{NAME}."))
     return {module.split(".")[1] for module in modules}

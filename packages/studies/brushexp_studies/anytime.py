@@ -71,7 +71,7 @@ def write_anytime(folder: Path, frame: DataFrame) -> Path | None:
 
 
 def _comparison(curves: Mapping[str, Curve]) -> list[str]:
-    """Tabulate the quality at given times, the time to given qualities, and the leading setting at each time."""
+    """Tabulate the quality at given times, the time to reach given qualities, and the leading setting at each time."""
     start, end = min(c[0][0] for c in curves.values()), max(c[0][-1] for c in curves.values())
     low, high = min(c[1][0] for c in curves.values()), max(c[1].max() for c in curves.values())
     qualities, times = [], []

@@ -93,7 +93,7 @@ def _cells(frame: DataFrame, axes: dict[str, list[str]]) -> list[SheetCell]:
 
 
 def draw_sheet(rows: Sequence[Sequence[SheetCell]], title: str, side: int = THUMBNAIL_SIDE) -> Image.Image:
-    """Draw rows of pictures whose longer sides have ``side`` pixels, or fewer if the sheet would be too large."""
+    """Draw rows of pictures whose longer sides are ``side`` pixels long, or shorter if the sheet would be too large."""
     columns = max(map(len, rows))
     side = max(1, min(side, int(LIMIT / max(columns, TALL * len(rows))) - GAP))
     letter = max(10, round(LETTER * side))

@@ -24,9 +24,9 @@ SPARSE = 0.5  # share of all combinations below which a sweep counts as a list
 def effects(frame: pd.DataFrame) -> dict[str, pd.DataFrame] | None:
     """Tabulate the main metrics against the setting with the most values, for each combination of the other settings.
 
-    Seeds are averaged. Each table has one row per value, in ascending order if all values are numbers, and the columns
-    ("mean", metric) and ("std", metric). Returns None if there is nothing to compare, or if only a few of the
-    combinations were run; `pareto` compares such a list of settings.
+    The metrics are averaged over seeds. Each table has one row per value, in ascending order if all values are numbers,
+    and the columns ("mean", metric) and ("std", metric). Returns None if there is nothing to compare, or if only a few
+    of the possible combinations were run; in the latter case, `pareto` compares the settings.
     """
     axes = {k: values for k, values in varying_settings(frame[frame["run", "label"].notna()]).items() if k != "seed"}
     if not axes:
@@ -82,7 +82,7 @@ def write_effect(folder: Path, frame: pd.DataFrame) -> Path | None:
 
 
 def _draw(axes: Axes, mean: pd.DataFrame, spread: pd.DataFrame, metric: str) -> None:
-    """Plot each column as one series: a line over numeric values, or otherwise a strip of points for each value."""
+    """Plot each column as one series: a line if the values are numbers, or otherwise a strip of points per value."""
     plotting.tidy(axes)
     looks, label = [_look(k, name) for k, name in enumerate(mean)], quantities()[metric].label
     if mean.index.dtype == float:

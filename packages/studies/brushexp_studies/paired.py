@@ -44,8 +44,8 @@ LARGEST_LOGARITHM = 700.0  # upper bound on logarithms of ratios; exp(710) overf
 class Difference:
     """Gains of a setting over a reference in one metric, for every unit (picture or seed) that was run with both.
 
-    ``gains`` maps each unit to its gain. Gains, ``mean``, ``low`` and ``high`` are positive where the setting is
-    better; for ratios, they are natural logarithms.
+    ``gains`` maps each unit to its gain. The gains, ``mean``, ``low`` and ``high`` are positive where the setting is
+    better; in metrics compared by ratio, they are natural logarithms.
     """
 
     option: str
@@ -100,7 +100,7 @@ class Difference:
 
     @property
     def sentence(self) -> str:
-        """The verdict in words, with its figures."""
+        """The verdict in words, with the figures behind it."""
         if self.verdict == "same":
             return f"no difference that matters: {self.effect}"
         if self.verdict == "depends":
@@ -160,8 +160,9 @@ def paired_differences(
 ) -> list[Difference]:
     """Compare all settings of a `paired_table` with a reference, by default the first setting.
 
-    Without ``metrics``, all metrics are compared for which it is known whether higher or lower is better. The intervals
-    are corrected for ``comparisons`` simultaneous comparisons (Bonferroni), by default one for each setting compared.
+    If ``metrics`` is empty, the comparison covers all metrics for which it is known whether higher or lower is better.
+    The intervals are corrected for ``comparisons`` simultaneous comparisons (Bonferroni), by default one for each
+    setting compared.
     """
     if table is None:
         return []
@@ -191,7 +192,7 @@ def gains_of(values: Any, others: Any, metric: str) -> dict[str, float]:
 
 
 def difference_rows(differences: Sequence[Difference]) -> list[dict[str, Any]]:
-    """Return one table row of formatted texts for each setting and metric."""
+    """Return one table row, with values formatted as text, for each setting and metric."""
     return [
         {
             "setting": one.option,

@@ -1,4 +1,4 @@
-"""Find the settings that are worth their cost, which are on the Pareto fronts of quality metrics against cost."""
+"""Find the settings that are worth their cost: those on the Pareto fronts of quality metrics against cost."""
 
 import math
 from collections.abc import Sequence
@@ -54,7 +54,7 @@ class Trade:
 
 
 def trade_of(frame: pd.DataFrame, cost: str | None = None, metrics: Sequence[str] = ()) -> Trade | None:
-    """Choose a cost and metrics that finished runs have, unless the caller names them.
+    """Choose a cost and metrics that the finished runs have recorded, unless the caller names them.
 
     Returns None if the runs have no cost or no metric. Raises UserError if no run has a given cost or metric.
     """
@@ -73,7 +73,7 @@ def trade_of(frame: pd.DataFrame, cost: str | None = None, metrics: Sequence[str
 
 
 def front(costs: Any) -> np.ndarray:
-    """Mark the pairs of costs on the Pareto front, that is, those that no other pair dominates."""
+    """Check which pairs of costs are on the Pareto front, that is, are not dominated by any other pair."""
     costs = np.asarray(costs, float)
     as_low = (costs[:, None] <= costs[None]).all(-1)
     lower = (costs[:, None] < costs[None]).any(-1)
@@ -182,7 +182,7 @@ def _label(key: str) -> str:
 
 
 def _panel(axes: Axes, points: pd.DataFrame, cost: str, metric: str) -> None:
-    """Plot all settings by cost and one metric, number those on the front, and fit the vertical axis to the front."""
+    """Plot a metric of all settings against cost, number those on the front, and fit the vertical axis to the front."""
     plotting.tidy(axes)
     axes.set(xlabel=_label(cost), ylabel=_label(metric))
     points = points.dropna(subset=[metric])

@@ -53,7 +53,7 @@ def save_figure(figure: Figure, path: Path) -> Path:
 
 
 def draw_strips(axes: Axes, table: DataFrame, looks: Sequence[Any], bars: DataFrame | None = None) -> None:
-    """Draw a strip of points for each table row, with one line per column, and with ``bars`` as error bars."""
+    """Draw a strip of points for each row of a table, with one line of points per column; ``bars`` are error bars."""
     for k, look in enumerate(looks):
         places = np.arange(len(table)) + 0.8 * ((k + 0.5) / len(looks) - 0.5)
         axes.errorbar(table.iloc[:, k], places, xerr=None if bars is None else bars.iloc[:, k], ls="none", **look)

@@ -16,7 +16,7 @@ log = logging.getLogger(__name__)
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Write a page, tables, fronts, curves and quality at equal time for ``cfg.runs`` into this run's folder."""
+    """Compare ``cfg.runs``; write a page, tables, fronts, curves and quality at equal time into this run's folder."""
     runs = gather([Path(path) for path in cfg.runs], folder)
     paintings = runs[runs["run", "image"].fillna("") != ""]
     if paintings.empty and trade_of(runs, cfg.cost, cfg.fronts) is not None:  # networks, for example

@@ -1,4 +1,4 @@
-"""Create, in threads, files of a painting that take time, such as prints and layered files, and report progress."""
+"""Create a painting's slower files, such as prints and layered files, in threads, and report their progress."""
 
 import zipfile
 from collections.abc import Callable
@@ -24,7 +24,7 @@ class Painted(Protocol):
 
     @property
     def name(self) -> str:
-        """The stem of the names of saved files."""
+        """The stem of the names under which files are saved."""
 
     @property
     def ratio(self) -> float:
@@ -134,7 +134,7 @@ def make_file(work: Painted, download: Download, tell: Callable[[float | None], 
 
 
 def zip_files(work: Painted, path: Path, tell: Callable[[float], None]) -> Path:
-    """Pack all of a painting's files into a ZIP archive, and report the packed fraction of their bytes to ``tell``."""
+    """Pack all of a painting's files into a ZIP archive, and report the fraction of bytes packed so far to ``tell``."""
     files = work.files
     total = max(1, sum(file.stat().st_size for file in files.values()))
     packed = 0

@@ -251,7 +251,7 @@ class Easel:
                 chips("Difficulty of the plan", DIFFICULTIES, self.visit.plan.difficulty, self._take_difficulty)
 
     def _choice_for(self, key: str) -> Print | Plan | None:
-        """Return the visitor's choice of print size or plan difficulty, or None if a kind of file offers no choice."""
+        """Return the visitor's choice of print size or plan difficulty, or None for files that offer no choice."""
         if FORMS[key].is_print:
             return self.visit.paper
         return self.visit.plan if key == "plan" else None

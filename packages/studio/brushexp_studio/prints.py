@@ -12,7 +12,7 @@ MOST_PIXELS = 5000  # on the longer side: more than 300 dpi on A3; larger prints
 
 @dataclass(frozen=True)
 class Print:
-    """The size of a print, with paper in cm, and margin and bleed in mm."""
+    """The size of a print: the paper in cm, and the margin and bleed in mm."""
 
     paper: str = "A4"
     side: float = 30.0  # side in cm of a square, or longer side in cm of a picture with its own proportions
@@ -27,7 +27,7 @@ class Print:
 
     @property
     def is_cropped(self) -> bool:
-        """Whether the picture is cropped to the paper: always on square paper, never if `OWN` size is chosen."""
+        """Whether the picture is cropped to fit the paper: always on square paper, never if `OWN` size is chosen."""
         return self.paper == SQUARE or (self.paper in PAPERS and self.fill)
 
     def box(self, ratio: float) -> tuple[float, float]:
@@ -83,7 +83,7 @@ class Print:
 
 
 def share_of(share: float) -> str:
-    """Format a fraction of a picture.
+    """Format a fraction of a picture in words or per cent.
 
     >>> share_of(0.334), share_of(0.07), share_of(0)
     ('a third', '7 %', 'nothing')

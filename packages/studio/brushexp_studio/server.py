@@ -133,7 +133,7 @@ class OwnPages:
 
 
 async def _receive(request: Request, use: Any) -> dict[str, Any]:
-    """Pass an uploaded file to ``use`` and return its result.
+    """Pass an uploaded file to ``use`` and return the result.
 
     Returns an ``error`` message instead if the file cannot be used or is larger than `LARGEST_UPLOAD`.
     """

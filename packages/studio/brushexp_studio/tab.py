@@ -101,7 +101,7 @@ class Tab:
         ui.run_javascript("scrollTo({ top: 0 })")
 
     def end(self) -> None:
-        """Stop this tab's painting; the result so far is kept."""
+        """Stop the painting that this tab can stop (see `Visit.stoppable`); the result so far is kept."""
         if work := self.visit.stoppable():
             self.works.stop(work)
             if work not in self.works.all:

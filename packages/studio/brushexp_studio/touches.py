@@ -21,7 +21,7 @@ TOO_SMALL = "this place is too small for its strokes; paint over more of it"
 
 @dataclass(frozen=True)
 class Touch:
-    """A request to repaint the area of a painting where a ``mask`` is bright."""
+    """A request to repaint the area of a painting in which a ``mask`` is bright."""
 
     number: int  # number of the painting
     mask: Path
@@ -32,8 +32,8 @@ def lay_fresh_strokes(painting: Any, touch: Touch, seed: int, path: Path) -> Non
     """Replace the strokes in an area of a painting with new strokes in the same look, and write a catalogue.
 
     A stroke belongs to the area if both end points and the midpoint of its curve are inside the mask. ``touch.how``
-    determines the number of new strokes. They are placed above all other strokes, the smaller ones over the larger
-    ones, and are not optimised here. Raises UserError if the area is too small.
+    determines the number of new strokes. They are placed above all other strokes, smaller ones over larger ones, and
+    are not optimised here. Raises UserError if the area is too small.
     """
     saved = painting.finished.job.saved
     mask = load_mask(str(touch.mask), saved.size, "region") >= 0.5
@@ -61,7 +61,7 @@ def lay_fresh_strokes(painting: Any, touch: Touch, seed: int, path: Path) -> Non
 
 
 def lies_in(mask: Tensor, strokes: Strokes) -> Tensor:
-    """Mark the strokes, as bool (N,), with both end points and the midpoint of their curves inside a mask (H, W)."""
+    """Check whether both end points and the midpoint of each of N strokes' curves are inside a mask (H, W)."""
     points = point_at(curve_of(strokes)[:, None], torch.linspace(0, 1, 3)).floor().long()  # (N, 3, 2)
     x, y = points[..., 0].clamp(0, mask.shape[1] - 1), points[..., 1].clamp(0, mask.shape[0] - 1)
     inside: Tensor = mask[y, x].all(1)
@@ -75,7 +75,7 @@ def picture_at(pixels: np.ndarray, size: tuple[int, int]) -> Tensor:
 
 
 def overrides_of(keys: dict[str, Any], touch: Touch, catalogue: Path) -> dict[str, Any]:
-    """Convert a painting's overrides to those that repaint one area.
+    """Convert a painting's overrides to overrides that repaint one area.
 
     The new painting starts from the strokes in ``catalogue``.
     """

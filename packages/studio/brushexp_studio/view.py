@@ -60,7 +60,7 @@ def pages_of(cfg: DictConfig, source: Path, folder: Path) -> dict[str, Path]:
 
 
 def _reopen(cfg: DictConfig, path: Path) -> ExportJob:
-    """Open a catalogue with its own renderer, or with the configured one."""
+    """Open a catalogue with the configured renderer or, if none is configured, with its own."""
     saved, renderer = with_renderer(load_catalogue(path), cfg.get("renderer"), str(path))
     return export_job(saved, renderer, build(cfg.blend), source=str(path))
 

@@ -53,7 +53,7 @@ class Visit:
         self.notify()
 
     def stoppable(self) -> Work | None:
-        """Return the painting that Stop ends: this tab's own, or the displayed one if its own tab has been closed."""
+        """Return the painting that Stop ends: this tab's own, or the displayed one if that painting's tab is closed."""
         shown = self.work if self.work and not getattr(self.work.owner, "is_there", False) else None
         return next((work for work in (self.begun, shown) if work and work.is_open), None)
 

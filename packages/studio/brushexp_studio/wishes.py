@@ -45,7 +45,7 @@ LONGEST_STROKE = 10.0  # maximum init.length and init.width in pitches
 
 @dataclass
 class Wishes:
-    """A user's choices; None leaves a choice to the look."""
+    """A user's choices; a choice that is None is left to the look."""
 
     photo: Photo | None = None  # None if no picture is chosen yet
     look: str = "oil"

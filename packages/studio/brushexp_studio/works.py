@@ -60,7 +60,7 @@ class Work:
 
     @property
     def name(self) -> str:
-        """The stem of the names of saved files, which is valid on every system."""
+        """The stem of the names under which files are saved; it is valid on every system."""
         return portable_name(f"{Path(self.wishes.subject.name).stem}-{self.wishes.look}-{self.number}")
 
     @property
@@ -146,7 +146,7 @@ class Works:
         return {work.number: work for work in self.all}[number]
 
     def warm_up(self) -> None:
-        """Import and compile, in a background thread, the code that the first painting needs."""
+        """Import and compile the code that the first painting needs, in a background thread."""
         self._thread = Thread(target=self._warm, name="warm-up", daemon=True)
         self._thread.start()
 
@@ -190,7 +190,7 @@ class Works:
         return download
 
     def close(self) -> None:
-        """Stop all paintings and all files that are being made, and wait for their threads to end."""
+        """Stop all work on paintings and files, and wait for the threads to end."""
         self._closing.set()
         for work in [work for work in self.all if work.is_open]:
             self.stop(work)
@@ -281,7 +281,7 @@ class Works:
 
 
 def progress_of(step: int, steps: int, spent: float, limit: float | None) -> tuple[float, float | None]:
-    """Return the finished fraction of a painting, and the remaining seconds or, if they are not yet known, None.
+    """Return the finished fraction of a painting, and the remaining seconds, or None if they are not yet known.
 
     >>> progress_of(10, 40, 5.0, None), progress_of(10, 0, 5.0, 20.0), progress_of(0, 40, 0.1, None)
     ((0.25, 15.0), (0.25, 15.0), (0.0, None))

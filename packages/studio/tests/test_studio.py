@@ -84,7 +84,7 @@ def finish(page, number):
 
 
 def fits(page):
-    """Check that the page does not scroll sideways, that all controls have names, and that no controls overlap."""
+    """Check that the page does not scroll sideways, that all controls have names, and that none of them overlap."""
     assert page.evaluate("document.documentElement.scrollWidth <= document.documentElement.clientWidth")
     nameless = """[...document.querySelectorAll("button, a, input, canvas")].filter((one) => one.checkVisibility() &&
       !(one.ariaLabel || one.labels?.length || one.innerText?.trim() || one.querySelector("img[alt]:not([alt=''])")))

@@ -1,4 +1,4 @@
-"""Test that touching up changes the strokes in the chosen area only."""
+"""Test that touching up changes only the strokes in the chosen area."""
 
 import numpy as np
 import pytest

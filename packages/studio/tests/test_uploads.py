@@ -1,4 +1,4 @@
-"""Test that uploads other than pictures are refused in one line, and that paintings queue and can be stopped."""
+"""Test that files other than pictures are refused in one line, and that paintings are queued and can be stopped."""
 
 import asyncio
 import errno

@@ -1,4 +1,4 @@
-"""Checks of each plugin family's contract, which packages can apply to their own plugins.
+"""Checks of the contracts of plugin families, which packages can apply to their own plugins.
 
     import brushexp
     import pytest
@@ -17,7 +17,7 @@ from typing import Any
 
 
 def contract(family: str) -> list[Callable[..., Any]]:
-    """List the checks for a plugin family; the last one checks the texts of the plugin.
+    """List the checks for a plugin family; the last one checks the plugin's texts.
 
     >>> [check.__name__ for check in contract("order")]
     ['gives_every_stroke_a_depth', 'has_clear_texts']

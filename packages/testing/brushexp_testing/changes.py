@@ -1,4 +1,4 @@
-"""Check that changes to a painting keep its targets and strokes valid, and that they resume identically."""
+"""Check that changes to a painting keep its target and strokes valid, and continue identically when resumed."""
 
 from dataclasses import replace
 from typing import Any
@@ -50,7 +50,7 @@ def begin_change(make: Make) -> tuple[Any, Strokes]:
 
 
 def keeps_shapes_of_target_and_ground(make: Make) -> None:
-    """Check that at every step targets stay in [0, 1], grounds stay finite, and both keep their shapes."""
+    """Check that the target stays in [0, 1] and the ground finite at every step, and that both keep their shapes."""
     change, strokes = begin_change(make)
     for step in (0, 1, 50, STEPS):
         state = painting_at(step, strokes)
@@ -65,7 +65,7 @@ def keeps_shapes_of_target_and_ground(make: Make) -> None:
 
 
 def limits_strokes_once(make: Make) -> None:
-    """Check that limiting strokes preserves their number and keeps them valid, and that a second time has no effect.
+    """Check that limited strokes are valid and unchanged in number, and that limiting them again has no effect.
 
     Enlarging strokes must also preserve their number.
     """
@@ -96,7 +96,7 @@ def keeps_strokes_at_the_end(make: Make) -> None:
 
 
 def resumes_identically(make: Make) -> None:
-    """Check that a change restored from a saved state continues identically."""
+    """Check that a change continues identically after being restored from a saved state."""
     change, strokes = begin_change(make)
     state = painting_at(50, strokes)
     change.aim(state.target, state.ground, state)

@@ -27,7 +27,7 @@ def _valid(n: int) -> Tensor:
 
 
 def _distances(parameters: Tensor) -> Tensor:
-    """Compute the distance (n, S, S) from each pixel's centre to each stroke's curve, in windows."""
+    """Compute the distance (n, S, S) from each pixel's centre to each stroke's curve, in window sides."""
     strokes = strokes_of(parameters)
     t = torch.linspace(0, 1, 101)[:, None, None]
     curve = (1 - t) ** 2 * strokes.start + 2 * t * (1 - t) * strokes.control + t**2 * strokes.end  # (101, n, 2)
@@ -47,7 +47,7 @@ def _is_simulated(parameters: Tensor, simulated: Simulated) -> None:
 
 
 def returns_pictures_and_heights(make: Make) -> None:
-    """Check that each stroke leaves paint, but no paint in the top left corner of its window.
+    """Check that each stroke leaves paint in its window, but none in the top left corner.
 
     Pixels without paint must have the stroke's own colour.
     """
@@ -67,7 +67,7 @@ def returns_pictures_and_heights(make: Make) -> None:
 
 
 def is_independent_of_batch(make: Make) -> None:
-    """Check that a stroke's result is the same whether a whole set or only part of it is simulated."""
+    """Check that a stroke gives the same result whether the whole set or only a part of it is simulated."""
     engine, parameters = make(window=WINDOW), _valid(6)
     whole = engine(parameters, seed=3, first=5)
     for start, stop in ((0, 1), (2, 3), (2, 6)):
@@ -76,7 +76,7 @@ def is_independent_of_batch(make: Make) -> None:
 
 
 def is_reproducible_on_any_number_of_threads(make: Make) -> None:
-    """Check that results are bit-for-bit identical for any number of threads, at seeds from 0 to 2**64 - 1."""
+    """Check that results are bit-for-bit identical for any number of threads, for seeds from 0 to 2**64 - 1."""
     engine, parameters, threads = make(window=WINDOW), _valid(6), torch.get_num_threads()
     for seed in (0, 2**63, 2**64 - 1):
         one = engine(parameters, seed=seed)
@@ -99,7 +99,7 @@ def draws_extreme_strokes(make: Make) -> None:
 
 
 def paints_on_the_stroke(make: Make) -> None:
-    """Check that most of the paint is within the stroke's outline, and that much of the stroke is covered."""
+    """Check that most of the paint is within the stroke's outline, and that it covers much of the stroke."""
     parameters = _valid(12)
     alpha = make(window=WINDOW)(parameters, seed=1).images[:, 3]
     width, distance = strokes_of(parameters).width[:, None, None], _distances(parameters)

@@ -156,7 +156,7 @@ def is_best_for_equal_pictures(make: Make) -> None:
 
 
 def stays_within_budget(make: Make) -> None:
-    """Check that a density policy ends within its stroke budget, accepts an empty set, and can restore its state."""
+    """Check that a density policy ends within the stroke budget, accepts an empty set, and can restore its state."""
     for n in (0, 1, 40):
         density, strokes = make(), some_strokes(n, SIZE)
         assert 1 <= density.first(60, 60) <= 60
@@ -189,7 +189,7 @@ def stays_on_the_canvas(make: Make) -> None:
 
 
 def lowers_a_loss(make: Make) -> None:
-    """Check that ten steps of an optimiser, at its own learning rates, reduce a loss."""
+    """Check that an optimiser reduces a loss in ten steps at its own learning rates."""
     optimizer = make()
     catalogue = Catalogue(some_strokes(6, SIZE), optimizer.units)
     goal = torch.full((6, 3), 0.5)

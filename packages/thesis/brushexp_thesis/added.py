@@ -1,4 +1,4 @@
-"""Measure other people's paintings with our own metrics, and store them in folders that resemble those of runs."""
+"""Measure other people's paintings with our own metrics, and store them in folders that resemble run folders."""
 
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
@@ -22,7 +22,7 @@ def add_paintings(
     """Measure one or more paintings, and store each in its own folder below ``folder``.
 
     ``painting`` is a picture, a catalogue or a folder of these; ``target`` is the picture that was painted, or a folder
-    of pictures with the same names. ``name`` is the painter's name; ``numbers`` are added to the metrics.
+    of pictures with the same names. ``name`` is the painter's name, and ``numbers`` are added to the metrics.
     """
     metrics = standard_metrics()
     if lpips_weights is not None:
@@ -44,7 +44,7 @@ def add_paintings(
 def draw_added(path: Path, shape: tuple[int, ...]) -> tuple[np.ndarray, dict[str, int]]:
     """Load a picture, or draw a catalogue without light and paper, as uint8 of the given ``shape`` (H, W, 3).
 
-    Returns the picture and, for a catalogue, its number of strokes. Raises UserError if the picture has another size.
+    Returns the picture and, for a catalogue, the number of strokes. Raises UserError if the picture's shape differs.
     """
     if path.suffix.lower() in catalogue_suffixes():
         saved = load_catalogue(path, "add")

@@ -1,4 +1,4 @@
-"""Read the thesis's claims, and decide each by the paired difference that a study has measured."""
+"""Read the thesis's claims, and decide each claim by the paired difference that a study has measured."""
 
 import math
 import shlex
@@ -25,8 +25,8 @@ COMPARED = ("setting", "against", "metric", "expects")  # fields that a claim ne
 class Claim:
     """A claim of the thesis, and the comparison that decides whether it holds; see claims.yaml.
 
-    ``cannot`` gives the reason why no study here could test the claim. ``needs`` describes what a study would need in
-    order to test it; if it is given, the verdict is *not run*, whatever the claim's study has measured.
+    ``cannot`` states why no study here could test the claim. ``needs`` states what a study would need in order to test
+    it; if it is given, the verdict is *not run*, regardless of what the claim's study has measured.
     """
 
     study: str = ""
@@ -45,9 +45,9 @@ class Claim:
     def answer(self, difference: Difference) -> tuple[str, Bounds]:
         """Decide the claim, given a measured difference; return the verdict and the tested bounds on the mean gain.
 
-        The bounds are those that the verdict states or, if the claim is not decided, those that the claim states. If
-        the claim states a gain, the first test is whether the data exclude a gain that matters. The verdict on an open
-        claim is the verdict of the difference.
+        The bounds are the ones stated by the verdict or, if the claim is not decided, by the claim. If the claim states
+        a gain, the first test is whether the data exclude a gain that matters. An open claim receives the verdict of
+        the difference.
         """
         matters, least = difference.quantity.matters, math.log(self.at_least)
         larger = (0.0, math.inf) if difference.mean > 0 else (-math.inf, 0.0)

@@ -37,9 +37,9 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def departures(settings: Mapping[str, str]) -> Iterator[dict[str, str]]:
-    """Yield each ``setting`` in which a run departs from the thesis, with the value of each and the thesis's section.
+    """Yield each ``setting`` in which a run departs from the thesis, with both values and the thesis's section.
 
-    ``settings`` maps dotted keys to values in the form in which users type them, with plugins given by name.
+    ``settings`` maps dotted keys to values as users type them, with plugins given by name.
     """
     for row in yaml_of(read_text(THESIS, ""), list):
         condition, _, value = row.get("with", "").partition("=")

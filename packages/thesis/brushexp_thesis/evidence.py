@@ -1,4 +1,4 @@
-"""Complement Student's t interval for the mean of paired gains with rank tests, medians and the power of a study.
+"""Complement the Student's t interval of mean paired gains with rank tests, medians and the power of a study.
 
 ``gains`` has one value for each picture or seed; see `brushexp_studies.paired.Difference`.
 """
@@ -17,7 +17,7 @@ RARE = 0.05  # an answer depends on the picture if more than this share of all p
 
 
 def p_of_mean(gains: Sequence[float], stated: Bounds) -> float:
-    """Compute the two-sided p-value, by Student's t, for the statement that the mean gain is within bounds.
+    """Compute the two-sided p-value, by Student's t-test, for the statement that the mean gain is within bounds.
 
     The result is twice the larger of the one-sided p-values for the two bounds; with two finite bounds, this is an
     equivalence test (Schuirmann, 1987). If it is above 0.05, the 95 % confidence interval extends beyond the bounds.
@@ -32,7 +32,7 @@ def p_of_mean(gains: Sequence[float], stated: Bounds) -> float:
 
 
 def p_of_ranks(gains: Sequence[float], stated: Bounds) -> float:
-    """Compute the p-value, by signed ranks (Wilcoxon, 1945), for the same statement as in `p_of_mean`."""
+    """Compute the p-value, by the signed-rank test (Wilcoxon, 1945), for the same statement as in `p_of_mean`."""
     sample = np.array(gains, float)
     above = [sign * (sample - bound) for sign, bound in zip((1, -1), stated, strict=True) if math.isfinite(bound)]
     one_sided = [float(wilcoxon(one, alternative="greater").pvalue) if one.any() else 1.0 for one in above]

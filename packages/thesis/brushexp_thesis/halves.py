@@ -21,7 +21,7 @@ def variation(target: Tensor) -> Tensor:
 
 
 class Half(Metric):
-    """PSNR over half of the pixels: either those around which the target varies most or those where it varies least."""
+    """PSNR over half of the pixels: those around which the target varies either most or least."""
 
     unit, digits = "dB", 2
     higher_is_better = True

@@ -26,9 +26,9 @@ LEAST_RANKED = 6  # minimum number of units at which ranks can be significant
 class Judgement:
     """A claim, its verdict and the evidence for it.
 
-    ``difference`` decides the claim; it is None if there is no study. ``p`` is the p-value of what the verdict states
-    or, if the verdict is undecided, of the claim; it is corrected for the number of claims on the page. ``alone`` is
-    the verdict before this correction. ``p_ranks`` is the uncorrected p-value of the signed-rank test.
+    ``difference`` decides the claim; it is None if there is no study. ``p`` is the p-value of the statement made by the
+    verdict or, if it is undecided, by the claim, corrected for the number of claims on the page. ``alone`` is the
+    verdict before this correction. ``p_ranks`` is the uncorrected p-value of the signed-rank test.
     """
 
     claim: Claim
@@ -40,7 +40,7 @@ class Judgement:
 
     @property
     def effect(self) -> str:
-        """The measured mean with its interval; if the verdict depends on the picture, also the counts of both cases."""
+        """The measured mean with its interval; if the verdict depends on the picture, also how many gained and lost."""
         assert self.difference is not None
         one = self.difference
         if one.verdict != "depends":
@@ -96,7 +96,7 @@ def judge(claims: Iterable[Claim], studies: Mapping[str, Study]) -> list[Judgeme
 
 
 def _correct(one: Judgement, p: float) -> Judgement:
-    """Replace a claim's p-value by the corrected one; if this is too large, the verdict becomes undecided."""
+    """Replace a claim's p-value with the corrected one; if this is too large, the verdict becomes undecided."""
     is_doubtful = p >= 1 - CONFIDENCE and one.verdict != NOT_DECIDED
     return replace(one, p=p, verdict=NOT_DECIDED if is_doubtful else one.verdict)
 

@@ -1,4 +1,4 @@
-"""Compare painters on the same pictures: means with intervals, for equal numbers of strokes and for equal times.
+"""Compare painters on the same pictures by means with intervals, for equal numbers of strokes and for equal times.
 
 A row is a painter with its settings and number of strokes. A section is a set of pictures together with the painters
 that painted all of them, so that all means in a section are over the same pictures. Published figures are listed but
@@ -93,7 +93,7 @@ class Row:
     def psnr_at(self, seconds: float) -> list[float]:
         """Return each picture's PSNR in dB after ``seconds``, or its final PSNR if the painting ended earlier.
 
-        The list is empty if any picture's curve starts later than that.
+        The list is empty if any picture's curve starts after ``seconds``.
         """
         psnr = [quality_at(curve, seconds, after_end=True) for curve in self.curves]
         return [] if None in psnr else psnr  # type: ignore[return-value]
@@ -158,7 +158,7 @@ def stem_of(name: str) -> str:
 
 
 def entries_of(frame: DataFrame) -> list[Entry]:
-    """List the finished paintings among the runs in a frame from `brushexp.results.runs`.
+    """List the finished paintings among the runs in a data frame from `brushexp.results.runs`.
 
     Paintings without a target.png are left out.
     """
@@ -192,7 +192,7 @@ def _entry(run: Any, metrics: Mapping[str, Any], settings: tuple[str, ...]) -> E
 
 
 def sections_of(entries: Sequence[Entry], published: Sequence[PublishedFigures] = ()) -> list[Section]:
-    """Make a section for every set of pictures that some painter painted.
+    """Make a section for every set of pictures that a painter has painted.
 
     Larger sets come first; among sets of equal size, those with published figures come first.
     """
@@ -214,7 +214,7 @@ def sections_of(entries: Sequence[Entry], published: Sequence[PublishedFigures] 
 def _row(
     key: tuple[str, tuple[str, ...], int | None], alike: Sequence[Sequence[Entry]], common: Collection[str]
 ) -> Row:
-    """Average the figures of a painter's paintings of each picture over seeds.
+    """Average a painter's figures over seeds, separately for each picture.
 
     Settings that are ``common`` to all rows are left out of the row's label.
     """

@@ -36,7 +36,7 @@ def write_leaderboard_tables(
 ) -> Path:
     """Write ``leaderboard.md``, ``.csv`` and ``.tex``, ``pictures.csv`` and ``seconds.csv``; return the first path.
 
-    ``command`` is the command that writes these files.
+    ``command`` is the command line that produces these files.
     """
     write_text(folder / "leaderboard.md", "\n".join(_markdown(sections, command, note)))
     lines = [line for section in sections for line in _numbers_of(section)]

@@ -1,8 +1,8 @@
 """Read finished studies, which are sweeps of a named experiment, from their folders or their records.
 
-A record is a CSV file. Its first line is ``# `` followed by JSON (command, numbers of runs, cost); below it, there is
-one row of metrics for each setting and picture (or seed). With records, a page can be rewritten after the large run
-folders have been deleted. Other programs can also write records; these name the program's command and question.
+A record is a CSV file. Its first line is ``# `` followed by JSON (command, numbers of runs, cost); each of the other
+lines holds the metrics for one setting and one picture (or seed). With records, a page can be rewritten after the large
+run folders have been deleted. Other programs can also write records, which contain the program's command and question.
 """
 
 import json
@@ -33,8 +33,8 @@ OMITTED = ("hydra.sweeper.lenient=", "hydra.searchpath=", "hydra/launcher=", "hy
 class Study:
     """A sweep of a named experiment, with the results of its runs.
 
-    ``words`` is its command line without machine-specific folders. If the record was written by another program, the
-    command line begins with ``python``, and the record contains the ``question``.
+    ``words`` is the study's command line without machine-specific folders. If its record was written by another
+    program, the command line begins with ``python``, and the record contains the ``question``.
 
     ``table`` is the `paired_table` of the runs. A complete study has ``n_jobs`` runs; of the ``n_runs`` that were
     started, ``n_finished`` have finished. ``cost`` states the total cost of the finished runs in words.
@@ -63,7 +63,7 @@ class Study:
 
     @property
     def extent(self) -> tuple[int, bool]:
-        """The sort key for studies of the same experiment: number of units, and whether all jobs have finished."""
+        """The sort key for studies of the same experiment: the number of units, and whether all jobs have finished."""
         return len(self.units), self.n_finished >= self.n_jobs
 
     def difference(self, claim: Claim) -> Difference | None:
@@ -90,8 +90,8 @@ class Study:
 def studies_in(folders: Sequence[Path], into: Path) -> dict[str, Study]:
     """Read the studies in folders, and return them by name.
 
-    Of several studies of one experiment, the largest is kept; if they are equally large, the one read last. Records are
-    read before sweeps. Raises UserError if there is no study.
+    Of several studies of one experiment, the largest is kept or, among equally large ones, the last one read. Records
+    are read before sweeps. Raises UserError if there is no study.
     """
     studies: dict[str, Study] = {}
     for one in (*_read_records(folders), *_read_sweeps(folders, into)):
@@ -135,8 +135,8 @@ def _read_sweeps(folders: Sequence[Path], into: Path) -> Iterator[Study]:
 def rename_options(table: pd.DataFrame, jobs: Sequence[Sequence[str]]) -> pd.DataFrame:
     """Rename the options of a `paired_table` to the study's settings.
 
-    A setting consists of a job's arguments after the picture. The table's own options leave out the arguments that all
-    jobs share, and list the others in a different order.
+    A setting consists of the arguments of a job that follow the picture. The options in the table, by contrast, leave
+    out the arguments that all jobs share, and list the others in a different order.
     """
     places = [next((k for k, word in enumerate(job) if word.startswith(PICTURE_WORD)), len(job)) for job in jobs]
     listed = list(dict.fromkeys(tuple(job[place + 1 :]) for job, place in zip(jobs, places, strict=True)))

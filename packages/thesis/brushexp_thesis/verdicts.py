@@ -57,7 +57,7 @@ def write_verdicts(
 ) -> dict[str, int]:  # fmt: skip
     """Write the page of verdicts, and return the number of claims with each verdict.
 
-    Tables, plots and records are written into a folder of the same name as the page.
+    Tables, plots and records are written into a folder with the same name as the page.
     """
     judgements = judge((claim for listed in claims.values() for claim in listed), studies)
     measured = [one for one in judgements if one.difference is not None]

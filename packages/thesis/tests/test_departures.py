@@ -14,7 +14,7 @@ OF_THE_THESIS = {row["key"]: row["value"] for row in ROWS if row["value"] != []}
 
 
 def listed(cfg) -> dict[str, str]:
-    """Map the key of each setting that departs from the thesis to the run's value."""
+    """Map the key of each setting that departs from the thesis to its value in the run."""
     settings = list_settings(OmegaConf.to_container(cfg, resolve=True, enum_to_str=True), [])
     return {row["setting"]: row["this run"] for row in departures({key: value for key, value, _ in settings})}
 

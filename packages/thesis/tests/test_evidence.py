@@ -1,4 +1,4 @@
-"""Test that p-values and intervals of gains agree with SciPy's in simple cases."""
+"""Test that p-values and intervals of gains agree with SciPy in simple cases."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Test that no extreme scene is painted wrongly without an error; this is the fast part of ``experiment=extremes``."""
+"""Test that extreme scenes break neither renderers nor strokes; this is the fast part of ``experiment=extremes``."""
 
 from dataclasses import replace
 from functools import cache

@@ -1,6 +1,6 @@
 """Test that the leaderboard averages over the same pictures for all painters.
 
-Other people's paintings can be added, and published figures are kept apart.
+It also lists other people's paintings, and keeps published figures apart from measured ones.
 """
 
 import re

@@ -59,7 +59,10 @@ def test_every_verdict_of_the_page_follows_from_the_records(judged, page):
 
 
 def test_means_and_intervals_of_the_leaderboard_are_those_of_its_pictures():
-    """The records have two decimal places, so the last digit of a mean may differ."""
+    """The leaderboard's means and intervals agree with its records to within rounding.
+
+    The records have two decimal places, so the last digit of a mean may differ.
+    """
     records = pd.read_csv(DOCS / "records" / "leaderboard.csv", keep_default_na=False)
     lines = (DOCS / "leaderboard.md").read_text(encoding="utf-8").splitlines()
     groups = records.groupby(["painter", "settings", "strokes"], sort=False)

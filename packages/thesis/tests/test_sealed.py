@@ -1,4 +1,4 @@
-"""Test that the sealed set is verified by checksums and painted once, and again only if a reason is recorded."""
+"""Test that the sealed set is verified by checksums and painted only once unless a reason to repeat it is recorded."""
 
 import hashlib
 import importlib.util

@@ -1,4 +1,4 @@
-"""Test that claims are judged by paired differences, refer to settings that studies have, and appear on the page."""
+"""Test that claims are judged by paired differences, refer to settings of their studies, and appear on the page."""
 
 import json
 import math
@@ -53,7 +53,7 @@ def claim(expects, **fields):
 
 
 def make_sweep(folder, typed=(), jobs=12, **options):
-    """Write a sweep of experiment=mine that has the runs of `make_study`."""
+    """Write a sweep of experiment=mine with the runs of `make_study`."""
     (folder / ".hydra").mkdir(parents=True)
     write_json(folder / ".hydra" / "jobs.json", {"typed": [*typed, "experiment=mine"], "jobs": [[]] * jobs})
     return make_study(folder, **options)
@@ -113,7 +113,7 @@ def study_of(gains, unit="picture", name="s"):
 
 
 def test_claims_of_a_page_are_corrected_together():
-    """Test that p-values are corrected for the number of claims on a page.
+    """The p-values are corrected for the number of claims on a page.
 
     A single claim with a p-value of 0.013 is decided, but none of eight such claims on one page is.
     """
@@ -196,7 +196,7 @@ def test_ranks_that_differ_from_student_are_remarked():
 
 
 def studies_named(name):
-    """Return the paths of a shipped study's file."""
+    """Return the paths of the shipped files that define a study."""
     return [path for folder in conf_folders() for path in folder.glob(f"experiment/{name}.yaml")]
 
 

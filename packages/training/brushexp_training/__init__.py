@@ -1,4 +1,4 @@
-"""Train renderers on simulated strokes; the list below gives the modules in the order in which data flows through them.
+"""Train renderers on simulated strokes; the modules below are listed in the order of the data flow.
 
 schema (with rules, functions, tasks) -> engine -> stroke_sets -> fitting (with renderers, discriminator) -> evaluation
 """

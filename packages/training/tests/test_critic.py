@@ -1,4 +1,4 @@
-"""Test that the critic's loss is RaSGAN and stays finite, and that its gradients have the norm set by the weight."""
+"""Test that the critic's loss is the RaSGAN loss, stays finite, and has gradients whose norm is set by its weight."""
 
 import pytest
 import torch

@@ -52,7 +52,7 @@ def loss_of(loss: Discriminated, made: Strokes) -> Tensor:
 
 
 def valid(made: Strokes, slack: float = 0.01) -> Tensor:
-    """Mark the strokes (N,) that the prior could have sampled, allowing bends up to four standard deviations."""
+    """Return a mask (N,) of strokes that the prior could have sampled, with bends up to four standard deviations."""
     points = torch.stack([getattr(made, name) for name in POINTS], 1).abs().amax((1, 2))
     length = torch.linalg.vector_norm(made.end - made.start, dim=1)
     bend = (bend_of(made) / torch.tensor(SPREAD).sqrt()).norm(dim=1)

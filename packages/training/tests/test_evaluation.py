@@ -1,4 +1,4 @@
-"""Test the figures by which renderers are measured, and the task that computes them."""
+"""Test that the figures for renderers follow their formulas, and that ``task=evaluate`` writes them."""
 
 import json
 import math

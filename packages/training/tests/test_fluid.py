@@ -1,4 +1,4 @@
-"""Test that each step of the brush simulators agrees with a straightforward implementation, and check whole strokes."""
+"""Test that each step of the brush simulators agrees with a simple implementation, and that strokes look right."""
 
 import numpy as np
 import pytest

@@ -32,7 +32,7 @@ def contents(path: Path) -> dict[str, bytes]:
 
 
 class Killed(BaseException):
-    """An exception that stands for a process being killed."""
+    """An exception that stands in for the killing of a process."""
 
 
 class Breaking(Spot):

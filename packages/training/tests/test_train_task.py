@@ -39,7 +39,7 @@ def test_a_renderer_looks_at_strokes_as_large_as_the_engine_paints_them(config):
 
 @pytest.fixture(scope="module")
 def stored(tmp_path_factory) -> Path:
-    """Write a set of 96 strokes, of which 64 are for training."""
+    """Write a set of 96 strokes, 64 of them for training."""
     return write(tmp_path_factory.mktemp("strokes") / "strokes", n=96, window=64)
 
 

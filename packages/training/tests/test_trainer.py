@@ -38,7 +38,7 @@ CRITIC = RendererSettings(critic=True, critic_width=4)
 
 
 class Small(PatchRenderer):
-    """A renderer of 16 x 16 pixels with two layers and a batch norm, whose buffers must also be averaged."""
+    """A renderer for 16 x 16 pixels, with two layers and a batch norm, whose buffers must also be averaged."""
 
     window = SIDE
 
@@ -90,7 +90,7 @@ def fit(module, data=None, *callbacks, resume=None, **options):
 
 
 class Rates(L.Callback):
-    """Record the learning rate at each step."""
+    """Callback that records the learning rate at each step."""
 
     def __init__(self):
         self.rates = []
@@ -100,7 +100,7 @@ class Rates(L.Callback):
 
 
 class StopAt(L.Callback):
-    """Interrupt a fit after a given number of steps."""
+    """Callback that interrupts a fit after a given number of steps."""
 
     def __init__(self, step):
         self.step = step

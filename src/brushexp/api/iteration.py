@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 def _stay() -> None:
-    """Do nothing: stand in for `State.stop` when the painting is finished or is optimised in another process."""
+    """Do nothing, in place of `State.stop`, when the painting is finished or is optimised in another process."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,10 @@ class State:
 
 
 class Handover(L.Callback):
-    """Pass states to another thread; the painter stays at most one state ahead, and its clock stops while it waits."""
+    """Channel that passes states to another thread.
+
+    The painter stays at most one state ahead, and its clock stops while it waits.
+    """
 
     def __init__(self, every: int, every_seconds: float) -> None:
         self.every, self.every_seconds = every, every_seconds

@@ -1,4 +1,4 @@
-"""Compose and check keys given in Python as the command line does, with the same messages."""
+"""Compose and check settings given in Python just as the command line does, with the same error messages."""
 
 import logging
 import os
@@ -42,7 +42,7 @@ def load_choices() -> list[Path]:
 
 @dataclass(frozen=True)
 class Settings:
-    """A task's checked config, with its overrides and the in-memory pictures to which it refers."""
+    """A task's checked config, with its overrides and the in-memory pictures that it refers to."""
 
     cfg: DictConfig
     words: list[str]

@@ -67,11 +67,11 @@ Probes = Mapping[str, Future[dict[str, Any]]]
 
 
 class Broken(Exception):
-    """Raised for a broken part of the installation; the message becomes the text of its line."""
+    """Raised for a broken part of the installation; the message becomes the text of that part's line."""
 
 
 def examine() -> int:
-    """Print the fifteen lines; return exit code 1 if something is broken, otherwise 0."""
+    """Print the report's fifteen lines; return exit code 1 if something is broken, otherwise 0."""
     exit_code = 0
     with ThreadPoolExecutor(len(PROBES)) as pool:
         probes = {name: pool.submit(_run, code) for name, code in PROBES.items()}

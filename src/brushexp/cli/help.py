@@ -125,7 +125,7 @@ def _tasks_of(topic: str, folders: Sequence[Path]) -> list[str]:
 
 
 def _words_of_changes(cfg: DictConfig) -> list[str]:
-    """List the short words for options of changes, with the current values for changes that are chosen."""
+    """List the short words for options of changes with their current values, which are null unless chosen."""
     words = change_words_of(TASKS[cfg.task])
     options = {option: word for word, option in words.items()}
     for word, tuned in table_of_words("change_options").items():
@@ -182,7 +182,7 @@ def _members(group: str, folders: Sequence[Path]) -> Iterator[str]:
 
 
 def _group(group: str, cfg: DictConfig, folders: Sequence[Path], with_options: bool) -> list[str]:
-    """List a group's members, one per line; ``with_options`` adds facts about each and options of the chosen ones."""
+    """List a group's members, one per line; ``with_options`` adds facts about each, and the chosen members' options."""
     rows = {plugin.name: plugin.summary for plugin in plugins(group)}
     for folder in folders:
         rows |= presets_of(folder / group)

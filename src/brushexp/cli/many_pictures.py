@@ -52,7 +52,7 @@ def launcher() -> str:
 
 
 def parallel_limit(pictures: int) -> int:
-    """Compute the maximum number of parallel processes from cores, memory and ``pictures`` (0 for any); 1 on a GPU."""
+    """Compute the maximum number of parallel processes from cores, memory and any ``pictures``; 1 on a GPU."""
     from brushexp.system.device import device_of  # noqa: PLC0415  (torch; --help should not wait for it)
     from brushexp.system.runtime import cores, free_memory  # noqa: PLC0415
 

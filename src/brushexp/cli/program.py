@@ -52,7 +52,7 @@ def job(cfg: DictConfig) -> dict[str, object] | float:
 
 
 def run(start: float) -> None:
-    """Run the program with the arguments in `sys.argv`; ``start`` is the `time.monotonic` at which it was launched."""
+    """Run the program with the arguments in `sys.argv`; ``start`` is its launch time, as given by `time.monotonic`."""
     _start[0] = start
     typed_words = sys.argv[1:]
     words = ["--help" if word.startswith("--help=") else word for word in typed_words]

@@ -20,8 +20,8 @@ def stroke_frame(curve: Tensor, points: Tensor, half_width: Tensor) -> tuple[Ten
     always the squared distance, so no point appears nearer than it is.
 
     Where the velocity of the curve is zero (at the tip of a fold, or if the curve is a single point), there is no
-    tangent. A direction perpendicular to the offset takes its place, such that the point is on the outer side of the
-    curve.
+    tangent. It is replaced by a direction perpendicular to the offset, chosen so that the point is on the outer side of
+    the curve.
 
     Derivatives: the gradient of ``across`` is the unit normal (envelope theorem), the gradient of ``t`` follows from
     the implicit function theorem, and beyond the ends the rotation of the tangent is taken into account. The last two

@@ -23,7 +23,7 @@ Part = Callable[..., Any]  # a function marked by `system.compiled.inline`
 
 
 class TileKernel:
-    """The compiled passes for a type of layer, built from its parts: see the functions with these names in `passes`.
+    """The compiled passes for a type of layer, built from parts that correspond to the functions in `passes`.
 
     Args:
         rows: number of rows of ``own``, to which ``rows_per_channel`` are added for each channel. The skeleton uses row
@@ -111,8 +111,8 @@ class Layers(ABC):
 class Canvas:
     """The result of a blend: ``image`` (3, H, W) in display-referred RGB and, if there is a target, ``accuracy`` (N,).
 
-    ``order.base.Order.depth`` defines accuracy. It has no gradient, and is NaN for a stroke that does not cover any of
-    the picture.
+    Accuracy, which is defined in ``order.base.Order.depth``, has no gradient; it is NaN for a stroke that does not
+    cover any of the picture.
     """
 
     image: Tensor

@@ -19,7 +19,7 @@ def _part_near(reach, bx, by, fx, fy, mx, my):
     """Compute a range of t that contains all curve points within ``reach`` of the tile.
 
     (mx, my) is the start of the curve relative to the tile's centre. It suffices to compare 16 sampled points with this
-    centre, because every t is within 1/32 of a sampled one, and every pixel centre is within half a diagonal of the
+    centre, because every t is within 1/32 of a sampled t, and every pixel centre is within half a diagonal of the
     tile's centre.
     """
     fastest = max(fx * fx + fy * fy, (fx + bx) * (fx + bx) + (fy + by) * (fy + by))
@@ -39,7 +39,7 @@ def _part_near(reach, bx, by, fx, fy, mx, my):
 def _evenness(a, b, c0, bx, by, mx, my, low, high):
     """Compute the ratio of the smallest to the largest slope of f, the cubic that is zero at the nearest points.
 
-    The slopes are those for t from ``low`` to ``high`` and for all pixels of a tile. A ratio of 1 means that f is
+    The slopes are taken over all t from ``low`` to ``high`` and all pixels of a tile. A ratio of 1 means that f is
     linear. If the ratio is positive, each pixel has exactly one nearest point in that range.
     """
     turn = min(max(-b / (F(3) * a + F(1e-20)), low), high)

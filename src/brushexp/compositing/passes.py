@@ -1,11 +1,11 @@
-"""The compiled passes over tiles of 8 x 8 pixels: a skeleton, for which each type of layer supplies the parts.
+"""The compiled passes over tiles of 8 x 8 pixels: a skeleton whose parts are supplied by each type of layer.
 
 The only stored array of size strokes x pixels holds the nearest points. A tile's 64 pixels stay in the first-level
 cache while its strokes are composited front to back ("over", Porter and Duff, 1984). The loops over the pixels have no
 branches, so that they are compiled to SIMD code. The backward pass repeats the forward pass of a tile, except for the
 search for nearest points. It then visits the strokes back to front and tracks the colour behind them, so that it never
 divides by (1 - alpha); it needs only the dot product of that colour and the picture's gradient. The gradient of each
-(tile, stroke) pair is written to a row of its own, and rows are summed per stroke in double precision: there are no
+(tile, stroke) pair is written to a separate row, and rows are summed per stroke in double precision: there are no
 atomics, and results are bit-for-bit identical on any number of threads.
 
 Colours have CHANNELS channels. A pixel's alpha is computed once, and the loops over its channels are unrolled, because
@@ -94,7 +94,7 @@ def _lay(look, own, buf, opaque):
 def _add_color(look, seen, own, q, light, buf):
     """Add a stroke's visible colour to a pixel.
 
-    Like the other loops over channels, this one has a function of its own: written inside the loop over pixels, it
+    Like the other loops over channels, this one is in a separate function. If it were inside the loop over pixels, it
     would carry `c` from one pixel to the next, and the compiler would peel off the first pixel, which would misalign
     the others.
     """
@@ -123,12 +123,12 @@ def forward_pass(
 ):  # fmt: skip
     """Paint the tiles that belong to workers ``begin`` to ``end``, out of WORKERS workers.
 
-    ``reach`` (N,) is that of `Layers`; ``order`` (N,) lists the strokes, top stroke first; ``first``, ``stroke`` and
-    ``slot`` are those of `TileLists`, with ``columns`` tiles per row; ``background`` is (C,) float32. A tile is
+    ``reach`` (N,) is as in `Layers`; ``order`` (N,) lists the strokes, top stroke first; ``first``, ``stroke`` and
+    ``slot`` are as in `TileLists`, with ``columns`` tiles per row; ``background`` is (C,) float32. A tile is
     finished when no pixel transmits more than the fraction ``opaque`` of the light. With a ``target`` (C, H, W),
     however, every stroke is evaluated; ``target`` is (C, 0, 0) if there is none.
 
-    Writes ``image`` (C, H, W); ``used`` (tiles,), the number of strokes that each tile used of its list; ``there``
+    Writes ``image`` (C, H, W); ``used`` (tiles,), the number of strokes in its list that each tile used; ``there``
     (pairs,), by slot and initially False, which tells whether a stroke covers the tile; ``near`` (pairs, 64) uint16 for
     `recall`, or (0, 64) if it is not needed; and, with a target, ``errors`` (pairs, 2), by slot, the sums of alpha
     |color - target|^2 and of alpha.
@@ -181,7 +181,7 @@ def _replay(p, data, order, stroke, slot, there, near, at, n, ox, oy, buf, kept,
 
 @inline
 def _begin_behind(background, weighs, buf):
-    """Set up what is behind the last stroke: the canvas colour or, for `_step_back`, its product with the gradient."""
+    """Initialise the colour behind the last stroke or, for `_step_back`, that colour's product with the gradient."""
     buf[: CHANNELS * AREA] = F(0)
     for c in range(CHANNELS):
         for q in range(AREA):
@@ -193,9 +193,9 @@ def _begin_behind(background, weighs, buf):
 
 @inline
 def _step_back(look, own, buf):
-    """Write the derivative with respect to a stroke's alpha, then composite the stroke over what is behind it.
+    """Write the derivative with respect to a stroke's alpha, then composite the stroke over the colour behind it.
 
-    Of the colour behind, only its product with the picture's gradient is needed.
+    The colour itself is not stored, only its product with the picture's gradient.
     """
     for q in range(AREA):
         seen, light, behind = shade(look, own, q), own[ABOVE * AREA + q], buf[BEHIND * AREA + q]
@@ -215,7 +215,7 @@ def _product(look, seen, own, q, buf):
 
 @inline
 def _miss(look, own, buf):
-    """Compute how much removing a stroke increases a tile's weighted squared error, then composite it over the rest."""
+    """Compute how much a tile's weighted squared error increases without a stroke, then composite the stroke."""
     total = F(0)
     for q in range(AREA):
         seen, light, grown = shade(look, own, q), own[ABOVE * AREA + q], F(0)

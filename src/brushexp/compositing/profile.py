@@ -245,7 +245,7 @@ def _pull_curve(p, i, ox, oy, taper, own, of_t, buf, out, wide):
 
 @inline
 def _of_all(color, own, buf, q):
-    """Compute the part of the derivative with respect to alpha that arises through the colour."""
+    """Compute the contribution of the colour channels to the derivative with respect to alpha."""
     total = F(0)
     for c in range(CHANNELS):
         total += color[c] * of_color(own, buf, q, c)

@@ -25,7 +25,7 @@ class Rasterizer(Protocol):
         """Paint a picture (C, H, W); with ``keep``, store the data that `gradient` needs."""
 
     def gradient(self, grad_image: Tensor) -> tuple[Tensor, ...]:
-        """Compute the gradients of the strokes' numbers and of learnt data from the picture's gradient (C, H, W)."""
+        """Compute the gradients of the strokes' numbers and of learned data from the picture's gradient (C, H, W)."""
 
     def importance(self, target: Tensor, weight: Tensor) -> Tensor:
         """Compute how much the squared error, weighted by ``weight`` (H, W), grows if each stroke is removed: (N,)."""

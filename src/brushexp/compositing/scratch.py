@@ -8,9 +8,9 @@ from brushexp.compositing.tile_lists import AREA, TILE, F
 def channel_rows(channels: int) -> dict[str, int]:
     """Assign the rows of a worker's scratch memory for colours with ``channels`` channels.
 
-    The first rows hold the picture painted so far or, in the backward pass, what is behind the current stroke. The next
-    rows hold the remaining light, the input picture (target, gradient or error), and the weight of its pixels or, for
-    `pull`, the derivative with respect to alpha.
+    The first rows hold the picture painted so far or, in the backward pass, the colour behind the current stroke. The
+    next rows hold the remaining light, the input picture (target, gradient or error), and the weight of its pixels or,
+    for `pull`, the derivative with respect to alpha.
     """
     light, picture, weight = channels, channels + 1, 2 * channels + 1
     rows = {"LIGHT": light, "PICTURE": picture, "WEIGHT": weight, "PULL_ALPHA": weight}

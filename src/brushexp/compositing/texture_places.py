@@ -21,7 +21,7 @@ def curve_size(bx, by, fx, fy):
 
 @inline
 def place_in_texture(p, i, ox, oy, frame, own):
-    """Write to rows X, Y and ONE the texels at which a tile's pixels sample stroke ``i``'s texture; see `frame`."""
+    """Write the texels that pixels sample to rows X and Y, and the tangent's inverse length to row ONE; see `frame`."""
     sx, sy, cx, cy, ex, ey = p[i, 0] - ox, p[i, 1] - oy, p[i, 2] - ox, p[i, 3] - oy, p[i, 4] - ox, p[i, 5] - oy
     bx, by, fx, fy = sx - F(2) * cx + ex, sy - F(2) * cy + ey, cx - sx, cy - sy
     still = F(SLOWEST * SLOWEST) * curve_size(bx, by, fx, fy) + F(SLOWEST_PIXELS * SLOWEST_PIXELS)

@@ -34,8 +34,8 @@ class TexturedProfile(Layers):
     """Strokes whose opacity and tone are looked up in textures (`Sheets`) by stroke coordinates.
 
     The caps beyond the ends of a curve scale with its thickness. Along the curve, the beginning of the texture is
-    followed by ``repeats`` of its loop, as many as fit, and by its end; the curve parameter t is linear in the texture
-    column over all of them. A ``flip`` of -1 mirrors a texture. Lookups are bilinear.
+    followed by as many ``repeats`` of its loop as fit, and then by its end; over this whole length, the curve parameter
+    t is linear in the texture column. A ``flip`` of -1 mirrors a texture. Lookups are bilinear.
 
     The tone changes the colour: a tone > 0 mixes it with white, a tone < 0 with black, in the proportion |tone|. The
     colour therefore stays in range without clamping.
@@ -202,7 +202,7 @@ def _tone(look, seen, own, q, c):
 
 @inline
 def _pull(p, i, data, ox, oy, own, temporary, buf, out):
-    """Compute the gradients of colour and opacity, and of the texture position, from which `_move` computes the others.
+    """Compute the gradients of colour, opacity and texture position; `_move` propagates the last of these to the curve.
 
     The gradient of the texture position overwrites the position in rows X and Y.
     """

@@ -126,7 +126,7 @@ def extent_of(opacity: Tensor) -> Tensor:
 def cells_of(texels: Tensor, size: Tensor) -> Tensor:
     """Pack the four corners of the cell to the lower right of each texel into a word, so that a lookup takes one load.
 
-    ``texels`` (T, C) and ``size`` (M, 2) are those of `Sheets`, with values quantised to 8 bits. A word is an int64:
+    ``texels`` (T, C) and ``size`` (M, 2) are as in `Sheets`, with values quantised to 8 bits. A word is an int64:
     its lower half holds the opacity of the upper left, upper right, lower left and lower right corners, lowest byte
     first, and its upper half holds their tone + 128. The words of texels in the last row or column of a sheet are not
     used.

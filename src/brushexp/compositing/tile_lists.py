@@ -45,7 +45,7 @@ def tile_lists(
 ) -> TileLists:
     """List the strokes that may touch each tile of a canvas of ``size`` (H, W).
 
-    ``curve`` (N, 3, 2) and ``reach`` (N,) are those of `Layers`; ``front_to_back`` (N,) holds the indices of the
+    ``curve`` (N, 3, 2) and ``reach`` (N,) are as in `Layers`; ``front_to_back`` (N,) holds the indices of the
     strokes, top stroke first, and the lists contain positions in this order. With ``boxes_only``, every stroke fills
     its bounding box, including the corners, as windows do.
     """
@@ -125,8 +125,8 @@ def _sample(curve, reach, xs, ys):
     """Sample a curve relative to its start, at 16 points per 40 px and at most 64, and return the number of points.
 
     Also returns the square of a distance within which every point that ``reach`` covers has a sampled point. This bound
-    uses that the offset of a point from the nearest point on the curve is perpendicular to the curve, unless the latter
-    is an end; the ends are sampled.
+    relies on the fact that the offset of a point from the nearest point on the curve is perpendicular to the curve,
+    unless the nearest point is an end; the ends are sampled.
     """
     sx, sy, cx, cy, ex, ey = curve
     fx, fy, bx, by = 2 * (cx - sx), 2 * (cy - sy), sx - 2 * cx + ex, sy - 2 * cy + ey
@@ -228,5 +228,5 @@ def most_tiles(used):
 
 @inline
 def tile_of(worker, k):
-    """Return the index of a worker's tile ``k``; indices ascend with ``k``, and may exceed that of the last tile."""
+    """Return the index of a worker's tile ``k``; it ascends with ``k``, and may exceed the index of the last tile."""
     return (k // RUN * WORKERS + worker) * RUN + k % RUN

@@ -103,7 +103,7 @@ def merge(words: Iterable[str]) -> list[str]:
 
 
 def keep_added(words: Sequence[str], beside: Iterable[str]) -> list[str]:
-    """Add changes from the other arguments, ``beside``, to a setting's own list, which would otherwise drop them."""
+    """Add changes from the other arguments, ``beside``, to a setting's own list, which would otherwise replace them."""
     added = [name for word in beside if word.startswith(f"+{GROUP}=") for name in names_in(word)]
     has_list = any(word.startswith((f"{GROUP}=", f"+{GROUP}=")) for word in words)
     return choose(words, added) if has_list else [*words]
@@ -116,7 +116,7 @@ def names_in(word: str) -> list[str]:
 
 
 def chosen_changes(words: Sequence[str]) -> tuple[set[str], list[set[str]]]:
-    """Return the changes that arguments choose directly, and the changes that each look named by them chooses."""
+    """Return the changes that arguments choose directly, and the changes chosen by each look that they name."""
     looks = (value_of("look", words) or PaintTask.presets["look"]).split(",")
     typed = [word for word in words if word.startswith((f"{GROUP}=", f"+{GROUP}="))]
     return {name for word in typed for name in names_in(word)}, [{*changes_of(look)} for look in looks]
@@ -145,7 +145,7 @@ def refuse_earlier(words: Sequence[str]) -> None:
 
 
 def needs(word: str) -> str:
-    """Explain which words choose the change to which an option word belongs."""
+    """Explain which words choose the change that an option word belongs to."""
     names = [path_of(path)[0] for path in table_of_words("change_options")[word]]
     choosing = [key for key, path in table_of_words("change_words").items() if path_of(path)[0] in names]
     other = spellings("keys").get(word)

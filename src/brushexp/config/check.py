@@ -41,7 +41,7 @@ def check_stand_ins(name: str, values: Mapping[str, Any]) -> None:
 
 
 def check(cfg: DictConfig, overrides: Sequence[str] = ()) -> None:
-    """Check a composed config; errors name the override to correct. Plugins that this builds are kept for the run."""
+    """Check a composed config; errors name the override to correct. Plugins built here are kept for the run."""
     schema = TASKS[cfg.task]
     check_stand_ins(cfg.task, cfg)
     for family in MULTI_SELECT:
@@ -230,7 +230,7 @@ def explain_foreign_key(typed: str, task: str) -> str:
 
 
 def unknown_key(typed: str, task: str) -> str:
-    """Explain that a task lacks a key, or that the plugin to which an option belongs is not chosen."""
+    """Explain that a task lacks a key or, for a plugin's option, that the plugin is not chosen."""
     family, _, rest = typed.partition(".")
     keys, plain = keys_of(TASKS[task]), plain_name(typed)
     names = [*keys, *change_words_of(TASKS[task]), *groups_of(TASKS[task])]

@@ -22,7 +22,7 @@ GLOBAL = "# @package _global_\n"  # first line of global config files
 
 
 def folders_of(root: Path, words: Sequence[str] = ()) -> list[Path]:
-    """List the config folders: those that are shipped, and the user's own (``--config-dir`` or else ``root/conf``).
+    """List the config folders: the shipped ones, and the user's own (``--config-dir`` or else ``root/conf``).
 
     Raises a UserError if the folder given by ``--config-dir`` does not exist.
     """
@@ -35,7 +35,7 @@ def folders_of(root: Path, words: Sequence[str] = ()) -> list[Path]:
 
 
 def own_folders(folders: Sequence[Path]) -> list[Path]:
-    """Return those of the given config folders that are not shipped with brushexp or its packages."""
+    """Return the given config folders that are not shipped with brushexp or its packages."""
     return [folder for folder in folders if folder not in conf_folders()]
 
 

@@ -23,7 +23,7 @@ def type_of_key(name: str, task: str = "") -> tuple[Any, bool]:
     """Return the type of a key and whether it may be null, or (None, False) if no such key exists.
 
     The keys of ``task`` take precedence, because a key's type may differ between tasks. If an option's type differs
-    between the plugins of a family, the result is ``str`` if one of the types is, otherwise ``object``.
+    between the plugins of a family, the result is ``str`` if that is one of the types, and otherwise ``object``.
 
     >>> type_of_key("strokes"), type_of_key("strokes", "score"), type_of_key("nothing")
     ((<class 'int'>, True), (<class 'str'>, False), (None, False))

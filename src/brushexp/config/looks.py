@@ -68,7 +68,7 @@ def fast_start(look: str, family: str) -> str:
 
 
 def start_of_draft(look: str, family: str) -> str:
-    """Choose a member for a draft: the look's own if its strokes keep their size, otherwise that for a fast start."""
+    """Choose a member for a draft: the look's own if its strokes keep their size, otherwise that of `fast_start`."""
     node = ConfigStore.instance().load(f"look/{look}.yaml").node
     return str(choices_of(node, PaintTask.groups)[family]) if node.get(KEEPS_SIZE) else fast_start(look, family)
 
@@ -142,7 +142,7 @@ def _parse(path: Path) -> dict[str, Any]:
 
 
 def _with_options_of_changes(look: dict[str, Any]) -> dict[str, Any]:
-    """Expand short words such as ``wet: 0.5`` into the options of changes for which they stand, and choose the changes.
+    """Expand short words such as ``wet: 0.5`` into the options of changes that they stand for, and choose the changes.
 
     Looks written for version 0.1 contain such words, and users still write them.
     """
@@ -186,7 +186,7 @@ def _values(options: Any) -> list[Any]:
 def _keys_of(path: Path, schema: type[Any]) -> DictConfig:
     """Build a look's config without plugin options.
 
-    The numbers of the keys `SCALED` are multiplied according to ``detail``, ``effort`` and ``abstraction``.
+    The values of the keys in `SCALED` are scaled by ``detail``, ``effort`` and ``abstraction``.
     """
     look = _read(path)
     for family, chosen in _tuned_members(look, schema.groups):

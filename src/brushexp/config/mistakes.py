@@ -191,7 +191,9 @@ def wrong_type(text: str, task: str) -> str | None:
 
 
 def guess_value(value: str, kind: Any, meaning: str) -> str | None:
-    """Guess the value meant by a unit, a size, a word for none, or text in place of a list; return None if unknown.
+    """Guess the value meant by a number with a unit, a size, a word for none, or text in place of a list.
+
+    Returns None if there is no guess.
 
     >>> guess_value("512px", int, ""), guess_value("1920x1080", int, ""), guess_value("2min", float, "")
     ('512', '1920', '120')
@@ -241,7 +243,7 @@ def strip_null(annotation: Any) -> Any:
 
 
 def in_words(annotation: Any) -> str:
-    """Describe the values that a type allows in words."""
+    """Describe in words the values that a type allows."""
     parts = get_args(annotation)
     if (plain := strip_null(annotation)) is not annotation:
         return in_words(plain)

@@ -15,7 +15,7 @@ BESIDE_PAINTING = "${beside_painting:}/" + MOMENT
 def beside_painting(*, _root_: DictConfig) -> str:
     """Return the folder for an export's records: ``exports`` in the run folder of ``catalogue``, or ``outputs``.
 
-    The latter is used in a sweep, and if the catalogue is not in a run folder or the run folder is read-only.
+    It is ``outputs`` in a sweep, or if the catalogue is not in a run folder, or if the run folder is read-only.
     """
     run = run_beside(_root_)
     return "outputs" if run is None else str(run / FOLDER)

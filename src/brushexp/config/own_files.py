@@ -29,7 +29,7 @@ def check_own_files(folders: Sequence[Path], words: Sequence[str], *, warns: boo
 
 
 def _is_chosen(path: Path, words: Sequence[str]) -> bool:
-    """Check whether command-line arguments choose a config file, as ``look=mine``, ``loss=[mse,mine]`` or ``mine``."""
+    """Check whether arguments choose a config file, as in ``look=mine``, ``loss=[mse,mine]`` or ``mine``."""
     group, name = path.parent.name, path.stem
     chosen = rf"\+*{re.escape(group)}=(.*\W)?{re.escape(name)}(\W.*)?"
     return any(re.fullmatch(chosen, word) or (group in ALONE and word == name) for word in words)

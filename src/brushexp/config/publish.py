@@ -43,8 +43,8 @@ PUBLISHER = "brushexp"  # owner of a config in Hydra's store
 def prepare(root: Path, words: Sequence[str] = (), *, warns: bool = True) -> None:
     """Register all plugins, import ``root/plugins``, and publish tasks and presets to Hydra.
 
-    With ``warns``, files that are left out are reported. The worker processes of a sweep do not use it, because their
-    parent has already warned.
+    With ``warns``, files that are left out are reported. The worker processes of a sweep do not set ``warns``, because
+    their parent has already reported these files.
     """
     load_plugins(root / "plugins", warns=warns)
     folders = folders_of(root, words)

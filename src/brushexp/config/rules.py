@@ -134,10 +134,10 @@ def check_objective(cfg: DictConfig) -> None:
 def check_painting(
     cfg: DictConfig, overrides: Sequence[str], size: tuple[int, int], *, painted: tuple[int, int] | None = None
 ) -> None:
-    """Raise a UserError for losses, strokes, a mask or a catalogue that do not fit ``size`` (H, W) or the memory.
+    """Raise a UserError for losses, strokes, a mask or a catalogue that do not fit the picture or the memory.
 
-    ``size`` is that of the picture on which strokes are optimised, and ``painted`` that of the painting if it is
-    larger.
+    ``size`` (H, W) is the resolution at which strokes are optimised, and ``painted`` is the size of the painting if the
+    painting is larger.
     """
     from brushexp.painting.components import build_stages, check_losses, check_size, stroke_budget  # noqa: PLC0415
     from brushexp.plugins.renderer.base import check_trained  # noqa: PLC0415

@@ -1,9 +1,9 @@
 """Expand keys that stand for several others: ``brush=stroke.png`` chooses a renderer and sets its files.
 
 The vocabulary files (`brushexp.config.vocabulary`) declare these keys in tables ``[stands_for.KEY]``. ``settings``
-lists the settings to which a key expands; in them, ``{value}`` is replaced by the key's value, and ``{paths}`` by the
-value with absolute paths, so that a painting can be redrawn from any folder. ``beside`` lists settings that the key
-makes redundant.
+lists the settings that a key expands to; in these settings, ``{value}`` is replaced by the key's value, and ``{paths}``
+by the value with absolute paths, so that a painting can be redrawn from any folder. ``beside`` lists settings that the
+key makes redundant.
 """
 
 import os
@@ -14,7 +14,10 @@ from brushexp.system.words import table_of_words
 
 
 def spell_out(words: Sequence[str]) -> list[str]:
-    """Replace each key that stands for several settings with those settings; the last of repeated keys takes effect."""
+    """Replace each key that stands for several settings with those settings.
+
+    If a key is repeated, the last one takes effect.
+    """
     table = table_of_words("stands_for")
     typed = {key: value for key, equal, value in (word.partition("=") for word in words) if equal and key in table}
     beside = {setting for key in typed for setting in table[key].get("beside", ())}

@@ -1,4 +1,4 @@
-"""Look up tasks by name: core tasks and those of installed packages."""
+"""Look up tasks by name, both core tasks and tasks of installed packages."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
@@ -37,7 +37,7 @@ TASKS = Tasks({"paint": PaintTask, "export": ExportTask})
 
 
 def stand_ins_of(name: str) -> list[str]:
-    """List the tasks that may replace a task if their `Task.suits` agrees."""
+    """List the tasks that can replace a task; each does so if its `Task.suits` returns True."""
     points = (point.partition(".") for point in entry_points_of(STAND_INS))
     return [other for of, _, other in points if of == name]
 
@@ -61,7 +61,7 @@ def _count_known(task: type[Task], values: Mapping[str, Any]) -> int:
 
 
 def add_task(words: Sequence[str]) -> list[str]:
-    """Add ``task=`` to a command line whose arguments call for a different task from the one they name or imply."""
+    """Add ``task=`` to a command line whose arguments call for a task other than the one they name or imply."""
     typed: dict[str, str] = {}
     for name, _, value in (word.partition("=") for word in words):
         typed[name] = f"{typed[name]},{value}" if name in typed else value  # several pictures, as in a sweep

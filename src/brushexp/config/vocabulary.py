@@ -46,7 +46,7 @@ def with_words_of_changes(message: str) -> str:
 
 
 def members_alone() -> dict[str, str]:
-    """Map the bare name of each look and quality, shipped or in ``conf/``, to the setting for which it stands."""
+    """Map the bare name of each look and quality, shipped or in ``conf/``, to the setting that it stands for."""
     return {name: f"{group}={name}" for group in ALONE for name in members_of_group(group)}
 
 

@@ -3,12 +3,12 @@
 photo.jpg, photos/    image=photo.jpg, image=photos/
 train                 task=train
 export outputs/x      task=export catalogue=outputs/x; other tasks take paths likewise
-analyse photo.jpg     task=measure image=photo.jpg, the task that replaces another one for this picture
+analyse photo.jpg     task=measure image=photo.jpg; ``measure`` replaces ``analyse`` for pictures
 watercolour, finer    look=watercolour, detail=2
 look=watercolor       look=watercolour
 style=painting.jpg    style.image=painting.jpg
 light=315,45          light={azimuth:315,elevation:45}
-to=svg,json           to=[svg,json]; likewise every key and family with several values except ``loss``
+to=svg,json           to=[svg,json]; likewise for every key or family that takes several values, except ``loss``
 resume=sweep          hydra.sweeper.resume=true
 """
 
@@ -147,7 +147,7 @@ def setting_in(word: str) -> str | None:
 
 
 def expand_home(word: str) -> str:
-    """Expand the home folder in ``output=~/x``, which some shells do not do; keys for pictures expand it themselves."""
+    """Expand the home folder in ``output=~/x``, because some shells do not; keys for pictures expand it themselves."""
     key, _, value = word.partition("=")
     is_other = key in ("image", "pictures", "style", "style.image", "focus", "faces") or os.path.lexists(value)
     if is_other or not re.fullmatch(r"~(/.*)?", value):
@@ -160,7 +160,7 @@ def expand_home(word: str) -> str:
 def expand_shorthand(word: str, sweep: bool = False, task: str = "") -> str:
     """Rewrite an argument in Hydra's grammar; in a ``sweep``, commas separate the values of different jobs.
 
-    ``task`` is the task to which the argument belongs, or "" if it is not known yet.
+    ``task`` is the task that the argument belongs to, or "" if it is not known yet.
     """
     if word == RESUME_SWEEP:
         return "hydra.sweeper.resume=true"

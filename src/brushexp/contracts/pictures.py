@@ -1,4 +1,4 @@
-"""Read and compare pictures, with colour spaces, structure, regions, feature networks and video."""
+"""Reading and comparing pictures; colour spaces, structure, regions, feature networks and video."""
 
 from brushexp.features import NETWORKS, open_backbone
 from brushexp.features.base import Backbone, packaged_file, read_tensors

@@ -22,7 +22,7 @@ class Backbone(nn.Module, ABC):
 
     The weights are constants read from a separate file: they are neither parameters nor part of a checkpoint.
 
-    Part of a picture is evaluated together with ``context`` pixels around it. Receptive fields extend up to twice as
+    A part of a picture is evaluated together with ``context`` pixels around it. Receptive fields extend up to twice as
     far, but activations hardly depend on pixels beyond the context.
     """
 
@@ -33,7 +33,7 @@ class Backbone(nn.Module, ABC):
 
     @abstractmethod
     def walk(self, pictures: Tensor) -> Iterator[tuple[str, Tensor]]:
-        """Yield the name and value of each activation, in the order of ``taps``, and compute each on demand."""
+        """Yield the name and value of each activation in the order of ``taps``, computing each on demand."""
 
     def forward(self, pictures: Tensor, taps: Collection[str]) -> dict[str, Tensor]:
         """Compute the activations ``taps`` (B, C, h, w) for pictures (B, 3, H, W), sRGB in [0, 1]."""

@@ -19,7 +19,7 @@ class Distance(nn.Module):
     """Perceptual distance between two pictures: 0 if they are equal, about 1 if they have nothing in common.
 
     Source: LPIPS (Zhang et al., 2018, arXiv:1801.03924), which squares the differences between feature vectors scaled
-    to length 1, averages over positions, and weights the channels of several taps. The distance in the network
+    to length 1, averages over positions, and weights the channels of several taps. The distance based on the network
     ``effl0`` has one weight per tap instead of one per channel, so it is called effl0, never LPIPS, and the two are not
     comparable.
 
@@ -53,7 +53,7 @@ class Distance(nn.Module):
 
 
 def bundled_distance(weights: str | None = None, option: str = OPTION) -> Distance:
-    """Return the distance in the bundled network, with the network's own weights or those in the ``weights`` file."""
+    """Return the distance based on the bundled network, with its own weights or those in the ``weights`` file."""
     network = open_backbone("effl0", weights, option)
     return Distance(network, {tap: torch.tensor([weight]) for tap, weight in WEIGHTS.items()}, "effl0")
 

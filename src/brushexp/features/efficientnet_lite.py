@@ -20,7 +20,7 @@ MIDDLE, SCALE = 127 / 255, 255 / 128  # it was trained on (0..255 - 127) / 128, 
 
 
 class EfficientNetLite0(Backbone):
-    """EfficientNet-Lite0 without its classifier, with batch norms folded into the convolutions (Tan and Le, 2019).
+    """EfficientNet-Lite0 (Tan and Le, 2019) without its classifier, with batch norms folded into the convolutions.
 
     Taps: ``stem`` (32 channels, half the picture's side), ``b<i>`` (the linear output of block i, 0 to 15) and
     ``b<i>.expand`` (the expanded, rectified interior of block i, from 1). If ``state`` does not have exactly the

@@ -1,4 +1,4 @@
-"""Compute the figures on a run's page as plain data: charts for ``run_charts.js``, swatches, error maps and heights.
+"""Compute the figures on a run's page as plain data: charts for ``run_charts.js``, swatches, error and height maps.
 
 Each chart has a ``kind``, a ``title``, a ``summary`` for browsers without scripts, and the data for that kind.
 """
@@ -34,7 +34,7 @@ MAP_SIDE = 512  # pixels on the longer side of the height map
 def line_chart(
     title: str, x: Sequence[float] | np.ndarray, y: Sequence[float] | np.ndarray, x_label: str, unit: str = ""
 ) -> dict | None:
-    """Return a chart of ``y`` over increasing ``x``.
+    """Return a line chart of ``y`` over increasing ``x``.
 
     Returns None if there are fewer than two finite points, if ``x`` is constant or if the lengths differ.
     """
@@ -73,7 +73,7 @@ def histogram_chart(title: str, values: np.ndarray, x_label: str) -> dict | None
 
 
 def rose_chart(title: str, angles: np.ndarray, lengths: np.ndarray) -> dict | None:
-    """Return a chart of the share of stroke length in each direction, or None if no stroke has a direction.
+    """Return a rose chart of stroke directions weighted by length, or None if no stroke has a direction.
 
     ``angles`` (N,) are in radians and NaN for strokes without a direction; ``lengths`` has shape (N,).
     """
@@ -96,7 +96,7 @@ def _round_values(values: np.ndarray) -> list[float]:
 
 
 def swatches_of(colors: np.ndarray, weights: np.ndarray) -> list[dict[str, Any]]:
-    """Cluster weighted sRGB colours (N, 3) in CIELAB into at most ``SWATCHES`` colours with shares, darkest first."""
+    """Cluster weighted sRGB colours (N, 3) in CIELAB; return up to ``SWATCHES`` colours and shares, darkest first."""
     colors, weights = colors[weights > 0], weights[weights > 0]
     if not len(weights):
         return []
@@ -134,7 +134,7 @@ def error_map(painting: np.ndarray, target: np.ndarray) -> dict[str, Any]:
 
 
 def height_map(job: ExportJob) -> dict[str, Any]:
-    """Encode the heights of the paint as a picture for ``light.js``.
+    """Encode the height of the paint as a picture for ``light.js``.
 
     A height is ``top`` * (256 red + green) / 65535, in pixels of the map. ``light`` is the painting's light, with depth
     1 if the painting is unlit. ``drawn_as`` names the fast renderer that replaces a slow renderer, or is None.

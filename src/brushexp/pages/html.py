@@ -21,9 +21,9 @@ TEMPLATES = Path(__file__).parent / "templates"
 def page(template: str, folder: Path = TEMPLATES, **context: Any) -> str:
     """Render a template in ``folder`` as a complete page; the result is deterministic.
 
-    Templates in other folders can also use those in ``TEMPLATES``. Values are escaped, and a missing name is an error.
-    ``{{ assets["page.css"] }}`` inserts a file from either folder. The content security policy allows only these files
-    and embedded pictures; it forbids ``style`` and ``onclick`` attributes.
+    Templates in other folders can also use the templates in ``TEMPLATES``. Values are escaped, and a missing name is an
+    error. ``{{ assets["page.css"] }}`` inserts a file from either folder. The content security policy allows only these
+    files and embedded pictures; it forbids ``style`` and ``onclick`` attributes.
     """
     return _environment(folder).get_template(template).render(**context)
 

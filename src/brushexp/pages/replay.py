@@ -27,8 +27,8 @@ Columns = Mapping[str, tuple[np.ndarray, float, float]]  # (N, ...) values and t
 def replay_of(job: ExportJob, measures: StrokeTable) -> dict[str, Any] | None:
     """Pack strokes with their measures and textures; return None if there are more than ``MAX_STROKES`` strokes.
 
-    The result is that of `pack_strokes`, with ``texture`` from `pack_textures`. ``direction`` is -1 for strokes without
-    a direction; ``layer`` is the tercile (0 to 2) of the stroke's area.
+    Returns the dictionary from `pack_strokes` and adds the result of `pack_textures` as ``texture``. ``direction`` is
+    -1 for strokes without a direction; ``layer`` is the tercile (0 to 2) of the stroke's area.
     """
     if len(job.strokes) > MAX_STROKES:
         return None
@@ -49,14 +49,14 @@ def replay_of(job: ExportJob, measures: StrokeTable) -> dict[str, Any] | None:
 def pack_strokes(job: ExportJob, about: Columns | None = None, looks: np.ndarray | None = None) -> dict[str, Any]:
     """Pack a painting without its textures for ``strokes.js``; ``about`` adds columns of stroke data.
 
-    ``data`` is base64 of little-endian arrays, one after another, each with the strokes from bottom to top. The first
-    array holds each stroke's index in the catalogue (uint32). Each later array holds one of ``columns`` (name, values
-    per stroke, lowest and highest value) as fractions of its range (uint16). ``points`` are the control points, and
-    ``half`` is half the width. Strokes drawn as a `Profile` also have ``softness`` in pixels, ``widening`` and
-    ``drift``; a column that is 0 for all strokes is omitted. Textured strokes have ``thick`` and ``strength``, the half
-    width and opacity at which they are rendered, and ``texture_of``: the number of the texture, how often its loop is
-    repeated, and whether it is flipped. Textures are numbered by their positions in the sorted ``looks``, or among all
-    textures if ``looks`` is None.
+    ``data`` holds little-endian arrays in base64, one after another, each ordered from the bottom stroke to the top.
+    The first array holds each stroke's index in the catalogue (uint32). Each later array holds one of ``columns``
+    (name, values per stroke, lowest and highest value) as fractions of its range (uint16). ``points`` are the control
+    points, and ``half`` is half the width. Strokes drawn as a `Profile` also have ``softness`` in pixels, ``widening``
+    and ``drift``; a column that is 0 for all strokes is omitted. Textured strokes have ``thick`` and ``strength``, the
+    half width and opacity at which they are rendered, and ``texture_of``: the number of the texture, how often its loop
+    is repeated, and whether it is flipped. Textures are numbered by their positions in the sorted ``looks``, or among
+    all textures if ``looks`` is None.
     """
     count, saved, (height, width) = len(job.strokes), job.saved, job.size
     textured = textured_profile_of(job)
@@ -107,9 +107,9 @@ def pack_strokes(job: ExportJob, about: Columns | None = None, looks: np.ndarray
 def pack_textures(sheets: Sheets, looks: np.ndarray) -> dict[str, Any]:
     """Pack the textures with indices ``looks`` (M,) for a page.
 
-    ``texels`` is base64 with one byte each for opacity and tone. Each entry of ``sheets`` describes a texture: its
-    first texel, its rows and columns, the start and length of its loop in columns, and the distance, in half widths,
-    beyond which it is empty.
+    ``texels`` is encoded in base64, with one byte each for opacity and tone. Each entry of ``sheets`` describes a
+    texture: its first texel, its rows and columns, the start and length of its loop in columns, and the distance, in
+    half widths, beyond which it is empty.
     """
     levels = np.stack([sheets.texels[:, 0].numpy() * BYTE, sheets.texels[:, 1].numpy() * HALF + 128], axis=1)
     size, loop, extent = (part[looks] for part in (sheets.size, sheets.loop, sheets.extent))

@@ -102,9 +102,9 @@ def run_page(
 ) -> str:
     """Build a painting's page as self-contained HTML; sections without data are omitted.
 
-    ``name`` is the page's title, and ``look`` is the name of a look. ``curves`` maps names (``step``, ``psnr``,
-    ``loss/...``) to columns. ``files`` comes from `files_in`. ``beside`` says whether painting.png is in the same
-    folder as the page.
+    ``name`` is the page's title, and ``look`` is the name of the painting's look. ``curves`` maps names (``step``,
+    ``psnr``, ``loss/...``) to columns. ``files`` comes from `files_in`. ``beside`` says whether painting.png is in the
+    same folder as the page.
     """
     job, metrics, pictures = finished.job, finished.metrics, finished.pictures
     saved, config = job.saved, config_of(job.saved)
@@ -138,7 +138,7 @@ def run_page(
 
 
 def embed_pixels(pixels: np.ndarray) -> dict[str, Any]:
-    """Embed a picture (H, W, 3) for the template, with the size that it had before it was shrunk."""
+    """Embed a picture (H, W, 3) for the template, shrunk if it is large, and return it with its original size."""
     height, width, _ = pixels.shape
     options: dict[str, Any] = {} if height * width <= LOSSLESS else JPEG
     return embed(Image.fromarray(pixels), LARGEST_SIDE, **options) | {"width": width, "height": height}
@@ -231,7 +231,7 @@ def _overlay(pictures: Mapping[str, np.ndarray]) -> str | None:
 
 
 def list_settings(config: Mapping[str, Any], overrides: Sequence[str]) -> list[tuple[str, str, bool]]:
-    """List each setting's dotted key, its value as a user types it (plugins by name), and whether the user set it."""
+    """List each setting's dotted key, its value as a user would type it, and whether the user set it."""
     typed = {word.lstrip("+~").partition("=")[0] for word in overrides}
     rows = ((key.removesuffix("._target_"), _as_name(key, value)) for key, value in _flat(config))
     return [(key, value, key in typed) for key, value in rows]

@@ -1,4 +1,4 @@
-"""Write ``report.html`` for a sweep or any set of runs, with pictures, plots and a table to sort and filter."""
+"""Write ``report.html`` for a sweep or any set of runs, with pictures, plots and a sortable, filterable table."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def sweep_page(folder: Path, frame: DataFrame) -> str:
 
 
 def _summary(frame: DataFrame) -> str:
-    """Say how many runs there are (or paintings, if only the picture varies) and how many failed."""
+    """State the number of runs (or of paintings, if only the picture varies) and how many of them failed."""
     if not tables.is_album(frame):
         return tables.run_count(frame)
     failed = int((frame["run", "status"] == Status.FAILED).sum())
@@ -151,7 +151,7 @@ def _means(frame: DataFrame) -> DataFrame | None:
 
 
 def _best(data: dict[str, Any]) -> dict[str, str]:
-    """Find the best value of each metric that varies; return an empty dictionary if several pictures were painted."""
+    """Find the best value of each metric that varies; the result is empty if several pictures were painted."""
     best = {}
     for metric in data["metrics"] if len(data["pictures"]) <= 1 else ():
         key = metric["key"]
@@ -201,7 +201,7 @@ def _script_data(data: dict[str, Any]) -> dict[str, Any]:
 
 
 def side_for(count: int) -> int:
-    """Return the largest of ``SIDES`` at which ``count`` pictures fit in ``AREA``, or else the smallest."""
+    """Return the largest side in ``SIDES`` at which ``count`` pictures fit in ``AREA``, or the smallest side."""
     return next((side for side in SIDES if count * side**2 <= AREA), SIDES[-1])
 
 

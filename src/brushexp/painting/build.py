@@ -32,7 +32,7 @@ log = logging.getLogger(__name__)
 
 
 def build_painter(cfg: DictConfig, target: Tensor | None = None) -> PaintingModule:
-    """Build, on the CPU, the painter for a checked config of ``task=paint``; seed PyTorch's generators before calling.
+    """Build the painter for a checked config of ``task=paint`` on the CPU; seed PyTorch's generators before calling.
 
     If given, ``target`` (3, H, W) in [0, 1] replaces the picture named by ``image``, and is neither resized nor reduced
     to the palette.
@@ -77,7 +77,7 @@ def faces_of(cfg: DictConfig, picture: Tensor) -> list[Face]:
 
 
 def faces_and_eyes_of(cfg: DictConfig, picture: Tensor) -> tuple[list[Face], list[Spot]]:
-    """Find the faces in a picture as `faces_of` does; if there are none, find the eyes of animals."""
+    """Find the faces in a picture as `faces_of` does; if there are none, find the eyes of animals (`_seeks_spots`)."""
     if cfg.faces == OFF or not (cfg.focus == AUTO or cfg.catalogue is None):
         return [], []
     from brushexp.pictures.faces.detection import find_faces_and_heads  # noqa: PLC0415  (not every painting asks)
@@ -91,15 +91,15 @@ def faces_and_eyes_of(cfg: DictConfig, picture: Tensor) -> tuple[list[Face], lis
 
 
 def _seeks_spots(cfg: DictConfig) -> bool:
-    """Check whether to add strokes for spots, which are less certain than faces.
+    """Check whether to add strokes for dark spots, such as animals' eyes, which are less certain than faces.
 
-    This is the case only if the focus is automatic and the user sets neither the number of strokes nor a catalogue.
+    They are added only if the focus is automatic and the user sets neither the number of strokes nor a catalogue.
     """
     return bool(cfg.faces != OFF and cfg.focus == AUTO and cfg.strokes is None and cfg.catalogue is None)
 
 
 def spots_of(cfg: DictConfig, target: Tensor, attended: Tensor | None) -> list[Spot]:
-    """Find possible animal eyes within the detected focus of a target (3, H, W)."""
+    """Find dark spots, possibly the eyes of animals, in a target (3, H, W) with the focus map ``attended`` (H, W)."""
     if not _seeks_spots(cfg):
         return []
     assert attended is not None
@@ -177,7 +177,7 @@ def clip_of(cfg: DictConfig) -> GradientClip | None:
 
 
 def compute_focus(cfg: DictConfig, target: Tensor, faces: Sequence[Face] = ()) -> tuple[Tensor | None, Tensor | None]:
-    """Compute the pixel weights (H, W), with mean 1, and their focus map; both are None if ``focus`` is not set."""
+    """Compute the pixel weights (H, W), with mean 1, and the focus map; both are None if ``focus`` is not set."""
     if cfg.focus is None:
         return None, None
     attended = focus_map(cfg.focus, target, faces)

@@ -1,4 +1,4 @@
-"""Paint part of the canvas, and keep the rest as it was last painted."""
+"""Paint part of the canvas, and leave the rest unchanged."""
 
 from dataclasses import dataclass
 
@@ -23,8 +23,8 @@ MAX_CACHE_BYTES = 2**29  # memory for cached pictures: 16,384 of 64 x 64 pixels
 class CanvasMemory:
     """Paints the region that a step compares with the target, and keeps the whole picture up to date.
 
-    Where a region contains strokes that the view neither moves nor draws, its pixels are taken from the last whole
-    picture. The thesis instead omits these strokes, and relies on the view's ring of strokes to hide the gap.
+    Where strokes that are neither active nor in the view's ring overlap the region, its pixels are taken from the last
+    whole picture. The thesis instead omits these strokes, and relies on the ring to hide the gap.
     """
 
     picture: Tensor  # (3, H, W) the whole painting, changed in place; the other fields are those of `Picture`
@@ -90,7 +90,7 @@ class CanvasMemory:
 
 
 class PatchCache:
-    """Caches a network's pictures of the surrounding strokes.
+    """Caches the pictures that a network has drawn of the strokes around the active ones.
 
     It holds up to ``most_bytes`` bytes of pictures as 16-bit floats, with errors of at most 1/4096, and discards the
     oldest pictures first. Renderers that draw profiles do not need a cache. In the thesis (2020, 6.3), the cache is
@@ -108,7 +108,7 @@ class PatchCache:
 
     @torch.no_grad()
     def layers(self, strokes: Strokes, number: Tensor) -> Layers:
-        """Draw K strokes, whose indices in the painting are ``number`` (K,), without gradient."""
+        """Draw K strokes without gradient, reusing cached pictures; ``number`` (K,) holds their indices."""
         if not isinstance(self.renderer, PatchRenderer):
             return self.renderer(strokes)
         keys = number.tolist()
@@ -133,7 +133,7 @@ def sum_of_squares(first: Tensor, second: Tensor) -> Tensor:
 
 @torch.no_grad()
 def boxes_of(strokes: Strokes, edge: float) -> tuple[Tensor, Tensor]:
-    """Compute two opposite corners (N, 2) of the box of pixels that each stroke may cover; see `Renderer.edge`."""
+    """Compute opposite corners (N, 2) of the box of pixels that each stroke may cover; see `Renderer.edge`."""
     curve, reach = curve_of(strokes), reach_of(strokes, edge)[:, None]
     return curve.amin(1) - reach, curve.amax(1) + reach
 

@@ -15,7 +15,7 @@ def build_changes(cfg: DictConfig, make: Callable[[DictConfig], Any] = take_buil
 
 
 def changed_settings(cfg: DictConfig) -> DictConfig:
-    """Return a config's settings as adapted by its changes."""
+    """Return a config after its changes have adapted the settings."""
     for change in build_changes(cfg, keep_built).values():
         cfg = change.settings(cfg)
     return cfg

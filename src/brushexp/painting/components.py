@@ -74,7 +74,7 @@ def standard_components(
     renderer: Renderer | None = None, *, steps: int = 500, blend: Blend | None = None, color: ColorSpace | None = None,
     **chosen: Any,
 ) -> Components:  # fmt: skip
-    """Build the default components of ``task=paint``; those in ``chosen`` replace them."""
+    """Build the default components of ``task=paint``; components in ``chosen`` replace the defaults."""
     renderer = renderer or Analytic()
     stages = [Stage(type(renderer).__name__.lower(), renderer, steps)]
     compositor = Compositor(blend or Tiled(), color or Rgb())
@@ -130,7 +130,7 @@ def plan_steps(
     """Plan the steps for partial updates of ``strokes`` on a canvas of ``size`` (H, W).
 
     In the first stage, each stroke moves ``steps_per_stroke`` times; None keeps the number of steps. In a second stage,
-    with a slow renderer, each stroke moves as many times as that stage had steps.
+    which uses a slow renderer, each stroke moves as many times as the config sets steps for that stage.
     """
     first, *others = parts.stages
     if steps_per_stroke is None and not others:
@@ -153,7 +153,7 @@ def check_size(cfg: DictConfig, strokes: int, size: tuple[int, int]) -> None:
 
 
 def warn_of_slow_steps(stages: Sequence[Stage], strokes: int) -> None:
-    """Log an estimate if a network that draws each stroke will take minutes for its steps on this machine."""
+    """Log the expected time of steps that take minutes on this machine because a network draws each stroke."""
     for stage in stages:
         if isinstance(stage.renderer, PatchRenderer) and strokes * stage.steps >= MANY_DRAWINGS:
             minutes = strokes * stage.steps * stage.renderer.seconds_per_stroke() / 60
@@ -176,9 +176,9 @@ def first_strokes(
     """Load the strokes in ``catalogue``, or create them; return them and the final number of strokes.
 
     Strokes are created by ``init`` and shaped by ``style.brushwork``. Small strokes for ``features`` come last. If the
-    user sets ``strokes``, these count towards that number; otherwise, they and the strokes that are restored to
-    ``faces`` after abstraction are added to the look's own number. ``painted`` is the size (H, W) of the painting if
-    the target is smaller.
+    user sets ``strokes``, the small strokes count towards that number; otherwise, they and the strokes that are
+    restored to ``faces`` after abstraction are added to the look's own number. ``painted`` is the size (H, W) of the
+    painting if the target is smaller.
     """
     _, height, width = target.shape
     painted = painted or (height, width)
@@ -218,8 +218,8 @@ def planned_steps(cfg: DictConfig) -> int:
 def stroke_budget(cfg: DictConfig, size: tuple[int, int], density: Density, count: int | None = None) -> int:
     """Return the final number of strokes for a picture of ``size`` (H, W); ``count`` is the number in ``catalogue``.
 
-    Raises a UserError if the picture has too few pixels for the strokes, or if no density policy adds the strokes that
-    ``catalogue`` lacks.
+    Raises a UserError if the picture has too few pixels for the strokes, if ``catalogue`` has too many strokes, or if
+    it has too few and no density policy adds the others.
     """
     n = count if cfg.strokes is None else cfg.strokes
     if n is None:

@@ -16,11 +16,11 @@ PROBE_COUNT = 8  # random pictures for estimating a sum of squares, with a relat
 def importance(strokes: Strokes, front_to_back: Tensor, picture: Picture, generator: torch.Generator) -> Tensor:
     """Measure how much the painting's squared error, weighted by the focus, grows when each of N strokes is removed.
 
-    The picture P is linear in the opacity of each stroke (with color=rgb, and nearly so in other colour spaces).
+    The picture P is linear in the opacity of each stroke with color=rgb, and nearly linear in other colour spaces.
     Removing a stroke changes the picture by d = -opacity * dP/dopacity, which changes the squared error by sum(d^2) + 2
-    sum(error * d). Some blends compute both sums (`Blend.importance`). Otherwise the second sum takes one backward pass
-    for all strokes, and the square of sum(s * d) with random signs s is an unbiased estimate of the first (Hutchinson,
-    1990), so the result (N,) is noisy.
+    sum(error * d). Some blends compute both sums (`Blend.importance`). With other blends, a single backward pass gives
+    the second sum for all strokes, and the square of sum(s * d) with random signs s is an unbiased estimate of the
+    first (Hutchinson, 1990), so the result (N,) is noisy.
     """
     renderer, blend, background = picture.renderer, picture.blend, picture.background
     place = front_to_back.argsort()

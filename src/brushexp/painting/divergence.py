@@ -13,7 +13,7 @@ from brushexp.strokes.catalogue import Strokes
 
 @torch.enable_grad()
 def find_non_finite(painter: Any, strokes: Strokes, wrong: str | None) -> str:
-    """Repeat the last step with its N ``strokes``; name the first result that is not finite, and the plugin behind it.
+    """Repeat the last step with its N ``strokes``; describe the first non-finite result, and name the plugin at fault.
 
     ``wrong`` is the name of the loss that was not finite in the last step, or None.
     """

@@ -56,7 +56,7 @@ class Feature:
 
 
 def features_of(faces: Sequence[Face], spots: Sequence[Spot] = ()) -> list[Feature]:
-    """List the eyes and mouth of each face, or the whole face if it has no landmarks, and then the spots."""
+    """List the eyes and mouth of each face (or the whole face if it has no landmarks), followed by the spots."""
     features = []
     for face in faces:
         if not len(face.landmarks):
@@ -92,8 +92,8 @@ def draw_features(
     """Create small strokes for features of a target (3, H, W) that have fewer small strokes than their floor.
 
     At most ``limit`` strokes, to be placed on top of all others, are divided among the features in proportion to their
-    floors. If the initialiser has its own `details`, only features that are certain get strokes, because elsewhere
-    these would look like blots.
+    floors. If the initialiser has its own `details`, only features that are certain get strokes, because such
+    strokes would look like blots elsewhere.
     """
     width, only_certain = 2 * half_width_of(strokes), initializer.details() is not None
     sought = [feature for feature in features if feature.is_certain or not only_certain]
@@ -134,7 +134,7 @@ def draw_feature(
 def face_strokes(
     initializer: Initializer, target: Tensor, face: Face, n: int, abstraction: float, generator: torch.Generator
 ) -> Strokes:
-    """Create up to `MOST_ON_A_FACE` of the strokes that ``abstraction`` removed from a face.
+    """Recreate up to `MOST_ON_A_FACE` of the strokes that ``abstraction`` has removed from a face.
 
     The whole picture has ``n`` strokes after abstraction.
     """

@@ -63,7 +63,7 @@ class Finished:
 
     @cached_property
     def metrics(self) -> dict[str, Any]:
-        """The entries of metrics.json, computed on first use because this takes as long as several steps."""
+        """The entries of metrics.json, computed on first use because computing them takes as long as several steps."""
         return dict(self.compute_metrics())
 
     @cached_property

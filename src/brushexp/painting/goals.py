@@ -23,8 +23,8 @@ RECENT_SECONDS = 0.25  # shortest time over which speed is measured
 class NoMoreGain(EarlyStopping):
     """Ends a stage when 100 evaluations improve PSNR by less than ``gain`` dB (Lightning's EarlyStopping).
 
-    Evaluations are counted instead of epochs, because an L-BFGS step takes several. Coarse steps and steps with surplus
-    strokes do not count.
+    Evaluations of the losses are counted instead of steps, because an L-BFGS step evaluates them several times. Coarse
+    steps and steps with surplus strokes do not count.
     """
 
     def __init__(self, gain: float) -> None:
@@ -55,7 +55,7 @@ class NoMoreGain(EarlyStopping):
 
 
 class Quality(L.Callback):
-    """Ends the run when the picture before a step, drawn by the last renderer in 8 bits, reaches ``psnr`` dB."""
+    """Ends the run when the picture before a step, drawn by the last renderer at 8 bits, has ``psnr`` dB or more."""
 
     def __init__(self, psnr: float) -> None:
         self.psnr = psnr

@@ -1,4 +1,4 @@
-"""Report, before the first step, losses whose gradient does not reach any stroke."""
+"""Report losses whose gradient does not reach any stroke, before the first step is taken."""
 
 import logging
 from collections.abc import Iterable, Mapping

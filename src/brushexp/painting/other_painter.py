@@ -1,4 +1,4 @@
-"""Run painters that do not take gradient steps, state by state."""
+"""Run painters that yield a sequence of states instead of taking gradient steps."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class OtherPainter(PaintingModule):
         return strokes.map(lambda value: value.to(self.device))
 
     def draw_strokes(self, strokes: Strokes) -> Tensor:
-        """Draw strokes, bottom first, as a picture (3, H, W), differentiably where they require a gradient."""
+        """Draw strokes, bottom first, as a picture (3, H, W), differentiable in fields that require a gradient."""
         strokes = self._here(strokes)
         order = torch.arange(len(strokes) - 1, -1, -1, device=self.device)
         if not (torch.is_grad_enabled() and any(value.requires_grad for _, value in strokes.items())):

@@ -73,7 +73,7 @@ class PaintingModule(L.LightningModule):
 
     @property
     def is_unready(self) -> bool:
-        """Return whether the picture is not yet of final quality, because it is reduced or has surplus strokes."""
+        """Return whether the picture is not yet of final quality, because it is too small or has surplus strokes."""
         return False
 
     @property
@@ -117,7 +117,7 @@ class PaintingModule(L.LightningModule):
         """Convert the strokes to the form in which the run saves them."""
 
     def now(self, **about: bool) -> PaintingState:
-        """Return the painting's state, as changes receive it; ``about`` sets further fields of `PaintingState`."""
+        """Return the painting's state to pass to changes; ``about`` sets further fields of `PaintingState`."""
         order = self.components.order
         return PaintingState(
             target=self.picture.target,
@@ -140,7 +140,7 @@ class PaintingModule(L.LightningModule):
     def finished_strokes(self) -> tuple[Strokes, Tensor]:
         """Apply `Change.end` for every change; return the final strokes and their order, front to back.
 
-        The first N strokes correspond to those of `strokes`, within the limits of all changes; other strokes may
+        The first N strokes correspond to the current strokes, within the limits of all changes; added strokes may
         follow.
         """
         strokes, order = self.strokes(), self.front_to_back
@@ -169,7 +169,7 @@ class PaintingModule(L.LightningModule):
         return range(STEPS_PER_EPOCH)
 
     def publish(self) -> None:
-        """Pass the losses, the seconds, and the PSNR of the picture before the step to callbacks.
+        """Pass values to callbacks: the losses, the elapsed seconds, and the PSNR of the picture before the step.
 
         The values are stored in ``trainer.callback_metrics``; `on_train_batch_end` passes some of them to loggers.
         """

@@ -22,10 +22,10 @@ def partial_update(
 ) -> Iterator[Catalogue]:
     """Restrict an optimiser to the strokes with indices ``rows`` (A,), yielded as a separate catalogue.
 
-    If ``rows`` is None, it optimises all strokes. With the whole catalogue, the optimiser's running averages would also
-    move strokes whose gradient is 0. The optimiser's state for a stroke is kept if it has one number per parameter; any
-    other state (such as the history of L-BFGS) is reset. ``visits`` (N,) counts the steps of each stroke; its median
-    over ``rows`` becomes the optimiser's step count.
+    If ``rows`` is None, all strokes are optimised. Given the whole catalogue, the optimiser would also move strokes
+    whose gradient is 0, because of its running averages. The optimiser's state for a stroke is kept if it has one
+    number per parameter; any other state (such as the history of L-BFGS) is reset. ``visits`` (N,) counts the steps of
+    each stroke; its median over ``rows`` becomes the optimiser's step count.
     """
     if rows is None:
         yield catalogue
@@ -59,7 +59,7 @@ def partial_update(
 
 @torch.no_grad()
 def _write_back(whole: Any, states: list[tuple[nn.Parameter, dict[str, Any]]], rows: Tensor) -> bool:
-    """Write the optimiser state of some strokes back to that of all strokes, if it has one number per parameter."""
+    """Write the state of the strokes in ``rows`` back into the full state, if it has one number per parameter."""
     if not all(_has_shapes(state, (len(rows), *old.shape[1:])) for old, state in states):
         return False
     for old, state in states:

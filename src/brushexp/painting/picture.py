@@ -96,10 +96,10 @@ class Picture(nn.Module):
         return interpolate(picture[None], self.size, mode="bilinear", align_corners=False)[0]
 
     def _goal(self, zoom: float) -> tuple[Tensor, Tensor | None, float]:
-        """Return target and focus, averaged to ``zoom`` times their size, and the variance that averaging removes.
+        """Return the target and focus, averaged to ``zoom`` times their size, and the variance that averaging removes.
 
-        This variance of the target plus the error of a reduced picture is the error of the whole picture if each pixel
-        of the reduced picture is enlarged to a uniform square.
+        The error of a reduced picture plus this variance of the target is the error of the full-size picture in which
+        each reduced pixel has been enlarged to a uniform square.
         """
         if zoom == 1:
             return self.target, self.focus, 0.0
@@ -114,7 +114,7 @@ class Picture(nn.Module):
     def at(self, zoom: float) -> "Picture":
         """Return a `Picture` with the same target and focus, averaged to ``zoom`` times their size.
 
-        The new object also has the last painted picture, if that has the same size.
+        The new object also holds the last painted picture, if that picture has the same size.
         """
         if zoom == 1:
             return self
@@ -143,7 +143,7 @@ class Picture(nn.Module):
         """Paint the part of the picture that a view shows, differentiably with respect to its active strokes.
 
         ``moving`` are the active strokes, and ``strokes`` are all N strokes. If ``accuracy`` is set, the accuracy of
-        the active strokes is measured, too.
+        the active strokes is also measured.
         """
         if view.active is None:
             return self._see_whole(moving, front_to_back, view.zoom, accuracy)
@@ -201,7 +201,7 @@ class Depth:
     def needs_accuracy(self, schedule: Schedule, *, partial: bool) -> bool:
         """Return whether a step must measure the accuracy that the order needs.
 
-        This is so in the step before the strokes are reordered, and in every partial update.
+        It must do so in the step before the strokes are reordered, and in every partial update.
         """
         done, steps = schedule.stage_progress
         return self.order.needs_accuracy and (partial or self.order.due(done + 1, steps))

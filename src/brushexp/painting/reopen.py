@@ -28,7 +28,7 @@ def export_job(
     """Create an export job from a saved painting, with the colour space, paper and lamp in its settings.
 
     By default, the job keeps the renderer and size of the painting and uses ``blend=tiled``; ``renderer``, ``blend``
-    and ``resolution`` (pixels on the longer side) override these. Titles name ``source``, a file or picture.
+    and ``resolution`` (pixels on the longer side) override these. ``source`` is the file or picture that titles name.
     """
     side = resolution or max(saved.size)
     if side > LARGEST_SIDE_PIXELS:
@@ -39,7 +39,7 @@ def export_job(
 
 
 def renderer_of(saved: Saved) -> Renderer:
-    """Build a catalogue's renderer, which must be registered, because a file must not be able to name code to run."""
+    """Build a catalogue's renderer, which must be registered, so that a file cannot make us run arbitrary code."""
     return build_named("renderer", saved.renderer, recorded_settings(saved)["renderer"])
 
 
@@ -79,7 +79,7 @@ def space_of(saved: Saved) -> ColorSpace:
 def _member_of(saved: Saved, family: str) -> Any:
     """Build the member of a family that a catalogue names, or return None if it does not name one.
 
-    The member must be registered, because a file must not be able to name code to run.
+    The member must be registered, so that a file cannot make us run arbitrary code.
     """
     node = recorded_settings(saved).get(family)
     if not node:
@@ -106,7 +106,7 @@ def light_of(saved: Saved) -> Light:
 
 
 def recorded_settings(saved: Saved) -> dict[str, Any]:
-    """Read a catalogue's settings, with the options of its renderer below ``renderer``."""
+    """Read a catalogue's settings, with its renderer's options under ``renderer``."""
     try:
         settings = todays_settings(yaml_of(saved.config))
         options = settings.get("renderer", {})

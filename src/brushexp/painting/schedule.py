@@ -77,7 +77,7 @@ class Schedule:
     def replan(self, steps: int) -> None:
         """Move the end of the current stage so that all stages together have ``steps`` steps.
 
-        The new end is never before the present step.
+        The new end is never before the current step.
 
         >>> schedule = Schedule([100, 10])
         >>> schedule.step = 30

@@ -215,7 +215,7 @@ class StrokeOptimizer(PaintingModule):
         self.picture.aim(self.picture.target, self.picture.own_background)  # the ground of the displayed picture
 
     def _aim(self, view: View) -> None:
-        """Set the target and the ground of a step to the ones that the changes request."""
+        """Set the target and the ground for a step as the changes request."""
         target, ground = self.picture.own_target, self.picture.own_background
         state = self.now(is_whole=view.active is None, is_coarse=view.zoom < 1)
         for change in self.changes.values():
@@ -332,7 +332,7 @@ class StrokeOptimizer(PaintingModule):
             self.components.density.conclude(self._state_for_policy(self.draw_whole()))
 
     def state(self) -> dict[str, Any]:
-        """Return, as plain data, everything on which steps depend, except the strokes and the optimiser."""
+        """Return everything that steps depend on, except the strokes and the optimiser, as plain data."""
         return {
             "stage": self.stage,
             "schedule": self.schedule.state_dict(),

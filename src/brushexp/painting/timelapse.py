@@ -25,10 +25,10 @@ HOLD_SECONDS = 1.5  # seconds for which the finished painting is shown
 
 
 class Timelapse(L.Callback):
-    """Collects compressed frames during the steps, stores them in checkpoints, and makes a film of them.
+    """Collects compressed frames during the steps, stores them in checkpoints, and turns them into a film.
 
     About ``n_frames`` frames of at most ``side`` pixels are shown for ``seconds`` in total, or at ``FPS`` frames per
-    second if this is None; then the last frame is held for ``HOLD_SECONDS``.
+    second if ``seconds`` is None; then the last frame is held for ``HOLD_SECONDS``.
     """
 
     def __init__(self, n_frames: int, side: int, *, seconds: float | None = None, kind: str = "mp4") -> None:

@@ -64,7 +64,7 @@ def sizes_of(cfg: DictConfig) -> Sizes:
 
 
 def log_sizes(cfg: DictConfig) -> None:
-    """Log whether strokes are optimised on a smaller picture, and whether the painting is smaller than its source."""
+    """Log a message if strokes are optimised on a smaller picture or if the painting is smaller than its source."""
     sizes, own = sizes_of(cfg), size_at(cfg.resolution, *sides_of_picture(cfg.image, "image"))
     (height, width), (rows, columns) = sizes.painting, sizes.working
     if sizes.painting != sizes.working:

@@ -1,1 +1,1 @@
-"""Convert picture files of all formats to tensors: decoding, colour and size; nothing here depends on strokes."""
+"""Convert picture files of many formats to tensors: decoding, colour and size; nothing here depends on strokes."""

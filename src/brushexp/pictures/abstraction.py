@@ -1,4 +1,4 @@
-"""Simplify the forms in a picture, as a painter who leaves out detail does."""
+"""Simplify the forms in a picture, as a painter does by leaving out detail."""
 
 import torch
 from torch import Tensor

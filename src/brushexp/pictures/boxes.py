@@ -19,7 +19,7 @@ Property = tuple[bytes, bytes]  # name and contents of a box
 
 
 def boxes(file: IO[bytes], size: int) -> Iterator[tuple[bytes, int | None]]:
-    """Yield the name and end of each box in a file of ``size`` bytes; the end is None if the box does not give it."""
+    """Yield the name and end of each box in a file of ``size`` bytes; the end is None if the box does not state it."""
     for name, _, end in _places(file, size):
         yield name, end
 
@@ -105,7 +105,7 @@ def _parts(data: bytes) -> Iterator[Property]:
 
 
 def _part(data: bytes, *names: bytes) -> bytes:
-    """Return the contents of a nested box, given the names on its path; they are empty if it does not exist."""
+    """Return the contents of the nested box at a path of ``names``, or empty bytes if there is no such box."""
     for name in names:
         data = next((contents for other, contents in _parts(data) if other == name), b"")
     return data

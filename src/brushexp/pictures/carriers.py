@@ -47,10 +47,10 @@ def colors_of(picture: Image.Image) -> Colors:
 
 
 def exif_of(picture: Image.Image) -> Image.Exif:
-    """Read a picture's EXIF data; the result is empty if the data are damaged. Decoder errors are propagated.
+    """Read a picture's EXIF data; the result is empty if the data are damaged.
 
-    The EXIF data of a PNG may follow its pixels, so Pillow has to decode the picture first. If this raises an error,
-    loading the picture again would yield black pixels.
+    The EXIF data of a PNG may follow its pixels, so Pillow has to decode the picture first. Errors from the decoder are
+    propagated, because loading the picture again would yield black pixels.
     """
     if picture.format == "PNG" and "exif" not in picture.info:
         picture.load()
@@ -90,7 +90,7 @@ def properties_in_boxes(picture: Image.Image) -> list[Property]:
 
 
 def _of_png(head: bytes, picture: Image.Image) -> Colors:
-    """Read a PNG's colour encoding, in the specified order of precedence: cICP, iCCP, sRGB, gAMA with cHRM."""
+    """Read a PNG's colour encoding in the standard's order of precedence: cICP, iCCP, sRGB, gAMA with cHRM."""
     numbers = next((data for name, data in chunks_of(head) if name == b"cICP" and len(data) == 4), None)
     if numbers is not None:
         return encoding_of(numbers[0], numbers[1])

@@ -43,7 +43,7 @@ class Encoding:
     def to_srgb(self, picture: Array) -> Array:
         """Convert a picture (H, W, 3), uint8 or in [0, 1], to sRGB of the same dtype, clipping values above white.
 
-        The white point is adapted to that of sRGB (Bradford), so that grey stays grey.
+        The white point is adapted to the sRGB white point (Bradford), so that grey stays grey.
         """
         matrix = (np.linalg.inv(_to_xyz(BT709)) @ _adaptation_of(self.primaries[3]) @ _to_xyz(self.primaries)).T
         result = np.empty_like(picture)
@@ -66,7 +66,7 @@ def decode_srgb(value: Array) -> Array:
 
 
 def gamma(exponent: float) -> Curve:
-    """Return the transfer curve of a power law."""
+    """Return the power-law transfer curve with this exponent."""
     return lambda value: value**exponent
 
 
@@ -78,7 +78,7 @@ def decode_pq(value: Array) -> Array:
 
 
 def decode_hlg(value: Array) -> Array:
-    """Decode hybrid log-gamma (BT.2100) on a 1000-nit screen to light in units of the reference white."""
+    """Decode hybrid log-gamma (BT.2100) for a 1000-nit display to light in units of the reference white."""
     a, b, c = 0.17883277, 0.28466892, 0.55991073
     scene = np.where(value <= 0.5, value**2 / 3, (np.exp((value - c) / a) + b) / 12)
     luminance = scene @ np.array([0.2627, 0.6780, 0.0593], np.float32)
@@ -98,7 +98,7 @@ ADOBE_RGB = Encoding(((0.64, 0.33), (0.21, 0.71), (0.15, 0.06), D65), gamma(563 
 
 
 def encoding_of(primaries: int, transfer: int) -> Encoding:
-    """Return the encoding for two H.273 code points; unknown ones become sRGB, or BT.2020 primaries for HLG and PQ."""
+    """Return the encoding for two H.273 code points; unknown ones mean sRGB, or BT.2020 primaries with HLG or PQ."""
     unsaid = BT2020 if transfer in HIGH_RANGE else BT709
     return Encoding(PRIMARIES.get(primaries, unsaid), CURVES.get(transfer, decode_srgb))
 
@@ -106,7 +106,7 @@ def encoding_of(primaries: int, transfer: int) -> Encoding:
 def unless_srgb(encoding: Encoding) -> Encoding | None:
     """Return an encoding, or None if it is sRGB, so that sRGB pictures stay bit-identical.
 
-    The chromaticities of video standards before BT.709 count as those of sRGB, because players show them that way.
+    The chromaticities of video standards before BT.709 are treated as sRGB, because players show them that way.
     """
     near = any(np.allclose(encoding.primaries, known, atol=SAME_WITHIN) for known in (BT709, PRIMARIES[5], SMPTE_C))
     return None if near and encoding.curve is decode_srgb else encoding
@@ -120,6 +120,6 @@ def _to_xyz(primaries: tuple[tuple[float, float], ...]) -> Array:
 
 
 def _adaptation_of(white: tuple[float, float]) -> Array:
-    """Compute the XYZ matrix (3, 3) that adapts a white point to that of sRGB (Lam, 1985, "Bradford")."""
+    """Compute the XYZ matrix (3, 3) that adapts a white point to the sRGB white point (Lam, 1985, "Bradford")."""
     ours, theirs = (BRADFORD @ np.array([x / y, 1, (1 - x - y) / y]) for x, y in (D65, white))
     return np.linalg.inv(BRADFORD) @ np.diag(ours / theirs) @ BRADFORD

@@ -35,8 +35,8 @@ SRGB = (b"sRGB", b"\0")  # PNG chunk
 def credits_of(image: str) -> dict[str, str]:
     """Read a picture file's credits, by PNG keyword; the result is empty if the file has no readable credits.
 
-    Text chunks of a PNG take precedence over XMP, EXIF and IPTC. A catalogue carries the credits of its
-    ``painting.png``.
+    Text chunks of a PNG take precedence over XMP, EXIF and IPTC. The credits of a catalogue are read from the
+    ``painting.png`` beside it.
     """
     found: dict[str, str] = {}
     path = Path(os.path.expanduser(image))

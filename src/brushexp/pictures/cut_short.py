@@ -31,7 +31,7 @@ JPEG_FILL = 128  # grey level of the missing part of a JPEG; 0 in other formats
 
 
 def has_end(path: Path) -> bool | None:
-    """Check whether a picture's file is complete; None if this cannot be determined."""
+    """Check whether a picture's file is complete; return None if this cannot be determined."""
     size = path.stat().st_size
     with path.open("rb") as file:
         head = file.read(16)
@@ -50,14 +50,14 @@ def has_end(path: Path) -> bool | None:
 
 
 def _tiff_fits(path: Path, size: int) -> bool | None:
-    """Check whether all strips or tiles of a TIFF are within the file; None if their lengths are not stated."""
+    """Check whether a TIFF file contains all its strips or tiles; return None if it does not state their lengths."""
     first = first_directory(path)
     end = None if first is None else first.end_of_data()
     return False if first is None else None if end is None else end <= size
 
 
 def _boxes_fit(file: IO[bytes], size: int) -> bool | None:
-    """Check whether the last box of a file ends where the file does; None if this cannot be determined."""
+    """Check whether the last box of a file ends where the file does; return None if this cannot be determined."""
     ends = [end for _, end in boxes(file, size)]
     end = ends[-1] if len(ends) < MOST_BOXES else None
     return None if end is None or end < size else end == size
@@ -81,7 +81,10 @@ def allow_truncated() -> Iterator[None]:
 
 
 def check_missing(picture: Image.Image) -> str:
-    """Report the missing fraction of a truncated picture; raise a UserError if it is large, an OSError if it is 1."""
+    """Report the missing fraction of a truncated picture; raise a UserError if it is too large.
+
+    Raises an OSError if no part of the picture could be decoded.
+    """
     pixels = np.atleast_3d(np.asarray(picture))
     fill = JPEG_FILL if picture.format in JPEGS else 0
     empty = (pixels == fill).all(2)
@@ -95,6 +98,6 @@ def check_missing(picture: Image.Image) -> str:
 
 
 def _run(empty: np.ndarray) -> int:
-    """Count the empty pixels at the right ends of rows, from the bottom of a map (H, W) up to a row without any."""
+    """Count the empty pixels at the right ends of rows, from the bottom of a map (H, W) up to a row with none."""
     runs = np.where(empty.all(1), empty.shape[1], (~empty[:, ::-1]).argmax(1))[::-1]
     return int(runs[: np.argmax(np.append(runs, 0) == 0)].sum())

@@ -86,7 +86,7 @@ def _tell(line: str) -> None:
 
 
 def picture_size(path: Path, *, key: str = "image") -> tuple[int, int]:
-    """Determine a readable picture's height and width from its first and last bytes."""
+    """Determine a readable picture's height and width, usually from its first and last bytes."""
     with _explain_errors(path, key), _open_and_check(path, 1) as (_, picture):
         if picture is None:
             return _read(path, 1.0, None)[0].shape[:2]
@@ -256,7 +256,7 @@ def _read(path: Path, backdrop: float, side: int | None) -> tuple[np.ndarray, st
 
 
 def _of_several(path: Path, picture: ImageFile) -> str:
-    """Return a warning if a file has several frames or pages; "" if it contains a single picture."""
+    """Return a warning if a file has several frames or pages; return "" if it contains a single picture."""
     if isinstance(picture, TiffImageFile):
         count = pages_in(path)
         return PAGES.format(count) if count > 1 else ""

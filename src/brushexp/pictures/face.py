@@ -22,8 +22,8 @@ class Face:
     """A face centred at (``x``, ``y``), in pixels from the upper left corner of the picture.
 
     ``side`` is the square root of the bounding box's area, in pixels, ``score`` is the detector's confidence, 0 to 1,
-    and ``landmarks`` (5, 2) holds x and y of each `Landmark`. If the landmarks are not known, this array is empty,
-    (0, 2).
+    and ``landmarks`` (5, 2) holds the x and y coordinates of each `Landmark`. If the landmarks are unknown, this array
+    is empty, (0, 2).
     """
 
     x: float

@@ -27,7 +27,7 @@ ATTENTION_OUTSIDE_FACES = 0.5  # factor on the attention outside the faces of a 
 
 
 def focus_map(focus: str, target: Tensor, faces: Sequence[Face] = ()) -> Tensor:
-    """Return the importance (H, W), 0 to 1, of a picture's pixels; it is read from a mask unless ``focus`` is auto."""
+    """Read the importance (H, W), 0 to 1, of a picture's pixels from a mask, or estimate it if ``focus`` is auto."""
     if focus == AUTO:
         return attention(target, faces)
     return load_mask(focus, (target.shape[1], target.shape[2]), "focus", f"{AUTO}, ")
@@ -51,11 +51,11 @@ def attention(picture: Tensor, faces: Sequence[Face]) -> Tensor:
     """Estimate a map (H, W) of where people look first, float32 from 0 to 1; it is 0 for a uniform picture.
 
     Saliency is the image signature (Hou, Harel and Koch, 2012, "Image signature: highlighting sparse salient regions"):
-    the cosine transform of each Lab channel is reduced to its signs, and its squared inverse is bright where something
-    stands out. Detail is the gradient of the Lab channels. Both are smoothed, and the root of their product is weighted
-    by a Gaussian around the centre (Judd et al., 2009). Areas in focus, which have sharp edges, get part of the
-    attention regardless of their position. ``faces`` are added following Cerf et al. (2007). The combination is our own
-    and was chosen by eye on ten photographs.
+    the cosine transform of each Lab channel is reduced to its signs, and the square of their inverse transform is high
+    where something stands out. Detail is the gradient magnitude of the Lab channels. Both are smoothed, and the root of
+    their product is weighted by a Gaussian around the centre (Judd et al., 2009). Areas in focus, which have sharp
+    edges, get part of the attention regardless of their position. ``faces`` are added following Cerf et al. (2007). The
+    combination is our own and was chosen by eye on ten photographs.
     """
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (rarely needed)
 

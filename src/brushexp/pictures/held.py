@@ -55,14 +55,14 @@ _pictures: WeakValueDictionary[str, HeldPicture] = WeakValueDictionary()
 
 
 def hold(picture: Any, key: str = "image") -> HeldPicture:
-    """Store a picture under a name derived from its pixels; other values raise a UserError that names their ``key``."""
+    """Store a picture under a name derived from its pixels; any other value raises a UserError that names ``key``."""
     white = _pixels(picture, key, 1.0)
     black = _pixels(picture, key, 0.0) if may_be_transparent(picture) else white
     return _hold_picture({1.0: white, 0.0: white if np.array_equal(white, black) else black})
 
 
 def may_be_transparent(picture: Any) -> bool:
-    """Check whether a picture may have transparent pixels; True for files, which have to be read to know."""
+    """Check whether a picture may have transparent pixels; True for files, which are not read here."""
     if isinstance(picture, Image.Image):
         return picture.has_transparency_data
     return not isinstance(picture, np.ndarray | torch.Tensor) or 4 in picture.shape

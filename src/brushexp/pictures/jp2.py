@@ -1,6 +1,6 @@
 """Decode JPEG 2000 files above 8 bits or 100 megapixels with FFmpeg.
 
-Pillow would let white overflow in the former, and decode every pixel of the latter.
+Pillow would let white overflow above 8 bits, and would decode every pixel of large files.
 """
 
 import importlib
@@ -40,7 +40,7 @@ def bits_of(picture: ImageFile) -> int | None:
 
 
 def read_jp2(path: Path, picture: ImageFile, bits: int, side: int | None) -> tuple[np.ndarray, np.ndarray | None]:
-    """Decode colours (H, W, 3) and alpha (H, W, 1) to float32 in [0, 1]; pictures above 100 megapixels are halved."""
+    """Decode colours (H, W, 3) and alpha (H, W, 1) to float32 in [0, 1], at a smaller size above 100 megapixels."""
     av = _ffmpeg(picture, bits)
     coder: Any = av.CodecContext.create("jpeg2000", "r")
     coder.options = {"lowres": str(halvings(picture.width, picture.height, side or 1, levels_of(picture)))}

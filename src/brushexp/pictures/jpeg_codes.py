@@ -29,11 +29,12 @@ NUMBERS = 64  # numbers per block
 
 @function
 def fits(data, units, kinds, codes, steps):  # type: ignore[no-untyped-def]
-    """Check whether padded data hold the codes of exactly ``units`` units with values in the range of 8-bit pixels.
+    """Check whether padded data encode exactly ``units`` minimum coded units whose values are in the 8-bit range.
 
     The data end with `PADDING` extra bytes. ``kinds`` (B,) holds the component of each block in a unit. ``codes``
-    (C, 2, 65536) has one table for the first number in a block and one for the others; it maps the next 16 bits to 256
-    times the code length plus the symbol. ``steps`` (C, 64) are the quantisation steps of the numbers.
+    (C, 2, 65536) has one table for the first coefficient of a block (DC) and one for the others (AC); a table maps the
+    next 16 bits to 256 times the code length plus the symbol. ``steps`` (C, 64) are the quantisation steps of the
+    coefficients.
     """
     means = np.zeros(len(steps), dtype=np.int64)
     at, end = 0, 8 * (len(data) - PADDING)  # bits
@@ -156,7 +157,7 @@ def _steps(part: bytes) -> Iterator[tuple[int, np.ndarray]]:
 
 
 def _codes(part: bytes) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield the key of each table (`BLOCK` or 0, plus its number) and its codes; bits that are no code map to 0."""
+    """Yield the key of each table (`BLOCK` or 0, plus its number) and its codes; unused bit patterns map to 0."""
     while part:
         counts, codes, at, first = part[1:17], np.zeros(2**LONGEST_CODE, np.int16), 17, 0
         for length, count in enumerate(counts, 1):

@@ -79,14 +79,14 @@ DNG_VERSION = 50706  # TIFF tag
 
 
 def what_it_is(head: bytes) -> str:
-    """Describe, from its first bytes, a file that no decoder recognised, and say what the user can do."""
+    """Use the first bytes of a file that no decoder recognised to describe it, and say what the user can do."""
     tellers = (_by_start, _kind_of_psd, _kind_of_jpeg, _kind_of_container, _kind_of_text)
     words = (tell(head) for tell in tellers)
     return next(filter(None, words), UNKNOWN)
 
 
 def is_special(words: str) -> bool:
-    """Check whether `what_it_is` identified an unsupported file type rather than damage."""
+    """Check whether `what_it_is` identified an unsupported file type, other than a film, rather than damage."""
     return words not in (DAMAGED, FILM, UNKNOWN)
 
 
@@ -114,7 +114,7 @@ def _kind_of_text(head: bytes) -> str:
 
 
 def _kind_of_psd(head: bytes) -> str:
-    """Explain, from its header, why a Photoshop file cannot be read."""
+    """Explain why a Photoshop file cannot be read, based on its header."""
     if not head.startswith(PSD):
         return ""
     if len(head) < PSD_HEADER.size:
@@ -128,7 +128,7 @@ def _kind_of_psd(head: bytes) -> str:
 
 
 def _kind_of_jpeg(head: bytes) -> str:
-    """Explain, from its frame header (ITU-T T.81, B.2.2), why a JPEG cannot be read."""
+    """Explain why a JPEG cannot be read, based on its frame header (ITU-T T.81, B.2.2)."""
     if not head.startswith(JPEG):
         return ""
     at = len(JPEG) - 1

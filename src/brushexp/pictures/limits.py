@@ -67,7 +67,7 @@ def halvings(width: int, height: int, side: int, most: int) -> int:
 
 
 def size_of_jxl(head: bytes) -> tuple[int, int]:
-    """Read the width and height of a JPEG XL (ISO/IEC 18181-1, "SizeHeader") before decoding; 0 for other files."""
+    """Read the width and height of a JPEG XL file (ISO/IEC 18181-1, "SizeHeader") from its first bytes."""
     start = head.find(b"\xff\x0a") + 2
     bits, at = int.from_bytes(head[start : start + 16], "little"), 0
 

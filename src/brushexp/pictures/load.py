@@ -35,8 +35,8 @@ def load_picture(image: str, resolution: int | None, key: str = "image") -> Tens
     """Read a picture, upright and over white, and resample it: (3, H, W) float32, contiguous, sRGB in [0, 1].
 
     ``image`` is a file, one of ``samples()``, or the name of a picture in memory; ``resolution`` is the longer side in
-    pixels, or None to keep the size of the file; ``key`` is the key of the path, for messages. A picture that does not
-    exist, cannot be read, or has more than 100 megapixels before or after resampling raises a UserError.
+    pixels, or None to keep the size of the file; ``key`` is the path's key, which messages name. A picture that does
+    not exist, cannot be read, or has more than 100 megapixels before or after resampling raises a UserError.
     """
     return planes_of(_pixels_of(image, key, side=resolution), resolution)
 
@@ -74,7 +74,7 @@ def downsample(picture: Tensor, side: int) -> Tensor:
 
 
 def size_of_picture(image: str, key: str, resolution: int | None = None, also: str = "") -> tuple[int, int]:
-    """Compute the size of the picture that `load_picture` would return, and raise its errors, without decoding it."""
+    """Compute the size of the picture that `load_picture` would return, or raise the errors that it would raise."""
     height, width = sides_of_picture(image, key, also)
     if resolution is None and width * height > MAX_PIXELS and pixels_of(image) is None:
         raise UserError(f"{key}={image} {too_large(width, height)}")
@@ -82,7 +82,7 @@ def size_of_picture(image: str, key: str, resolution: int | None = None, also: s
 
 
 def sides_of_picture(image: str, key: str, also: str = "") -> tuple[int, int]:
-    """Determine the height and width of a picture of any size without decoding it."""
+    """Determine the height and width of a picture of any size, usually without decoding it."""
     if (held := pixels_of(image)) is not None:
         height, width = held.shape[:2]
         return height, width
@@ -107,8 +107,8 @@ def load_mask(image: str, size: tuple[int, int], key: str, also: str = "") -> Te
     """Read a picture as grey values (H, W), float32 in [0, 1], resampled to the ``size`` of another picture.
 
     Grey values are the luma (Rec. 601); transparent pixels are black. ``image`` and ``key`` have the same meaning as
-    for `load_picture`, and ``also`` lists other values of the key, such as "auto, ", for messages. A different aspect
-    ratio raises a UserError.
+    for `load_picture`, and ``also`` lists other values of the key, such as "auto, ", that messages mention. A different
+    aspect ratio raises a UserError.
     """
     picture = _pixels_of(image, key, also, backdrop=0.0, side=max(size))
     check_ratio(image, picture.shape, size, key)
@@ -137,7 +137,7 @@ def background_color(spec: str, target: Tensor) -> Tensor:
 def named_color(spec: str, key: str) -> bytes | None:
     """Convert a CSS colour, such as ``ivory`` or ``#rrggbb``, to bytes; raise a UserError for anything else.
 
-    ``mean`` and ``transparent``, which both stand for the mean colour of the target here, become None.
+    Returns None for ``mean`` and ``transparent``, both of which mean the target's mean colour here.
     """
     if spec in ("mean", TRANSPARENT):
         return None
@@ -180,7 +180,7 @@ def _path_of(image: str, key: str, also: str = "") -> Path:
 
 
 def nearest_files(image: str, others: Iterable[str] = ()) -> list[str]:
-    """List up to three pictures, in the folder of a path and among ``others``, with names like that of the path."""
+    """List up to three pictures, in the same folder as a path or among ``others``, whose names resemble its name."""
     folder, name = os.path.split(image)
     with suppress(OSError):
         beside = [

@@ -74,7 +74,7 @@ def lzw_length(data: np.ndarray, bits: int, last_bit_first: bool, early: int) ->
 
 
 def remark_on_packing(path: Path) -> str:
-    """Return a warning if a file contains more or fewer pixels than its header states; "" if not, or if unknown."""
+    """Return a warning if a file contains more or fewer pixels than its header states; return "" if it seems intact."""
     with path.open("rb") as file:
         head = file.read(18)
     if head[:4] in MAGIC:

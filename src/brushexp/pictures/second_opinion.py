@@ -14,7 +14,7 @@ UNREAD = ("nsupported", "not implemented")  # words with which a decoder reports
 
 
 def remark_of_others(path: Path, kind: str, pixels: int) -> str:
-    """Return a warning if another installed decoder finds damage in a picture; otherwise "".
+    """Return a warning if another installed decoder finds damage in a picture; return "" otherwise.
 
     Pictures of more than 100 megapixels are not decoded again.
     """

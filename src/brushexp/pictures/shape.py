@@ -23,7 +23,7 @@ MOST_ASPECT = 4  # larger ratios are considered mistakes
 
 
 def pixel_aspect(picture: Image.Image) -> float:
-    """Read the pixel aspect ratio (width over height) of the upright picture before decoding; 1 if not declared."""
+    """Read the pixel aspect ratio (width over height) of the upright picture before decoding; 1 if none is declared."""
     aspect = 1.0
     with suppress(Exception):  # damaged numbers may raise nearly any error, but the picture is intact
         across, down = _densities(picture)

@@ -57,7 +57,7 @@ def floats_to_srgb(color: np.ndarray, alpha: np.ndarray | None, colors: Colors, 
 
 
 def unit_range(samples: np.ndarray, bits: int) -> np.ndarray:
-    """Convert samples to float32 in [0, 1]; floats keep their values, but a UserError is raised outside this range."""
+    """Convert samples to float32 in [0, 1]; floats keep their values and raise a UserError outside this range."""
     unit = samples.astype(np.float32)
     if samples.dtype.kind != "f":
         unit /= 2**bits - 1

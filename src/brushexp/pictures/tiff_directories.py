@@ -25,7 +25,7 @@ BIG = b"+"  # third or fourth byte of a BigTIFF
 
 @dataclass(frozen=True)
 class Directory:
-    """The description of a single picture in a file."""
+    """A TIFF directory, which describes a single picture in the file."""
 
     place: int  # offset in the file
     numbers: dict[int, tuple[int, ...]]  # tag -> its integers
@@ -132,7 +132,7 @@ def _directory(file: IO[bytes], place: int, order: str, is_big: bool) -> tuple[D
 
 
 def _numbers(file: IO[bytes], order: str, form: str | None, length: int, value: bytes) -> tuple[int, ...]:
-    """Read a tag's integers from its entry, or from where the entry points; empty if the tag has another type."""
+    """Read a tag's integers from its entry, or from the offset in the entry; empty if the tag has another type."""
     if form is None or not 0 < length <= MOST_VALUES:
         return ()
     whole = struct.Struct(f"{order}{length}{form}")

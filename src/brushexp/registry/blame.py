@@ -1,4 +1,4 @@
-"""Report an error in a user's plugin in one line with its family, name and file; the run's log has the traceback."""
+"""Report an error in a user's plugin in one line that names the plugin and its file; the log holds the traceback."""
 
 import inspect
 import logging

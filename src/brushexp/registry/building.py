@@ -82,7 +82,7 @@ def build(node: DictConfig, *runtime: object, family: str = "") -> Any:
 
 
 def keep_built(node: DictConfig) -> Any:
-    """Build the plugin that a config node describes during a check, and keep it for the run (see `take_built`)."""
+    """Build a config node's plugin for a check, and keep it for the run (see `take_built`)."""
     text = OmegaConf.to_yaml(node, resolve=True)
     if text not in _kept:
         _kept[text] = build(node)

@@ -1,4 +1,4 @@
-"""The plugin families, their folders, and where plugins are found."""
+"""Define the plugin families, their folders, and where plugins are found."""
 
 FAMILIES = {
     "painter": "target picture -> strokes, state by state",

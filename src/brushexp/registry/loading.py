@@ -74,7 +74,7 @@ def reasons_for_missing() -> str:
 
 
 def _plugin_files(directory: Path) -> Iterator[Path]:
-    """Yield the plugin files in a fixed order; raise a UserError for a missing folder or two files with one name."""
+    """Yield the plugin files in a fixed order; raise a UserError for a missing folder or duplicate file names."""
     extra = [Path(part) for part in os.environ.get(SEARCH_PATH, "").split(os.pathsep) if part]
     for folder in extra:
         if not folder.is_dir():

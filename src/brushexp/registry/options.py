@@ -28,7 +28,7 @@ def options_of(cls: type) -> list[tuple[str, Any, Any]]:
 
 
 def structured_config(cls: type, target: str) -> type:
-    """Create a dataclass for OmegaConf with ``_target_`` and a typed field for each option, without its bounds."""
+    """Create a dataclass for OmegaConf with ``_target_`` and, for each option, a typed field without bounds."""
     options = [
         (name, plain_type(kind), field(default_factory=partial(copy, value))) for name, kind, value in options_of(cls)
     ]

@@ -168,7 +168,7 @@ PROBLEMS: dict[tuple[str, str], Callable[..., str]] = {  # functions that return
 
 
 def check_results(family: str, name: str, cls: type, contract: str) -> None:
-    """Make a user's class check the results of its methods against ``contract``, the module that declares them.
+    """Make the methods of a user's class check their results against the declarations in the module ``contract``.
 
     Raises a UserError if the class lacks a method or attribute, or if a method does not accept its arguments.
     """
@@ -202,7 +202,7 @@ def _check_arguments(function: Callable[..., Any], contract: Callable[..., Any],
 
 
 def _wrap_with_check(function: Callable[..., Any], kind: Any, problem_of: Callable[..., str] | None, who: str) -> Any:
-    """Wrap a method to raise a UserError if its result is not of type ``kind`` or has a problem."""
+    """Wrap a method so that it raises a UserError if its result is not a ``kind`` or ``problem_of`` rejects it."""
 
     @wraps(function)
     def call_and_check(self: Any, *args: Any, **options: Any) -> Any:
@@ -223,7 +223,7 @@ def _wrap_with_check(function: Callable[..., Any], kind: Any, problem_of: Callab
 
 
 def _problem_of_device(result: Any, args: Sequence[object]) -> str:
-    """Describe the problem if a resulting tensor is on another device than the arguments; otherwise return ""."""
+    """Describe the problem if a result is a tensor on a different device from the arguments; otherwise return ""."""
     if not isinstance(result, Tensor):
         return ""
     parts = [part for value in args for part in (value, *getattr(value, "__dict__", {}).values())]

@@ -30,7 +30,7 @@ def place_of(cls: type) -> str:
 
 
 def modules_behind(cls: type) -> list[str]:
-    """Return the modules of a class, of its bases in the same package, and the package's loaded private modules."""
+    """Return the modules of a class and of its bases in the same package, and the package's loaded private modules."""
     package = cls.__module__.partition(".")[0]
     bases = [base.__module__ for base in cls.__mro__ if base.__module__.partition(".")[0] == package]
     begin = f"{package}."
@@ -45,6 +45,6 @@ def digests_of(classes: Iterable[type]) -> dict[str, str]:
 
 
 def _file_name(module: str) -> str:
-    """Return the file name of a module without its folder on this machine."""
+    """Return the name of a module's file without the path to it on this machine."""
     name = module.removeprefix(f"{USER_PACKAGE}.").replace(".", "/")
     return f"{name}.py" if module != "__main__" else Path(str(file_of(module))).name

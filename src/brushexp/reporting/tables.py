@@ -19,7 +19,7 @@ NUMBER = re.compile(rf"([-+]?\d[\d.,e+-]*( ± [\d.e+-]+)?|-?inf|{MISSING}|)")  #
 
 
 def csv_table(rows: Rows, significant: int | None = None) -> str:
-    """Return a table as CSV; floats are rounded to ``significant`` digits if it is given; missing numbers are empty."""
+    """Return a table as CSV, with floats rounded to ``significant`` digits (None: all) and missing numbers empty."""
     frame = _frame(rows)
     if significant is not None:
         frame = frame.map(lambda x: f"{x:.{significant}g}" if isinstance(x, float) and math.isfinite(x) else x)
@@ -32,7 +32,7 @@ def markdown_table(
     """Return a table as Markdown.
 
     ``digits`` gives the number of decimals of each column. ``align`` has "l" or "r" for each column, as in LaTeX; None
-    aligns columns of numbers on the right. Without ``escape``, the cells must already be Markdown.
+    right-aligns columns of numbers. If ``escape`` is False, the cells must already be Markdown.
     """
     texts = as_text(_frame(rows), digits or {})
     quote = escape_markdown if escape else str
@@ -66,7 +66,7 @@ def _format(value: Any, digits: int | None) -> str:
 
 
 def _alignment(texts: DataFrame) -> str:
-    """Return the alignment of the columns, such as ``"lrr"``; columns of numbers are aligned on the right."""
+    """Return the alignment of the columns, such as ``"lrr"``; columns of numbers are right-aligned."""
     return "".join("r" if all(map(NUMBER.fullmatch, column)) and any(column) else "l" for _, column in texts.items())
 
 

@@ -34,7 +34,7 @@ def mean_curve(curves: Sequence[Curve]) -> Curve:
 
 
 def leaders(curves: Mapping[str, Curve]) -> list[tuple[float, str]]:
-    """Return the settings that took the lead, in order, each after the time in seconds at which it did so.
+    """Return, in order, each time (in seconds) at which a setting took the lead, paired with the setting's name.
 
     A setting takes the lead when its best PSNR so far beats the leader's by ``LEAD``; a finished run keeps its best.
     """

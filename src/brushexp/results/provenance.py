@@ -26,7 +26,7 @@ SHOWN = {  # part of a provenance -> its name, and the number of displayed chara
 
 
 def remark_on_provenance(frame: DataFrame) -> str:
-    """Describe how the runs in a frame differ in provenance; return "" if they do not, or if none was recorded.
+    """Describe how the runs in a frame differ in provenance; return "" if they do not, or if there are no records.
 
     A plugin file counts as a difference if two runs use different versions of it.
     """
@@ -48,7 +48,7 @@ def differing_parts(records: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _difference(values: Sequence[object], name: str, letters: int | None) -> str:
-    """Return a component's name and values if the values differ, otherwise ""; 0 ``letters`` omit the values."""
+    """Return a component's name and values if the values differ, otherwise ""; ``letters`` = 0 omits the values."""
     texts = list(dict.fromkeys("none" if value is None else shorten_value(value)[:letters] for value in values))
     if len(set(map(str, values))) < 2:
         return ""

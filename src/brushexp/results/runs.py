@@ -70,7 +70,7 @@ def has_ended(folder: Path) -> bool:
 
 
 def objective_in(result: Mapping[str, Any], name: str) -> float:
-    """Return the named number from a run's result; if it is missing, raise a UserError that lists those available."""
+    """Return the number called ``name`` in a run's result; if it is missing, raise a UserError listing the choices."""
     values = {key: float(value) for key, value in result.items() if type(value) in (int, float)}
     if name not in values:
         raise UserError(f"objective={name} is not a metric of this run; choose one of {', '.join(values)}")
@@ -78,7 +78,7 @@ def objective_in(result: Mapping[str, Any], name: str) -> float:
 
 
 def frame_of(folder: Path, results: Mapping[str, Result]) -> DataFrame:
-    """Make the data frame described in the module's docstring from ``results``, by the names of runs in ``folder``."""
+    """Make the data frame that the module's docstring describes; ``results`` are those of the runs in ``folder``."""
     import pandas as pd  # noqa: PLC0415
 
     runs = [_run_columns(folder / name, result) for name, result in results.items()]
@@ -204,7 +204,7 @@ def image_name(run: Any) -> str:
 
 
 def setting_of(run: Any, key: str) -> Any:
-    """Return the value of a key as typed; if it was not typed, from the run's config; otherwise None."""
+    """Return the value of a key as typed, or else its value in the run's config, or None if there is neither."""
     if key in run["overrides"]:
         return run["overrides"][key]
     with suppress(UserError):

@@ -86,7 +86,7 @@ def measure_strokes(strokes: Strokes, depth: Tensor, size: tuple[int, int], radi
 
 
 def _count_within(centre: Tensor, radius: float) -> Tensor:
-    """Count, for each centre (N, 2), the other centres within a radius of it; return the counts (N,)."""
+    """Count (N,) how many other centres lie within ``radius`` of each of the centres (N, 2)."""
     from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
 
     if not len(centre):
@@ -95,12 +95,12 @@ def _count_within(centre: Tensor, radius: float) -> Tensor:
 
 
 def visible_share(strokes: Strokes, depth: Tensor, size: tuple[int, int]) -> Tensor:
-    """Compute the share (N,), 0 to 1, of each stroke's paint on the canvas that later strokes leave visible.
+    """Compute the share (N,), 0 to 1, of each stroke's paint on the canvas that the strokes above leave visible.
 
     The share is sum(alpha T) / sum(alpha) over the pixels of the canvas, where T is the fraction of light that the
     strokes above transmit. Strokes are always drawn with ``renderer=analytic``. The picture is linear in each stroke's
-    colour, so both sums are derivatives of the picture's brightness with respect to that colour. For the second sum,
-    the strokes are almost transparent.
+    colour, so both sums are derivatives of the picture's brightness with respect to that colour. The second sum is
+    computed with almost transparent strokes.
     """
     if not len(strokes):
         return torch.zeros(0)
@@ -127,7 +127,7 @@ def sizes_set_by(saved: Saved) -> str:
     """Return the setting that determined the ``SIZE_MEASURES`` of strokes, such as ``init=slic``, or "".
 
     Gradient descent hardly changes the initial sizes, so sizes set this way reveal nothing about a painter's brushes.
-    The result is "" for strokes that were recovered from a picture or that come without a run.
+    The result is "" for strokes that were recovered from a picture or that do not come from a run.
     """
     config = config_of(saved)
     chosen = {
@@ -146,7 +146,7 @@ def sizes_set_by(saved: Saved) -> str:
 
 
 def direction_shares(angle: Array, weight: Array | None = None) -> Array:
-    """Compute each bin's weighted share (DIRECTION_BINS,) of directions (n,), in degrees; bin 0 is centred on 0."""
+    """Bin directions (n,) in degrees; return each bin's weighted share (DIRECTION_BINS,). Bin 0 is centred on 0."""
     number = np.floor(angle * DIRECTION_BINS / 180 + 0.5).astype(np.intp) % DIRECTION_BINS
     shares = np.bincount(number, weight, DIRECTION_BINS)
     return shares / (shares.sum() or 1)

@@ -24,7 +24,7 @@ NAMED = 4  # maximum number of files in a message
 
 
 def log_result(folder: Path, strokes: int, start: float | None) -> None:
-    """Log where the painting and its page are, its number of ``strokes``, and a suggestion of what to try next.
+    """Log where the painting and its page are, the number of ``strokes``, and a suggestion of what to try next.
 
     ``start`` is the value of `time.monotonic` when the program started. A job of a sweep logs only the painting and its
     strokes; a run started from Python logs nothing.
@@ -45,7 +45,7 @@ def is_job() -> bool:
 
 
 def how_to_go_on(folder: Path, task: str) -> str:
-    """Return the command that resumes an interrupted run; if it cannot resume, list its files and how to start over."""
+    """Describe how to resume an interrupted run; if that is impossible, list its files and say how to start over."""
     place = as_shown(folder)
     if (folder / CHECKPOINT).is_file():
         return f"continue with: {shlex.join(['brushexp', *[f'task={task}'] * (task != 'paint'), f'resume={place}'])}"
@@ -116,7 +116,7 @@ def _export(folder: Path, word: str) -> list[str]:
 
 
 def _family(word: str) -> str:
-    """Return the first part of the key that an argument sets, as ``key=value`` or with a painter's word.
+    """Return the first part of the key that an argument sets; the argument is ``key=value`` or a painter's word.
 
     >>> _family("palette.values=5"), _family("+metric=lpips"), _family("abstract")
     ('palette', 'metric', 'abstraction')

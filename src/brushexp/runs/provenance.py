@@ -18,7 +18,7 @@ Provenance = dict[str, Any]
 def provenance_of(cfg: DictConfig) -> Provenance:
     """Return the provenance of a run, as described in docs/formats.md; call this when the run begins.
 
-    It includes digests of the user's plugins that the settings name; these are digests of the files as imported.
+    It includes digests of the user's plugin files that the settings name, taken when the files were imported.
     """
     chosen = [plugin.cls for plugin in plugins_in(cfg) if not plugin.is_ours]
     return {

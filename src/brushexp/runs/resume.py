@@ -87,7 +87,10 @@ def interrupted_run(folder: Path, cfg: DictConfig) -> tuple[DictConfig, Path]:
 
 
 def _chosen_keys(words: Sequence[str]) -> set[str]:
-    """Return the keys set on the command line; raise a UserError if one would change the run's settings, ``words``."""
+    """Return the keys set on the command line; raise a UserError if one would change a fixed setting.
+
+    ``words`` are the run's original arguments, which may be repeated.
+    """
     chosen = {override.lstrip("+~").partition("=")[0]: override for override in HydraConfig.get().overrides.task}
     for key, override in chosen.items():
         if key not in (*OVERRIDABLE, "task") and override not in words:

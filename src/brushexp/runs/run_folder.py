@@ -62,7 +62,7 @@ def check_place(cfg: DictConfig) -> None:
 
 
 def warn_of_launcher(cfg: DictConfig) -> None:
-    """Warn that choosing a launcher has no effect on a single run."""
+    """Warn if a launcher was chosen, because it has no effect on a single run."""
     words = [word for word in cfg.hydra.overrides.hydra if word.startswith(("hydra/launcher=", N_JOBS))]
     if words:
         typed = words[-1].replace(N_JOBS, "jobs=")
@@ -126,7 +126,7 @@ def _check_replaceable(folder: Path) -> None:
 
 
 def take_job(folder: Path, cfg: DictConfig, sweep: Path) -> None:
-    """Claim the folder of a job, from the process that runs the job.
+    """Claim the folder of a job in the process that runs the job.
 
     A job that was killed resumes from its checkpoint (``cfg.resume`` is set) or starts over.
     """
@@ -191,7 +191,7 @@ def lock(folder: Path) -> None:
 
 
 def remove_half_written(folder: Path) -> None:
-    """Remove partial files left by killed processes from a locked folder and its subfolders of runs."""
+    """Remove partial files left by killed processes from a locked folder and from the run folders in it."""
     places = {folder, *(path for path in folder.glob("*") if path.is_dir())}
     places |= {path.parent for path in files_written(folder)}
     for path in [path for place in places for path in place.glob(TEMPORARY)]:
@@ -208,7 +208,7 @@ def check_free(folder: Path) -> None:
 
 
 def clear(folder: Path, cfg: DictConfig, besides: Collection[str] = ()) -> None:
-    """Remove the files that runs wrote into a folder, except those in ``besides``; also remove emptied subfolders.
+    """Remove the files that runs wrote into a folder, except those in ``besides``; also remove subfolders left empty.
 
     Raises a UserError if the current run needs one of these files.
     """

@@ -28,7 +28,7 @@ _next_report = time.monotonic() + 30  # seconds; the imports of a report take tw
 class SweepReport(Callback):
     """A callback that logs failed jobs, and renews the report of a sweep after each failure and from time to time.
 
-    It does not wait for the end of the sweep, because Hydra 1.3 calls no callbacks there if a job has failed.
+    It does not wait for the end of the sweep, because Hydra 1.3 calls no callbacks at the end if a job has failed.
     """
 
     def on_job_end(self, config: DictConfig, job_return: JobReturn, **_: Any) -> None:

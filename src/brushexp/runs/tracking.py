@@ -94,7 +94,7 @@ class Trackers(LightningLogger):
 
 
 def make_trackers(cfg: DictConfig, folder: Path | None) -> Trackers:
-    """Make the trackers in the config for a run, or a part of one, in ``folder``; without a folder, make none."""
+    """Make the config's trackers for a run, or for part of one, in ``folder``; without a folder, make none."""
     if folder is None:
         return Trackers({}, Run(Path()))
     settings: Any = OmegaConf.to_container(cfg, resolve=True, enum_to_str=True)

@@ -1,8 +1,8 @@
 """Compute the height of a painting's paint.
 
 The thickness of a stroke follows from its coverage or, for plain strokes, from random bristles. Its unit is the film: 1
-is the thickest paint that a brush leaves. Textures hold thickness - 1 in place of the tone: a
-negative tone mixes the colour with that share of black (0), which yields thickness * colour.
+is the thickest layer of paint that a brush leaves. Textures hold thickness - 1 in place of the tone: a negative tone
+mixes the colour with that share of black (0), which yields thickness * colour.
 """
 
 from collections.abc import Iterator
@@ -132,7 +132,7 @@ def surface_height(paint: np.ndarray, ground: np.ndarray, typical: float) -> np.
 
 @dataclass(frozen=True)
 class HeightLayers(Layers):
-    """Layers that wrap any other type of layers and replace their colour with height, at most ``film`` (N,)."""
+    """Layers that wrap layers of any other type and replace their colour with height, at most ``film`` (N,)."""
 
     per_stroke = ()
 

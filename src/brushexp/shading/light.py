@@ -1,7 +1,7 @@
 """Shade a height map with normals, diffuse and specular light.
 
 The browser uses the same formula. Its axes are x to the right, y upwards and z towards the viewer, but the rows y of a
-picture count downwards. A is the azimuth of the light, clockwise from the top (315 is the upper left); E is its
+picture run downwards. A is the azimuth of the light, clockwise from the top (315 is the upper left); E is its
 elevation above the canvas; c is a colour of the painting in [0, 1]; h are heights in pixels, with edge values repeated
 beyond the edges:
 
@@ -83,8 +83,8 @@ def shade_picture(color: Array, normals: Array, light: Light) -> Array:
 def overlay(flat: Array, finished: Array) -> Array:
     """Compute the overlay (H, W, 4) of light and bare paper that turns ``flat`` (H, W, 3) into ``finished``, all uint8.
 
-    Each pixel of the overlay is as transparent as possible. Its colour is black in the shade, and close to that of the
-    ground where paint skips the paper.
+    Each pixel of the overlay is as transparent as possible. Its colour is black in the shade, and close to the
+    ground's colour where paint skips the paper.
     """
     below, above = flat.astype(np.float32) / 255, finished.astype(np.float32) / 255
     change = above - below

@@ -26,7 +26,7 @@ def curve_of(strokes: Strokes) -> Tensor:
 
 
 def shape_of(strokes: Strokes) -> Tensor:
-    """Compute the control points (N, 3, 2) in pixels relative to ``position``, exactly even for distant strokes."""
+    """Compute the control points (N, 3, 2) in pixels relative to ``position``, exact even for distant strokes."""
     points = torch.stack([strokes.start, strokes.control, strokes.end], dim=1)
     return points * (0.5 * strokes.scale)[:, None, None]
 
@@ -85,7 +85,7 @@ def strokes_along(
 
 
 def truncate(strokes: Strokes, share: Tensor) -> Strokes:
-    """Cut strokes off at parameters ``share`` (n,) of their curves (de Casteljau); what precedes does not change."""
+    """Cut strokes off at parameters ``share`` (n,) of their curves (de Casteljau); the parts before stay the same."""
     t, rest, drift = share[:, None], 1 - share[:, None], drift_of(strokes)
     first, second = rest * strokes.start + t * strokes.control, rest * strokes.control + t * strokes.end
     growth = 1 - (1 - share) * strokes.widening  # thickness in the middle of the part, relative to the whole

@@ -162,7 +162,7 @@ class Strokes:
 
 
 def check_strokes(strokes: Strokes) -> None:
-    """Raise a UserError, naming field and stroke, if a shape is wrong or a value is not finite or out of range."""
+    """Raise a UserError that names field and stroke if a shape is wrong or a value is not finite or out of range."""
     wrong = {}
     for name, field in FIELDS.items():
         value = getattr(strokes, name)
@@ -278,8 +278,8 @@ class Catalogue(nn.Module):
     def revise(self, keep: Tensor, new: Strokes, optimizer: optim.Optimizer | None = None) -> None:
         """Drop strokes where ``keep`` (N,) is false, and append ``new`` strokes; kept strokes retain optimiser state.
 
-        Only state that consists of counters and one number per parameter is retained; other state is reset, such as
-        that of L-BFGS.
+        Only state that consists of counters and one number per parameter is retained; other state, such as the history
+        of L-BFGS, is reset.
         """
         before = {id(getattr(self, name)): name for name in FIELDS}
         self._store(Strokes.join(self()[keep], new))

@@ -147,7 +147,7 @@ def with_self(near: Tensor) -> Tensor:
 
 
 def mean_direction(direction: Tensor, near: Tensor) -> Tensor:
-    """Average the doubled directions of the strokes ``near`` (Q, k), except points; means (Q, 2) are at most 1 long."""
+    """Average the doubled directions of the strokes ``near`` (Q, k), except points; means (Q, 2) have length <= 1."""
     weight = (direction.square().sum(1, keepdim=True) + torch.finfo(direction.dtype).eps).sqrt()
     # The gradient of `index_select` is faster than that of [].
     table = torch.cat([direction, weight], dim=1).index_select(0, near.flatten())

@@ -30,7 +30,7 @@ def sample_prior(n: int, seed: int = 0, first: int = 0) -> Strokes:
     Start s and end e are uniform in the window and thickness w in [``THINNEST``, ``THICKEST``]; they are redrawn until
     |s - e| >= 2 w (in sides of the window). The control point is normal about the midpoint, with variances ``SPREAD``,
     and is redrawn until it lies in the window. All three points are then scaled by ``INSET``. The strokes are float32
-    on the CPU, opaque, at position 0, with uniform colours. Eq. 6.1 of the source prints the inequality reversed.
+    on the CPU, opaque, at position 0, with uniform colours. In eq. 6.1 of the source, the inequality is reversed.
     """
     draw = partial(_uniform, seed, first, n)
     body = _redraw(lambda attempt: draw(2 * attempt, 8), _long_enough)  # (n, 8): start 2, end 2, width, colour 3
@@ -42,7 +42,7 @@ def sample_prior(n: int, seed: int = 0, first: int = 0) -> Strokes:
 
 
 def width_of(parameter: Tensor) -> Tensor:
-    """Convert width parameters, which lie in [-1, 1] for valid strokes, to widths in sides of the window."""
+    """Convert width parameters, which lie in [-1, 1] for valid strokes, to widths as fractions of the window's side."""
     return THINNEST + (THICKEST - THINNEST) * 0.5 * (parameter + 1)
 
 
@@ -82,7 +82,7 @@ def clamp_to_prior(strokes: Strokes) -> Strokes:
 
 
 def _along(chord: Tensor) -> tuple[Tensor, Tensor]:
-    """Compute the directions (N, 2) and lengths (N,) of chords (N, 2); a chord that is a point points right."""
+    """Compute the directions (N, 2) and lengths (N,) of chords (N, 2); a chord of length 0 points right."""
     length = torch.linalg.vector_norm(chord, dim=1)
     right = torch.tensor([1.0, 0.0]).to(chord)
     return torch.where((length > TOUCHING)[:, None], chord / length.clamp_min(TOUCHING)[:, None], right), length
@@ -94,8 +94,8 @@ def rewindow(strokes: Strokes) -> Strokes:
 
     Each window is centred on the control points, and its side is the valid side nearest to the old one. Two kinds of
     stroke fit no window and change at constant area: strokes too short for their thickness become longer and thinner,
-    and strokes too thin for their length become thicker and shorter. In a painting of 655 strokes, a quarter of them
-    of these two kinds, this change cost 1.3 dB; merely thinning the short strokes cost 3.5 dB.
+    and strokes too thin for their length become thicker and shorter. In a painting of 655 strokes, a quarter of which
+    were of these two kinds, this change cost 1.3 dB; merely thinning the short strokes cost 3.5 dB.
     """
     curve, thickness = _long_as_wide(curve_of(strokes), strokes.width * strokes.scale)
     low, high = curve.amin(1), curve.amax(1)
@@ -118,7 +118,7 @@ def rewindow(strokes: Strokes) -> Strokes:
 
 
 def bend_of(strokes: Strokes) -> Tensor:
-    """Compute the `control_offset` (N, 2) of strokes; chords count as at least ``SHORTEST_CHORD`` long."""
+    """Compute the `control_offset` (N, 2) of strokes; shorter chords count as ``SHORTEST_CHORD`` long."""
     return control_offset(torch.stack([strokes.start, strokes.control, strokes.end], dim=1), SHORTEST_CHORD)
 
 

@@ -147,7 +147,7 @@ def png_of(alpha: Tensor) -> bytes:
 
 
 def alpha_of(png: bytes) -> Tensor:
-    """Decode the PNG of `png_of`; raise a UserError for other data and for pictures that are too large."""
+    """Decode a PNG made by `png_of`; raise a UserError for other data and for pictures that are too large."""
     try:
         with Image.open(BytesIO(png), formats=["PNG"]) as picture:
             if picture.mode != "L" or picture.width * picture.height > LARGEST_ALPHA:

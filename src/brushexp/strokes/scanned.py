@@ -1,6 +1,6 @@
-"""Read straightened scans of real acrylic strokes, painted with a flat brush from loaded to dry.
+"""Read straightened scans of real acrylic strokes, each painted with a flat brush until it ran dry.
 
-The scans are by Ardavan Bidgoli (2020, MIT licence: ``scans/strokes.LICENSE.txt``), straightened by
+The scans are by Ardavan Bidgoli (2020, MIT licence: ``scans/strokes.LICENSE.txt``) and were straightened by
 ``benchmarks/scanned_strokes.py``.
 """
 

@@ -49,7 +49,7 @@ LARGEST_TEXT = 2**29  # largest number of bytes of a JSON catalogue, for two mil
 
 
 def save_catalogue(path: Path, saved: Saved) -> None:
-    """Write a catalogue atomically and deterministically; raise a UserError if it would not load again."""
+    """Write a catalogue atomically and deterministically; raise a UserError if it could not be loaded again."""
     strokes = saved.strokes.map(lambda value: value.detach().to("cpu", torch.float32))
     replace(saved, strokes=strokes).check()
     memory = io.BytesIO()  # in memory, because h5py does not explain failures to write a file

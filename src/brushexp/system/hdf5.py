@@ -59,7 +59,7 @@ def dataset_of(
 
 
 def _check_storage(name: str, dataset: h5py.Dataset) -> None:
-    """Reject unsupported compression, chunks that are too large, and data that its stored bytes could not unpack to."""
+    """Reject unsupported compression, oversized chunks, and data larger than the stored bytes could unpack to."""
     layout, held = dataset.id.get_create_plist(), dataset.id.get_storage_size()
     used = [layout.get_filter(k)[0] for k in range(layout.get_nfilters())]
     if not {GZIP, SHUFFLE, CHECKSUM}.issuperset(used) or used.count(GZIP) > 1:

@@ -61,7 +61,7 @@ def check_file(path: Path, cure: str, largest: float = math.inf) -> None:
 
 @contextmanager
 def explaining(path: Path, cure: str) -> Iterator[None]:
-    """Turn any error into a UserError that names the file and a ``cure``, unless the message has one, after a ``;``."""
+    """Turn any error into a UserError that names the file, and add ``cure`` unless the message already has a ``;``."""
     try:
         yield
     except UserError as error:

@@ -75,7 +75,7 @@ def _install_hook() -> None:
 
 
 def _on_event(event: str, arguments: tuple[Any, ...]) -> None:
-    """Add a new file to the manifest when an audit event announces it below a recorded folder."""
+    """Add a new file to the manifest when an audit event reports it below a recorded folder."""
     if not _recorded or event not in ("open", "os.rename"):
         return
     path, flags = (arguments[0], arguments[2]) if event == "open" else (arguments[1], os.O_CREAT)

@@ -52,7 +52,7 @@ def keep_memory(most: int = 2**30) -> None:
 
 
 def give_memory_back() -> None:
-    """Return freed memory to the system; otherwise fragments accumulate, since each picture needs other sizes."""
+    """Return freed memory to the system; otherwise it fragments, since each picture needs blocks of other sizes."""
     if sys.platform == "linux" and hasattr(libc := ctypes.CDLL(None), "malloc_trim"):
         libc.malloc_trim(0)
 
@@ -154,7 +154,7 @@ def interrupted_code() -> int:
 
 
 def reraise_signal() -> None:
-    """Send the cluster signal that interrupted this process once more, so that submitit requeues the job."""
+    """Resend the cluster signal that interrupted this process, so that submitit requeues the job."""
     if _received and _received[-1] in CLUSTER_SIGNALS:
         signal.raise_signal(_received[-1])
 

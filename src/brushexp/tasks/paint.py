@@ -62,7 +62,8 @@ def paint_into(
 ) -> Finished:
     """Paint from a checked config into a run's folder, and write the results even if the fit fails.
 
-    ``start`` is the `time.monotonic` time when the program started, or None for a run resumed from its ``checkpoint``.
+    ``start`` is the value of `time.monotonic` when the program started, or None for a run resumed from its
+    ``checkpoint``.
     """
     cfg = changed_settings(cfg)
     if not is_job():

@@ -155,7 +155,7 @@ def _mix(word):  # type: ignore[no-untyped-def]
 
 @function
 def _gauss(key, counter):  # type: ignore[no-untyped-def]
-    """Return a stroke's nearly normal random number with index ``counter``: a sum of four uniforms, within 3.5."""
+    """Return a stroke's nearly normal random number ``counter``: a sum of four uniforms, between -3.5 and 3.5."""
     word = _mix(key + GOLDEN * U(counter + 1))
     low, high = U(0xFFFF), U(16)
     total = (word & low) + ((word >> high) & low) + ((word >> U(32)) & low) + (word >> U(48))

@@ -39,10 +39,10 @@ class Dabs(Engine):
     Args:
         window: side of a picture in pixels, 8 to 512.
         supersample: number of canvas pixels per picture pixel in each direction, 1 to 8.
-        dabs_per_radius: number of dabs per length of one radius. The default is the sum of libmypaint's dabs per
+        dabs_per_radius: number of dabs along a length of one radius. The default is the sum of libmypaint's dabs per
             basic radius and per actual radius, 6 and 6, because the two radii are equal here.
         hardness: hardness of a dab's profile, from 0 (a needle) to 1 (a disc).
-        opaque: opacity without pressure, before it is multiplied by the pressure, 0 to 1.
+        opaque: constant term of the opacity, before multiplication by the pressure, 0 to 1.
         opaque_by_pressure: opacity that full pressure adds, 0 to 1.
         opaque_linearize: reduction of the opacity of single dabs, from 0 (none) to 1 (overlapping dabs reach the
             specified opacity together). This brush uses 0; libmypaint's default, 0.9, would make its strokes a faint
@@ -94,7 +94,7 @@ class Dabs(Engine):
 
 
 def half_width(hardness: float, opacity: float, per_radius: float, offset: float) -> float:
-    """Compute the distance from a long stroke's axis, in radii, at which the expected alpha is half that on the axis.
+    """Find the distance from a long stroke's axis, in radii, at which the expected alpha is half its value on the axis.
 
     At distance y, the expected alpha is 1 - exp(-s(y)). Here s is the summed opacity of all dabs along the axis: the
     integral of a dab's profile along the axis, averaged over displacements with standard deviation ``offset``.

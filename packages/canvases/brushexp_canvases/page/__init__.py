@@ -54,9 +54,9 @@ def write_viewer(folder: Path, levels: dict[str, list[Level]], title: str, count
 def write_strokes(folder: Path, size: tuple[int, int], job_of: JobOf) -> dict[str, Any]:
     """Write the strokes of a painting of ``size`` (H, W), and return the data that the page needs to load them.
 
-    ``job_of`` returns all strokes that reach into a region, in pixels from the region's corner. Each ``column_row.js``
-    calls `brushexp.cell` with the output of `pack_strokes` for the strokes that reach into one cell, in pixels from the
-    cell's corner; a stroke is stored in every cell that it reaches into. ``textures.js`` contains all textures.
+    ``job_of`` returns all strokes that reach into a region, in pixels relative to its corner. Each ``column_row.js``
+    calls `brushexp.cell` with the output of `pack_strokes` for the strokes that reach into one cell, in pixels relative
+    to the cell's corner; a stroke is stored in every cell that it reaches into. ``textures.js`` contains all textures.
     """
     exact, textures = True, None
     with atomic_folder(folder / FOLDER) as into:
@@ -80,7 +80,7 @@ def of_all(job: ExportJob) -> JobOf:
 
 
 def _within(job: ExportJob, part: Region, size: tuple[int, int]) -> ExportJob:
-    """Keep the strokes that reach into a region, in pixels from its corner; the whole painting has ``size`` (H, W)."""
+    """Keep the strokes that reach into a region, relative to its corner; the whole painting has ``size`` (H, W)."""
     number = job.bottom_up[mark_overlapping(job.strokes, part, job.renderer.edge)[job.bottom_up]]
     strokes = job.strokes[number].moved(shift=(-part.left, -part.top))
     depth = torch.arange(len(number), dtype=torch.int32)

@@ -26,7 +26,7 @@ class Lines:
     doubled: Array
 
     def directions(self, points: Array, own: Array) -> Array:
-        """Blend directions ``own`` (n, 2), at doubled angles, with the lines' at points (n, 2); return unit vectors."""
+        """Blend directions ``own`` (n, 2), at doubled angles, with line directions at ``points``, as unit vectors."""
         say = sample_at(self.say, *points.T)[:, None]
         x, y = (say * sample_at(self.doubled, *points.T).T + (1 - say) * own).T
         angle = 0.5 * np.arctan2(y, x)

@@ -18,12 +18,12 @@ SHAPE = ("position", "scale", "start", "control", "end", "width", "softness", "w
 
 
 class Fence(nn.Module):
-    """Let only strokes that are wholly inside a region change, and keep them inside; others stay bit-identical.
+    """Module that lets only strokes wholly inside a region change, and keeps them inside; others stay bit-identical.
 
     The height of lit paint is relative to the median width of all strokes. Strokes wider than the median therefore stay
     wider, narrower strokes stay narrower, and the median stays bit-identical.
 
-    The region is given in pixels of the painting; one unit of the strokes' coordinates is ``zoom`` of these pixels.
+    The region is given in pixels of the painting; one unit of the strokes' coordinates is ``zoom`` such pixels.
     """
 
     room: Tensor
@@ -59,7 +59,7 @@ class Fence(nn.Module):
 
     @torch.no_grad()
     def holds(self, strokes: Strokes, slack: float = SLACK) -> Tensor:
-        """Mark strokes (N,) wholly inside the region, soft edges included; areas off the canvas count as inside."""
+        """Mark the strokes (N,) wholly inside the region, soft edges included; areas off the canvas count as inside."""
         strokes = strokes.moved(zoom=self.zoom)
         t = torch.linspace(0, 1, SAMPLES).to(strokes.position)
         points = point_at(curve_of(strokes)[:, None], t)  # (N, SAMPLES, 2)

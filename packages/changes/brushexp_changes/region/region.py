@@ -26,8 +26,8 @@ MASK_THRESHOLD = 0.5  # brightness at which a pixel counts as inside the mask
 class Region(Change):
     """Repaint one region of a painting; the rest stays bit-identical: ``region=mask.png catalogue=outputs/x``.
 
-    Only strokes that are wholly inside the region move and change colour. Renderer, blend, colour, paper, light, order
-    and ground are taken from the painting. Strokes are optimised at the same size as before, unless
+    Only strokes that are wholly inside the region move and change colour. The renderer, blend, colour space, paper,
+    light, order and ground are taken from the painting. Strokes are optimised at the same size as before, unless
     ``working_resolution`` is set.
 
     Args:

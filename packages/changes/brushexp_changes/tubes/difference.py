@@ -18,7 +18,7 @@ def median_difference(image: Tensor, target: Tensor) -> float:
 
 @register("metric", "ciede2000")
 class ColorDifference(Metric):
-    """Median CIEDE2000 colour difference over the pixels; 1 is just noticeable side by side."""
+    """Median CIEDE2000 colour difference over the pixels; a difference of 1 is just noticeable side by side."""
 
     title = "CIEDE2000"
     digits = 2

@@ -1,4 +1,4 @@
-"""Limit a palette to the colours that given paints can mix."""
+"""Limit a palette to the colours that can be mixed from given paints."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -23,7 +23,7 @@ SOFT = 2.0  # CIELAB units added to distances, so that no single mixture dominat
 @register("palette", "pigments")
 @dataclass(kw_only=True, eq=False)
 class OfPigments(Palette):
-    """Limits a palette to the colours that mixtures of named paints can produce; their number is not limited.
+    """Limits a palette to the colours that mixtures of named paints can produce; the number of colours is not limited.
 
     Tones are mapped to the range between the darkest and the lightest grey of the paints, and each colour is moved to
     the nearest mixtures in CIELAB.

@@ -120,7 +120,7 @@ def _number(text: str | None, where: str) -> float:
 
 
 def _mixing_model(kind: str, values: Array) -> Callable[[Array], Array]:
-    """Return the mixing model for the values (T, ...) of T tubes, which are of the given ``kind``; see `_values_of`."""
+    """Return the mixing model of T tubes, given their values (T, ...) of one ``kind``; see `_values_of`."""
     if kind == "color":
         return _by_color(values)
     if kind == "R":
@@ -167,8 +167,8 @@ def _inside(outside: Array) -> Array:
 def srgb_of_reflectance(reflected: Array) -> Array:
     """Compute the sRGB colours (M, 3) of reflectances (M, bands) in daylight (CIE D65), clipped to the gamut.
 
-    The colour matching functions are the fit of Wyman, Sloan and Shirley (2013) to CIE 1931, whose errors cancel for
-    white.
+    The colour matching functions are the fit of Wyman, Sloan and Shirley (2013) to CIE 1931; the errors of the fit
+    cancel for white.
     """
     light = reflected @ _light_of_bands()
     return np.asarray(encode_srgb(light.clip(0, 1)))

@@ -191,7 +191,7 @@ def merge_slivers(regions: Array, side: float) -> Array:
 
 
 def labels_of(mask: Array) -> Iterator[tuple[int, int, float]]:
-    """Yield where to write a number (row, column) in each part of a mask (h, w), and the distance from the edge."""
+    """Yield, for each part of a mask (h, w), where to write its number (row, column) and the distance to its edge."""
     from scipy.ndimage import distance_transform_edt, label, maximum_position  # noqa: PLC0415  (slow to import)
 
     parts, count = label(mask)

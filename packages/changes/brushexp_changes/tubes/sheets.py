@@ -133,7 +133,7 @@ def difference_from(plan: Plan, picture: str) -> float:
 
 
 def table_of(plan: Plan) -> str:
-    """Format a plan as CSV with one line per stroke, in painting order and in mm from the upper left corner."""
+    """Format a plan as CSV, one line per stroke in painting order, with positions in mm from the upper left corner."""
     curves = (curve_of(plan.strokes) / plan.pixels_per_mm).flatten(1).tolist()
     rows = []
     for stage in plan.stages:

@@ -36,7 +36,7 @@ class OfTubes(Change):
     From the beginning, strokes are opaque, as wide as one of the brushes, and no longer than a load of paint lasts.
     After two fifths of the steps, each stroke gets the colour of a mixture. Mixtures are reassigned every few steps,
     while position, length and bend are still optimised. Strokes of large brushes are below strokes of small brushes;
-    within a brush, dark mixtures are below light mixtures.
+    among the strokes of each brush, dark mixtures are below light mixtures.
 
     Args:
         tubes: set of tubes to paint with: eight, acrylics, primaries, zorn, or a CSV file.

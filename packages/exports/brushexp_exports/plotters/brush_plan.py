@@ -78,7 +78,7 @@ def _check_size(machine: PenExporter, kinds: list[tuple[float, str]], colors: in
 def _with_dips(
     lines: list[Array], brush: float, well: complex, machine: PenExporter, paper: tuple[float, float], changed: bool
 ) -> Iterator[tuple[Array, bool]]:
-    """Yield the lines and dips of a brush, and whether each is a dip; rinse and wipe the brush first if ``changed``."""
+    """Yield the movements of a brush, and whether each is a dip; rinse and wipe the brush first if ``changed``."""
 
     def at(place: complex, reach: float, times: int) -> Array:
         there = place.real + 1j * (paper[1] - place.imag)

@@ -16,7 +16,7 @@ Speed = Annotated[float, between(1, 1_000_000)]
 @register("to", "gcode")
 @dataclass(kw_only=True)
 class Gcode(PenExporter):
-    """Writes ``painting.gcode``, a stroke plan for plotters and painting robots, and a picture of the plan.
+    """Writes ``painting.gcode``, a stroke plan for plotters and painting robots, with a picture of the plan.
 
     Coordinates are in millimetres from the lower left corner of the paper, with y upwards. The file is written by the
     vpype-gcode plugin. Many plotters lift the pen with a servo: ``'to.gcode.up=M5' 'to.gcode.down=M3 S90'``.

@@ -16,7 +16,7 @@ DRAW_SPEED, MOVE_SPEED = 20, 38  # cm/s while drawing and between lines; typical
 @register("to", "hpgl")
 @dataclass(kw_only=True)
 class Hpgl(PenExporter):
-    """Writes ``painting.hpgl``, a stroke plan for pen plotters, a report (``.txt``) and a picture (``.svg``).
+    """Writes ``painting.hpgl``, a stroke plan for pen plotters, with a report (``.txt``) and a picture (``.svg``).
 
     The plan is written by vpype, which supports the paper sizes and origins of many plotters. Old plotters do not
     accept comments in HPGL, so the text of `PenPlan.report` is a separate file. Tools are the pens in the carousel:
@@ -25,7 +25,7 @@ class Hpgl(PenExporter):
     Args:
         plotter: name of the plotter in vpype (hp7475a, hp7550, dxy, ...) or in your ~/.vpype.toml; null = any plotter
             with its origin at the lower left corner of the paper, x to the right, y up.
-        speed: speed while drawing, in cm per second; null = the plotter's own.
+        speed: speed while drawing, in cm per second; null = the plotter's own speed.
     """
 
     plotter: str | None = None

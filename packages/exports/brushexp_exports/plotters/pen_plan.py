@@ -1,6 +1,6 @@
 """Plan pen drawings: strokes are filled with lines and drawn by layer and pen, in an order with little travel.
 
-shapely makes outlines and fillings, vpype orders lines, and a grid of stroke numbers identifies hidden parts of
+shapely computes outlines and fills, vpype orders lines, and a grid of stroke numbers identifies hidden parts of
 strokes. Lengths are in millimetres, with x to the right and y down from the paper's upper left corner. Lines are arrays
 of complex numbers.
 """
@@ -149,7 +149,7 @@ def _fill_stroke(
 
 
 def _join_lines(lines: list[Array], reach: float) -> list[Array]:
-    """Join consecutive lines (M,) whose ends are within ``reach``; then join any other lines with ends this close."""
+    """Join consecutive lines (M,) whose ends are within ``reach`` of each other; then join any other such lines."""
     joined: list[Array] = []
     for line in lines:
         gaps = np.abs(joined[-1][-1] - line[[0, -1]]) if joined else [np.inf]
@@ -166,7 +166,7 @@ def _join_lines(lines: list[Array], reach: float) -> list[Array]:
 
 
 class _Grid:
-    """A grid over a ``frame`` (left, top, right, bottom) in which hidden parts of strokes are found.
+    """A grid over a ``frame`` (left, top, right, bottom), used to find hidden parts of strokes.
 
     Its cells are about half as wide as the ``pen``.
     """
@@ -188,7 +188,7 @@ class _Grid:
         return np.array(picture)
 
     def may_be_visible(self, top: Array, outlines: Array) -> Array:
-        """Mark the strokes (N,) whose bounding box is not wholly covered by higher strokes, so they may be visible."""
+        """Mark the strokes (N,) that may be visible because higher strokes do not cover their whole bounding boxes."""
         corners = np.nan_to_num(shapely.bounds(outlines)).reshape(-1, 2, 2) @ (1, 1j)
         (tops, lefts), (bottoms, rights) = (self._cells(corner) for corner in corners.T)
         boxes = zip(tops, bottoms + 1, lefts, rights + 1, strict=True)

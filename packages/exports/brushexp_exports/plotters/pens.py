@@ -59,7 +59,7 @@ class PenPlan:
         return float(np.abs(ends[1:, 0] - ends[:-1, 1]).sum()) / MM
 
     def report(self, draws: float, moves: float) -> list[str]:
-        """Describe paper, pens and duration for a machine that draws and moves at the given speeds in mm per minute."""
+        """Describe the paper, pens and duration for given speeds of drawing and moving, in mm per minute."""
         layers = len({layer for layer, _, _ in self.runs()})
         minutes = self.drawn / draws + self.travel / moves + LIFT_SECONDS / 60 * self.lifts
         rows = [
@@ -88,14 +88,14 @@ class PenExporter(Exporter):
 
     Args:
         paper: size of the paper: a3, a4, letter, ... or a size such as 300x200mm.
-        landscape: whether to use the paper in landscape format; null = the format that makes the picture larger.
+        landscape: whether to use the paper in landscape orientation; null = the orientation with the larger picture.
         margin_mm: minimum margin in mm; the picture is centred and fills the rest. The margin is larger where the
             plotter cannot reach.
         width_mm: width of the picture in mm; null = as large as possible.
         colors: maximum number of pens, whose colours are chosen to fit the picture.
         pens: colours of your own pens, instead of ``colors``: [black,red,"#20a080"].
-        layers: number of layers, bottom to top; within a layer, strokes are drawn pen by pen, light to dark. More
-            layers preserve the order of overlapping strokes better if paint is opaque.
+        layers: number of layers, bottom to top; within a layer, strokes are drawn pen by pen, light to dark. If
+            paint is opaque, more layers preserve the order of overlapping strokes better.
         pen_mm: width of the pen or brush in mm.
         passes: maximum number of parallel lines in a stroke; null = as many as fill the stroke, 1 = only its centre
             line.
@@ -243,7 +243,7 @@ def load_vpype() -> ModuleType:
 
 @contextmanager
 def quiet_vpype() -> Iterator[None]:
-    """Mute vpype's messages to the root logger; then restore the logger's level and handlers, which vpype changes."""
+    """Mute vpype's messages; afterwards, restore the root logger's level and handlers, which vpype changes."""
     level, handlers = logging.root.level, [*logging.root.handlers]
     logging.disable(logging.INFO)
     try:

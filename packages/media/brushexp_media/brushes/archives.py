@@ -18,7 +18,7 @@ BUILT_IN = "names brushes that are built into its program and brings none; paint
 
 
 def brushes_in(data: bytes, ending: str) -> Iterator[tuple[str, bytes]]:
-    """Yield the name and content of each brush in an archive, whose type is given by its extension ``ending``.
+    """Yield the name and content of each brush in an archive, whose file extension ``ending`` determines its type.
 
     Raises a UserError if the archive cannot be read or contains no brush.
     """

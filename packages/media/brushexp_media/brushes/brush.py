@@ -50,12 +50,12 @@ class Brush(Renderer):
 
 
 def marks_of(files: Sequence[str] | None) -> list[Mark]:
-    """Read the marks from files; without files, return the dry brush."""
+    """Read the marks from files; without files, return the dry-brush mark."""
     return read_marks(files) if files else [Mark("dry brush", dry_brush())]
 
 
 def weights_of(coverage: Tensor) -> Tensor:
-    """Convert coverage (rows, columns) to texture weights (3, rows, columns); full hairs become paler and higher."""
+    """Convert coverage (rows, columns) to texture weights (3, rows, columns); denser hairs become paler and higher."""
     around = functional.avg_pool2d(coverage[None], AROUND, 1, AROUND // 2)[0]
     tone = TONE * torch.tanh(3 * (coverage - around)) * (coverage > FADED)
     height = (0.15 + 0.85 * coverage) * (coverage > FADED)
@@ -65,7 +65,7 @@ def weights_of(coverage: Tensor) -> Tensor:
 
 @lru_cache(maxsize=1)
 def dry_brush() -> np.ndarray:
-    """Draw a deterministic dry brush, whose hairs start together and run out of paint one by one."""
+    """Draw a deterministic dry-brush mark, whose hairs start together and run out of paint one by one."""
     rows, columns = DRY
     chance = np.random.default_rng(0)
     load, begin = np.repeat(chance.random((2, rows // 4)), 4, axis=1)

@@ -81,7 +81,7 @@ def _suffix_of(path: str | Path) -> str:
 
 
 def _marks_of(file: str) -> list[Mark]:
-    """Read the marks in a file, and log a warning if it is a set from which only ``MOST_MARKS`` brushes are used."""
+    """Read the marks in a file; if a set has more than ``MOST_MARKS`` brushes, log a warning and omit the rest."""
     name, ending = Path(file).name, _suffix_of(file)
     if (kind := ELSEWHERE.get(ending)) is not None:
         raise UserError(f"brush={file} is {kind}")
@@ -188,7 +188,7 @@ def drag_stamps(stamps: Sequence[Stamp]) -> np.ndarray:
 
 
 def place_of(coverage: np.ndarray) -> tuple[float, float]:
-    """Find the row of a mark's axis, and its half width in pixels, ignoring thin starts and stray hairs."""
+    """Find the row of a mark's axis, and the mark's half width in pixels, ignoring thin starts and stray hairs."""
     full = np.flatnonzero(coverage.mean(1) >= FULL * coverage.mean(1).max())
     middle, half = (full[0] + full[-1] + 1) / 2, (full[-1] + 1 - full[0]) / 2
     return middle, max(half, max(middle, len(coverage) - middle) / (SPREAD * (1 - 4 / ROWS)))

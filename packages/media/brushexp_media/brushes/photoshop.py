@@ -29,7 +29,7 @@ CURE = "save the set anew from Photoshop, or its brushes from GIMP or Krita as .
 
 
 class _Damage(Exception):
-    """Raised for a brush that is truncated or has an impossible value."""
+    """Error for a brush that is truncated or has an invalid value."""
 
 
 class _Bytes:

@@ -1,4 +1,4 @@
-"""Keys of ``task=brushes``."""
+"""Configuration keys of ``task=brushes``."""
 
 from dataclasses import dataclass
 

@@ -1,6 +1,7 @@
 """Decode channels to pictures by a curve for each channel, a matrix to linear RGB, and the sRGB curve.
 
-For float32 on the CPU, the decoder and its gradient are compiled, because PyTorch would traverse memory a dozen times.
+For float32 on the CPU, the decoder and its gradient are compiled, because PyTorch would make a dozen passes over
+memory.
 """
 # mypy: allow-untyped-defs
 
@@ -35,7 +36,7 @@ def display_of(light: Tensor) -> Tensor:
 
 
 class Decoder:
-    """Decodes channels (C, H, W) to pictures (3, H, W): clamp(display curve(matrix @ rise(channels))).
+    """A decoder from channels (C, H, W) to pictures (3, H, W): clamp(display curve(matrix @ rise(channels))).
 
     Colours outside the display gamut are clamped channel by channel; their gradient ignores the clamping, so that they
     can return to the gamut.
@@ -100,12 +101,12 @@ ROOT = _fit_root()
 
 @inline
 def rise(x):
-    """Placeholder for the curve of a channel."""
+    """Placeholder for the curve that is applied to each channel."""
 
 
 @inline
 def rise_slope(x):
-    """Placeholder for the slope of a channel's curve."""
+    """Placeholder for the derivative of `rise`."""
 
 
 @inline
@@ -119,7 +120,7 @@ def _root(light):
 
 @inline
 def _gather(picture, rows, block, channels, light):
-    """Write a block's channels after the curve (C, BLOCK) and its linear RGB (3, BLOCK); return its start and size."""
+    """Write a block's channels, mapped by `rise` (C, BLOCK), and linear RGB (3, BLOCK); return its start and size."""
     begin = block * BLOCK
     size = min(BLOCK, picture.shape[1] - begin)
     for c in range(CHANNELS):

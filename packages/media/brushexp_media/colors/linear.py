@@ -1,4 +1,4 @@
-"""Mix paint as amounts of light."""
+"""Mix paint in linear light."""
 # mypy: allow-untyped-defs
 
 import torch

@@ -21,8 +21,8 @@ def accents(
     """Trace n lines along the dark or the light side of edges in a picture (3, H, W).
 
     Lines that are not clearly darker or lighter than their surroundings are invisible. ``length`` and ``width`` are
-    those of the strongest line, in pixels. A line has the picture's colour at its position, shifted by the fraction
-    ``share`` towards the colour ``toward`` (3,).
+    the dimensions of the strongest line, in pixels. A line has the picture's colour at its position, shifted by the
+    fraction ``share`` towards the colour ``toward`` (3,).
     """
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
 

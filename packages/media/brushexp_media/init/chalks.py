@@ -39,9 +39,9 @@ DEEPER, LIGHTER = 0.35, 0.6  # shift of dark accents towards black, and of light
 class Chalks(Initializer):
     """Broad rubbed-in masses, hatching at the natural slant of a hand, small forms, and accents along edges.
 
-    Hatching leaves some rubbed areas uncovered, ends at colour edges, and turns half-way towards the direction of
-    forms. The strokes are in the order given above, which ``order=fixed`` preserves. With ``renderer.kind=chalk``,
-    masses have the soft mark of rubbed-in chalk, and all other strokes have the grain of chalk.
+    Hatching leaves some rubbed areas uncovered, ends at colour edges, and turns halfway towards the direction of forms.
+    The strokes are in the order given above, which ``order=fixed`` preserves. With ``renderer.kind=chalk``, masses have
+    the soft mark of rubbed-in chalk, and all other strokes have the grain of chalk.
 
     Args:
         layers: number of layers of masses and forms, from the side of the stick to its edge.

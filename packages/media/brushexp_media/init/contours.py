@@ -43,12 +43,12 @@ FINEST = 0.7  # least scale of outlines in pixels
 def contours(
     picture: Array, grey: Array, n: int, length: float, width: float, color: Array, focus: Array | None = None
 ) -> Strokes:
-    """Draw n contour strokes of a picture (3, H, W): single bold lines, outlines, and fine lines in the focus.
+    """Draw n contour strokes for a picture (3, H, W): single bold lines, outlines, and fine lines in the focus.
 
-    Single lines follow strong straight edges. Outlines, drawn as chains of strokes, follow the other edges of ``grey``
-    (H, W), the picture in grey, the longest and strongest first. ``length`` and ``width`` are the maximum dimensions of
-    a stroke in pixels. With a ``focus`` (H, W), some of the strokes draw faint features in it, such as eyes and mouths.
-    Blurred edges get no contour.
+    Single lines follow strong straight edges. Outlines, drawn as chains of strokes, follow the other edges of the
+    greyscale picture ``grey`` (H, W), the longest and strongest first. ``length`` and ``width`` are the maximum
+    dimensions of a stroke in pixels. With a ``focus`` (H, W), some of the strokes draw faint features in it, such as
+    eyes and mouths. Blurred edges get no contour.
     """
     side = max(picture.shape)
     frame = round(FRAME * side)
@@ -75,7 +75,7 @@ def contours(
 def _draw_outlines(grey: Array, clear: Array, drawn: Array, n: int, length: float, width: float) -> tuple[Array, Array]:
     """Trace the outlines in a picture (H, W), coarse ones first; return at most n curves (m, 3, 2) and widths (m,).
 
-    Outlines are omitted beside curves that are already ``drawn`` (k, 3, 2) and where edges are not ``clear`` (H, W).
+    Outlines are omitted beside curves already ``drawn`` (k, 3, 2), and where edges are not ``clear`` (H, W).
     """
     side, near = max(grey.shape), max(1, round(APART * width))
     taken, curves, widths, count = np.zeros(grey.shape, bool), [np.zeros((0, 3, 2))], [np.zeros(0)], 0

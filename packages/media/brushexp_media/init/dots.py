@@ -91,7 +91,7 @@ class Dots(Initializer):
 
 
 def _undertouches(target: Tensor, n: int, generator: torch.Generator) -> Strokes:
-    """Place broad touches that cover the ground below the dots, duller than the picture and cooler in shadow."""
+    """Place broad touches, duller than the picture and cooler in shadow, that cover the ground below the dots."""
     strokes = InLayers(layers=1, width=BROAD, length=LONG, opacity=1.0, jitter=SHIFTED)(target, n, generator)
     lab = torch.from_numpy(to_lab(strokes.color.double().numpy()))
     shadow = (1 - lab[:, :1] / SHADOW).clamp(0, 1)

@@ -124,7 +124,7 @@ class Drawing(Initializer):
         return DarkShapes(color=self.color)
 
     def _fill_lines(self, lines: Array, area: Array, n: int, random: np.random.Generator) -> Strokes:
-        """Fill lines (H, W) at their own thickness, omitting parts that are tiny relative to an ``area`` (H, W)."""
+        """Fill lines (H, W) with strokes of the same thickness, omitting parts tiny relative to an ``area`` (H, W)."""
         shapes = remove_specks(lines > INKED, SPECK * float((area > LOOKED_AT).sum()))
         curve, half = fill_shape(shapes, n, REED * max(lines.shape), random)
         return strokes_of(curve, 2 * half, half > 0, rgb_of(self.color), n)
@@ -188,7 +188,7 @@ def dark_features(lightness: Array) -> Array:
 
 
 def _distance_from(attended: Array) -> Array:
-    """Compute how far each pixel is from the area of attention, from 0 inside to 1, with a soft border."""
+    """Compute each pixel's distance from the area of attention: 0 inside, 1 far away, with a soft transition."""
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
 
     near: Array = gaussian_filter(attended.clip(0, LOOKED_AT) / LOOKED_AT, SMOOTH_FAR * max(attended.shape))
@@ -196,7 +196,7 @@ def _distance_from(attended: Array) -> Array:
 
 
 def _simplify(dark: Array, distant: Array) -> Array:
-    """Blur and lighten darkness (H, W) for washes, most where ``distant`` (H, W) is 1: backgrounds have few shapes."""
+    """Blur and lighten darkness (H, W) for washes, most where ``distant`` (H, W) is 1, to simplify backgrounds."""
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
 
     near, far = (gaussian_filter(dark, blur * max(dark.shape)) for blur in (SMOOTH_WASH, SMOOTH_FAR))
@@ -216,7 +216,7 @@ def _sway(turned: Array, random: np.random.Generator) -> Array:
 
 
 def slope_of(luma: Array) -> Array:
-    """Compute the slope (H, W) of luma, per longer side, after the same blur as for washes."""
+    """Compute the slope (H, W) of luma, per longer side, after the blur used for washes."""
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
 
     side = max(luma.shape)

@@ -1,4 +1,4 @@
-"""Draw hatching: short parallel lines, which turn with the forms of a picture."""
+"""Draw hatching: short parallel lines that turn to follow the forms in a picture."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Make ink strokes along given curves, in a named colour."""
+"""Make ink strokes along given curves, in a given colour."""
 
 import numpy as np
 import torch
@@ -17,7 +17,7 @@ def rgb_of(color: str) -> Array:
 
 
 def strokes_of(curve: Array, width: Array, seen: Array, color: Array, n: int) -> Strokes:
-    """Make n strokes along curves, in one colour or one each; add invisible strokes if there are too few curves."""
+    """Make n strokes along curves, in one colour or one per curve; too few curves are padded with invisible strokes."""
     lacking, color = n - len(curve), np.broadcast_to(color, (len(curve), 3))
     curve, width, seen, color = (
         np.concatenate([part, np.full((lacking, *part.shape[1:]), fill, part.dtype)])

@@ -1,4 +1,4 @@
-"""Place marks end to end in parallel rows, which follow forms, and meander where there are none."""
+"""Place marks end to end in parallel rows that follow forms and meander where there are none."""
 
 import heapq
 import math
@@ -134,7 +134,7 @@ class Rows:
     """Rows of marks in a picture (3, H, W), ``distance`` pixels apart, along a flow (H, W) in radians.
 
     Marks deviate from the flow by ``loose`` (H, W), a standard deviation in radians. ``length`` is the length of a mark
-    in row distances; a mark ends where the picture differs from the mark's colour by more than ``edges``.
+    relative to ``distance``; a mark ends where the picture differs from the mark's colour by more than ``edges``.
     """
 
     def __init__(
@@ -184,7 +184,7 @@ class Rows:
         return np.array([*before[::-1], seed, *after])
 
     def _trace(self, seed: Array, way: int, turns: Array) -> list[Array]:
-        """Follow the flow with a turn at each step, until the picture's colour changes or another mark is near."""
+        """Follow the flow, rotated by an angle per step, until the picture's colour changes or another mark is near."""
         point, going, points = seed, way * self.ahead[_pixel(seed)], []
         color = self._color(seed)
         for c, s in zip(np.cos(turns), np.sin(turns), strict=True):
@@ -199,7 +199,7 @@ class Rows:
         return points
 
     def _take(self, mark: Array, reach: float) -> None:
-        """Mark as taken all pixels closer than ``reach`` to the points of a mark (k, 2)."""
+        """Reserve all pixels closer than ``reach`` to the points of a mark (k, 2)."""
         (left, top), (right, bottom) = (mark.min(0) - reach).clip(0).astype(int), (mark.max(0) + reach + 1).astype(int)
         box = self.taken[top:bottom, left:right]
         y, x = (np.arange(side) + 0.5 for side in box.shape)

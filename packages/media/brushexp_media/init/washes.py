@@ -55,7 +55,7 @@ def fill_shape(mask: Array, n: int, broadest: float, random: np.random.Generator
 
 
 def _cover(bare: Array, curve: Array, half: float) -> None:
-    """Remove from a map (H, W) of the bare area what a stroke along a curve (3, 2) covers; its ends are thinner."""
+    """Clear the pixels of a mask (H, W) that a stroke along a curve (3, 2) covers; the stroke's ends are thinner."""
     points = points_of(curve[None])[:, 0]
     reach = np.maximum(OVERLAP * half * (1 - THINNER * (2 * TIMES - 1) ** 2), SMALLEST_REACH)
     (left, top), (right, bottom) = (points.min(0) - half).clip(0).astype(int), (points.max(0) + half + 1).astype(int)
@@ -66,7 +66,7 @@ def _cover(bare: Array, curve: Array, half: float) -> None:
 
 
 def between_tones(dark: Array, tone: float) -> float:
-    """Move a tone, 0 to 1, to the rarest tone nearby in a map (H, W), so that no shape is cut in two."""
+    """Move a tone, 0 to 1, to a nearby tone that is rare in a map (H, W), so that no shape is cut in two."""
     from scipy.ndimage import gaussian_filter1d  # noqa: PLC0415  (slow to import)
 
     count, ends = np.histogram(dark, 100, (0, 1))

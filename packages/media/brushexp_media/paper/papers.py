@@ -82,7 +82,7 @@ class GrainedPaper(Paper):
 
     @abstractmethod
     def surface(self, x: Tensor, y: Tensor) -> Tensor:
-        """Compute heights (float32), with mean about 0 and standard deviation about 1, at positions in grains."""
+        """Compute heights (float32) of mean about 0 and standard deviation about 1, at positions measured in grains."""
 
     def margin(self, size: tuple[int, int]) -> int:
         around = (self.rims, self.clean, self.wander, self.lost, self.charged, self.accents, self.halftones, self.drag)
@@ -153,7 +153,7 @@ class GrainedPaper(Paper):
         return ground + torch.lerp(covered, torch.ones_like(covered), LEFT * self.dust) * (flat - ground)
 
     def _within(self, rows: Rows) -> Tensor:
-        """Compute each pixel's distance (h, W), in longer sides, from a border that wavers as if drawn by hand."""
+        """Compute each pixel's distance (h, W), per longer side, from a border that wavers as if drawn by hand."""
         x, y = rows.places
         height, width = (side / max(rows.size) for side in rows.size)
         reach = torch.minimum(torch.minimum(x, width - x), torch.minimum(y, height - y)).float()

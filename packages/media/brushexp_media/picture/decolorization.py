@@ -17,19 +17,19 @@ SEED = 0  # seed of the random pairs, so that equal pictures have equal weights
 
 
 def decolorize(picture: Array, weights: Array) -> Array:
-    """Compute the sum (H, W) of a picture's channels (3, H, W), multiplied by their weights (3,)."""
+    """Compute the sum (H, W) of a picture's channels (3, H, W), weighted by ``weights`` (3,)."""
     grey: Array = np.tensordot(weights, picture.astype(np.float64), 1)
     return grey
 
 
 def contrast_weights(picture: Array) -> Array:
-    """Find the weights (3,) of red, green and blue with which grey keeps most of the contrast between colours.
+    """Find the weights (3,) of red, green and blue that preserve most of the contrast between colours in grey.
 
     Weights are at least 0 and add up to 1. Red parrots become lighter or darker than green leaves of the same luma.
 
     Source: Lu, Xu and Jia, "Real-time contrast preserving decolorization" (2012): from a grid, they choose the weights
-    whose differences in grey are most likely to equal the differences in CIELAB, with either sign. Unlike in the
-    source, weights far from those of luma are less likely, so that pictures whose colours differ in luma keep it.
+    for which differences in grey are most likely to equal the differences in CIELAB, with either sign. Unlike in the
+    source, weights far from those of luma are less likely, so that grey stays close to luma if colours differ in luma.
     """
     random, (height, width) = np.random.default_rng(SEED), picture.shape[1:]
     y, x = random.integers(height, size=2 * PAIRS), random.integers(width, size=2 * PAIRS)

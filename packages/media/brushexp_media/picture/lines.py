@@ -18,7 +18,7 @@ LUMA = (0.299, 0.587, 0.114)
 
 
 def edge_lines(picture: Array, scale: float = 1.0, least: float = THRESHOLD) -> Array:
-    """Compute the strength (H, W), 0 to 1, with which a line passes through each pixel of a picture (3, H, W).
+    """Compute the strength (H, W), 0 to 1, of the line through each pixel of a picture (3, H, W).
 
     Lines follow the dark side of edges whose difference is at least ``least``, and are ``scale`` times as thick as a
     pen line. Source: Winnemöller et al., "XDoG: An extended difference-of-Gaussians compendium" (2012). Unlike in the
@@ -61,10 +61,10 @@ def anisotropy_of(tensor: Array) -> Array:
 
 
 def follow_flow(places: Array, flow: Array, reach: Array, field: Array, least: Array | float) -> Array:
-    """Follow a flow, in radians, both ways from points (n, 2), as far as ``reach`` (n,) and a field (H, W) allow.
+    """Follow a flow, in radians, in both directions from points (n, 2), over at most ``reach`` (n,) pixels.
 
-    The curves (n, 3, 2) end where the field falls to ``least``, or earlier where the path bends more than a quadratic
-    curve can. A flow of shape (1, 1) is constant.
+    The curves (n, 3, 2) end where the field (H, W) falls to ``least``, or earlier where the path bends more than a
+    quadratic curve can. A flow of shape (1, 1) is constant.
     """
     (back, before), (ahead, after) = (_walk(places, flow, sign * reach, field, least) for sign in (-1.0, 1.0))
     way, number = np.concatenate([back[:0:-1], ahead]), np.arange(len(places))

@@ -62,13 +62,16 @@ def map_to_uniform(values: Tensor) -> Tensor:
 def draw_out(noise: Tensor, angle: Tensor, reach: float) -> Tensor:
     """Average noise (H, W) along lines at an ``angle`` (H, W) in radians, over ``reach`` pixels to either side.
 
-    The result is rescaled so that its standard deviation is about that of the noise.
+    The result is rescaled to about the same standard deviation as the noise.
     """
     return EVENED * average_along(noise[None], angle, reach)[0]
 
 
 def noise_of(size: tuple[int, ...], cell: float, random: np.random.Generator) -> np.ndarray:
-    """Compute noise (H, W) of mean 0 and standard deviation about 1, with cells of side ``cell``, in longer sides."""
+    """Compute noise (H, W) of mean 0 and standard deviation about 1.
+
+    ``cell`` is the side of the noise's cells, as a fraction of the longer side.
+    """
     y, x = (torch.arange(side, dtype=torch.float64) / (cell * max(size)) for side in size)
     noise = fractal_noise(x.expand(len(y), -1), y[:, None].expand(-1, len(x)), int(random.integers(2**31)), 2)
     return noise.double().numpy()

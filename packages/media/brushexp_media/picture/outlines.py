@@ -20,7 +20,7 @@ def find_outlines(
     """Find the outlines in a picture (H, W); return the points (k, 2: x, y) and strengths (k,), 0 to 1, of each.
 
     Pixels are in [0, 1]; ``sigma`` is the scale of the edges in pixels. Strengths are multiplied by ``clear`` (H, W), a
-    map from 0 to 1 of how clear edges are.
+    map of the clarity of edges, 0 to 1.
 
     Source: zero crossings of a difference of Gaussians (Marr and Hildreth, 1980), thresholded with hysteresis (Canny,
     1986): an outline ends where its strength falls below ``lowest``, and is kept if it exceeds ``highest`` somewhere.

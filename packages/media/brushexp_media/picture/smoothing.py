@@ -95,9 +95,9 @@ def with_clean_edges(picture: Tensor, sigma: float, reach: float) -> Tensor:
     The directions and sides of edges are determined at the scale of ``sigma`` pixels; smaller forms become rounded.
     Where edges have no common direction, as in foliage and eyes, the picture is unchanged.
 
-    Source: coherence-enhancing filtering (Kyprianidis and Kang, 2011). Unlike in the source, there is a single round,
-    along straight lines, weighted by coherence. Directions and sides are treated as constant, so that gradients flow
-    only through colours.
+    Source: coherence-enhancing filtering (Kyprianidis and Kang, 2011). Unlike in the source, there is a single
+    iteration, along straight lines, weighted by coherence. Directions and sides are treated as constant, so that
+    gradients flow only through colours.
     """
     even = average_along(picture, direction_of_edges(picture, sigma), reach)
     sharp = sharpen_edges(even, sigma, max(1, round(sigma)))

@@ -51,7 +51,7 @@ def predict(
 
 
 def with_best_colors(network: StrokePredictor, strokes: Strokes, target: Tensor, rounds: int) -> Strokes:
-    """Replace the strokes' colours by those that best match a target (3, H, W) with the network's renderer."""
+    """Replace the strokes' colours with those that, drawn by the network's renderer, best match a target (3, H, W)."""
     size, background = (target.shape[1], target.shape[2]), target.mean((1, 2))
     return best_colors(strokes, target, lambda drawn: draw(network.form, drawn, size, background), rounds)
 
@@ -59,7 +59,7 @@ def with_best_colors(network: StrokePredictor, strokes: Strokes, target: Tensor,
 def paint_samples(
     network: StrokePredictor, target: Tensor, n: int, count: int, seed: int = 0, temperature: float = TEMPERATURE
 ) -> Iterator[Sample]:
-    """Paint a target (3, H, W) ``count`` times with ``n`` strokes each and different random numbers."""
+    """Paint a target (3, H, W) ``count`` times, each time with ``n`` strokes and different random numbers."""
     for number in range(count):
         generator = torch.Generator().manual_seed(1_000_003 * seed + number)
         *_, strokes = predict(network, target, n, generator, temperature)

@@ -21,7 +21,7 @@ Look = Callable[[Tensor, Tensor], CellPredictions]  # a function like `StrokePre
 
 
 class Level(NamedTuple):
-    """A lattice of cells, some of which get a stroke."""
+    """A lattice of cells, some of which receive a stroke."""
 
     rows: int
     columns: int

@@ -83,7 +83,7 @@ def _compare(reports: Sequence[Report], by: str) -> list[dict[str, Any]]:
 
 
 def leave_one_out(reports: Sequence[Report]) -> list[Report]:
-    """Scale the intervals for each picture's paintings by scalings fitted to the paintings of all other pictures."""
+    """Scale the intervals for each picture's paintings with scalings fitted to the paintings of all other pictures."""
     apart = []
     for picture in range(min(len(PICTURES), len(reports))):
         own = reports[picture :: len(PICTURES)]
@@ -93,7 +93,7 @@ def leave_one_out(reports: Sequence[Report]) -> list[Report]:
 
 
 def restart(target: Tensor, n: int, seconds: float, seed: int = 0, steps: int = RESTART_STEPS) -> Iterator[Sample]:
-    """Paint a target (3, H, W) several times by gradient descent, until a number of CPU ``seconds`` are used.
+    """Paint a target (3, H, W) repeatedly by gradient descent, until ``seconds`` of CPU time have been used.
 
     Each painting takes ``steps`` from ``init=layers``, with a new seed. Only the time for placing strokes and for the
     steps is counted, not Lightning's start-up.

@@ -130,7 +130,7 @@ def fit(report: Report) -> Scalings:
 
 
 def scale_intervals(report: Report, scalings: Scalings) -> Report:
-    """Replace the intervals derived from samples by scaled intervals."""
+    """Replace the intervals derived from samples with scaled intervals."""
     return {key: report[key]._replace(doubt=scalings[key](report[key].doubt, kind)) for key, kind in KINDS.items()}
 
 

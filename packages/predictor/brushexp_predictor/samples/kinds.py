@@ -36,11 +36,11 @@ class Kind:
         return np.log(np.maximum(values, SMALLEST_SIZE)) if self.is_factor else values
 
     def outer(self, values: Array, pitch: float) -> Array:
-        """Convert values from the scale of errors back to their unit."""
+        """Convert values from the scale of `inner` back to their unit."""
         return (np.exp(values) if self.is_factor else values) * pitch**self.power
 
     def clamp(self, values: Array) -> Array:
-        """Clamp values, on the scale of errors, to their possible range."""
+        """Clamp values on the scale of `inner` to their possible range."""
         return values if self.is_factor or self.axial else np.clip(values, 0, self.high)
 
 
@@ -75,10 +75,10 @@ def measure_each(strokes: Strokes) -> dict[str, Array]:
 
 
 def measure_painting(strokes: Strokes, size: tuple[int, int]) -> dict[str, float]:
-    """Compute the measures in `PAINTING_KINDS` of a painting (H, W) from its strokes, ordered bottom to top.
+    """Compute the measures in `PAINTING_KINDS` for a painting (H, W) from its strokes, ordered bottom to top.
 
     Strokes are included if a fraction of at least `SHOWN` is visible. The spread of colours is the root mean square
-    distance between a stroke's colour and the mean in CIELAB. Measures are NaN if no stroke is included.
+    distance in CIELAB between a stroke's colour and the mean colour. Measures are NaN if no stroke is included.
     """
     from skimage.color import rgb2lab  # noqa: PLC0415  (slow to import)
 

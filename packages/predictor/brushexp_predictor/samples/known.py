@@ -62,7 +62,7 @@ def known_painting(seed: int, number: int, side: int) -> Known:
 
 
 def part_of(name: str, side: int, random: Random) -> Tensor:
-    """Crop a random part of a picture, turn it by 0 to 3 right angles, and resample it to ``side`` pixels at most."""
+    """Crop a random part of a picture, rotate it by 0 to 3 right angles, and resample it to at most ``side`` pixels."""
     whole = load_picture(name, None)
     cut = [max(1, int(extent * random.uniform(0.5, 1))) for extent in whole.shape[1:]]
     top, left = (int(random.integers(extent - part + 1)) for extent, part in zip(whole.shape[1:], cut, strict=True))

@@ -32,7 +32,7 @@ log = logging.getLogger(__name__)
 
 
 class Interval(NamedTuple):
-    """A measure and its interval, as numbers or arrays; NaN = unknown; the ends for directions may exceed [0, 180)."""
+    """A measure and its interval, as numbers or arrays; NaN = unknown; a direction's ends may be outside [0, 180)."""
 
     value: Any
     low: Any

@@ -40,7 +40,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def data_of(brushwork: SampledBrushwork, image: str) -> dict[str, object]:
-    """Return the measures as data for JSON."""
+    """Return the measures as data that can be written as JSON."""
     return {
         "image": image,
         "samples": len(brushwork.samples),

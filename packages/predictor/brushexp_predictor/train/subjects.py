@@ -33,7 +33,7 @@ log = logging.getLogger(__name__)
 
 
 def load_subjects(names: Sequence[str] | None) -> dict[str, Tensor]:
-    """Load pictures (3, H, W) from files and folders or, for None, the pictures in scikit-image and scikit-learn."""
+    """Load pictures (3, H, W) from files and folders or, for None, those shipped with scikit-image and scikit-learn."""
     if names is None:
         return {Path(name).stem: load_picture(name, None) for name in (*SAMPLES, *_photographs())}
     if not names:
@@ -130,7 +130,7 @@ def apply_light(picture: Tensor, random: Random) -> Tensor:
 
 
 def grain(picture: Tensor, random: Random) -> Tensor:
-    """Add noise like that in photographs to half of the pictures."""
+    """Add photographic noise to half of the pictures."""
     if random.random() < 0.5:
         channels = 1 if random.random() < 0.5 else 3
         noise = random.normal(0, random.uniform(0.005, 0.06), (channels, *picture.shape[1:]))

@@ -19,7 +19,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 class PredictorJob(NetworkJob):
-    """Train a network on pictures generated during training."""
+    """A job that trains a network on pictures generated during training."""
 
     module: PredictorModule
     data: PredictorData

@@ -89,7 +89,7 @@ class PredictorData(L.LightningDataModule):
 
 
 class PredictorModule(NetworkModule):
-    """Trains the network so that paintings made of its strokes match the pictures.
+    """Lightning module that trains the network so that paintings made of its strokes match the pictures.
 
     After a fraction `VARIED` of the training, every other step paints a sample: the output numbers vary by the
     predicted deviations, and large deviations are rewarded (the bound of Kingma and Welling, 2014, with an error that

@@ -61,7 +61,7 @@ def by_method(rows: Iterable[Row]) -> dict[str, list[Row]]:
 
 
 def clean_rows(rows: Iterable[Row]) -> list[Row]:
-    """Keep the rows of clean paintings, without degraded photographs."""
+    """Keep only the rows of clean paintings, not those of degraded photographs."""
     return [row for row in rows if row["look"] == "clean"]
 
 

@@ -62,13 +62,13 @@ class ScenePainting:
 
 
 def list_scenes(kinds: Sequence[str], counts: Sequence[int], repeats: int) -> list[Scene]:
-    """List ``repeats`` scenes for each kind and density, but omit densities that would take the simulator too long."""
+    """List ``repeats`` scenes for each kind and density, except densities that would take the simulator too long."""
     pairs = [(kind, count) for kind in kinds for count in counts if kind != "fluid" or count <= MOST_FLUID]
     return [Scene(kind, count, number) for kind, count in pairs for number in range(repeats)]
 
 
 def paint_scene(scene: Scene, side: int, seed: int = SEED) -> ScenePainting:
-    """Paint a scene of ``side`` x ``side`` pixels that depends only on the scene, the side and the seed."""
+    """Paint a scene in ``side`` x ``side`` pixels; the result depends only on the arguments."""
     random = np.random.default_rng([seed, _number_of(scene.kind), scene.count, scene.number])
     subject = make_subject(side, random)
     if scene.kind in find_families():

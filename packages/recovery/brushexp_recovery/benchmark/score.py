@@ -66,9 +66,9 @@ def recall_by_share(truth: Truth, matches: Matches) -> dict[str, float]:
 
 
 def parts_of(a: Array, b: Array, chosen: Array) -> float:
-    """Compute how many regions of ``b`` a chosen region of ``a`` is split into, as the median over chosen regions.
+    """Compute the median number of regions of ``b`` into which the chosen regions of ``a`` are split.
 
-    The number is 1 / (sum of the parts' squared fractions), so small parts contribute little.
+    A region's number is 1 / (sum of its parts' squared fractions), so small parts contribute little.
     """
     inside = a >= 0
     most = int(b.max(initial=-1)) + 2

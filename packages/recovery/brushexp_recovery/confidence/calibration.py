@@ -23,9 +23,9 @@ def calibration_of(confidence: Array, hit: Array) -> dict[str, Any]:
     """Compare confidences (N,) in [0, 1] with the correctness (N,) of the strokes.
 
     Returns:
-        ``auc``, the probability that a correct stroke has higher confidence than an incorrect one (NaN without correct
-        or without incorrect strokes); ``ece``, the expected calibration error; ``reliability``, a `ReliabilityBin` for
-        each bin that contains strokes.
+        ``auc``, the probability that a correct stroke has higher confidence than an incorrect one (NaN if there are no
+        correct or no incorrect strokes); ``ece``, the expected calibration error; ``reliability``, a `ReliabilityBin`
+        for each bin that contains strokes.
     """
     place = np.minimum((confidence * BINS).astype(int), BINS - 1)
     reliability = [

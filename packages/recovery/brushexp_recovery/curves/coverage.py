@@ -33,7 +33,7 @@ NO_COVER = Cover(Box(0, 0, 0, 0), np.empty((0, 0)))
 
 
 def cover_strokes(curve: Array, width: Array, size: tuple[int, int]) -> list[Cover]:
-    """Compute the coverage of each of N strokes alone on a canvas (H, W); strokes off the canvas have `NO_COVER`."""
+    """Compute each stroke's coverage as if it were alone on a canvas (H, W); strokes off the canvas have `NO_COVER`."""
     height, canvas_width = size
     covers: list[Cover] = []
     for points, half in zip(points_on(curve, PIECES + 1), 0.5 * width, strict=True):

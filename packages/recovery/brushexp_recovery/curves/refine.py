@@ -67,10 +67,11 @@ def _lies_in(places: Array, box: Box, size: tuple[int, ...]) -> Array:
 
 
 def _fit_to_regions(curve: Array, width: Array, labels: Array, steps: int) -> tuple[Array, Array]:
-    """Fit curves (N, 3, 2) and widths (N,), bottom to top, to regions; pixels labelled `EMPTY` or `UNKNOWN` have none.
+    """Fit curves (N, 3, 2) and widths (N,), bottom to top, to labelled regions (H, W).
 
-    The loss is the squared difference between a stroke's visible part and its region, over pixels and strokes. To
-    estimate it without bias, strokes are rendered in random binary colours that are sampled anew at every step.
+    Pixels labelled `EMPTY` or `UNKNOWN` belong to no region. The loss is the squared difference between a stroke's
+    visible part and its region, over pixels and strokes. To estimate it without bias, strokes are rendered in random
+    binary colours that are resampled at every step.
     """
     generator, count = torch.Generator().manual_seed(0), len(curve)
     start_curve, start_width = (torch.as_tensor(value, dtype=torch.float32) for value in (curve, width))

@@ -21,9 +21,9 @@ Array = NDArray[Any]
 def agreement_of(looks: Sequence[Look]) -> list[Array]:
     """Compute how well all looks agree on the regions (N,) chosen by each look, from 0 to 1.
 
-    A look's agreement with a region is the maximum, over the look's nodes, of the intersection over union between node
-    and region, times the node's worth. The best node need not be one that the look has chosen. Regions are compared on
-    the pixel grid of the first look.
+    A look's agreement with a region is the maximum, over the look's nodes, of the node's ``worth`` times the
+    intersection over union between node and region. The best node need not be one that the look has chosen. Regions
+    are compared on the pixel grid of the first look.
     """
     size = looks[0].superpixels.shape
     pixels = [look.pixels_for(size) for look in looks]
@@ -46,7 +46,7 @@ def _best_node(look: Look, superpixels: Array, regions: Array, count: int) -> Ar
 
 
 def find_candidates(looks: Sequence[Look], tile: Tile) -> list[Candidate]:
-    """From the regions found by several looks at a tile, select candidates whose centres are in the tile's core."""
+    """Select candidates centred in the core of a tile from the regions that several looks found in the tile."""
     candidates: list[Candidate] = []
     for look, chance in zip(looks, agreement_of(looks), strict=True):
         candidates += _candidates_of(look, chance, tile)

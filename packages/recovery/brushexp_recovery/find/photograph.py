@@ -11,7 +11,7 @@ def size_of_photograph(path: str, key: str = "image") -> tuple[int, int]:
     """Return the height and width of a photograph; raise a UserError if it has too few or too many pixels.
 
     The upper limit is needed because the photograph is read at full size. The error does not suggest ``resolution=``,
-    which the tasks of this package do not have.
+    because the tasks of this package do not have this key.
     """
     height, width = sides_of_picture(path, key)
     if height * width > MOST_PIXELS:

@@ -23,8 +23,8 @@ def width_on_plain_ground(image: Array) -> float | None:
 
     The ground is the most frequent colour. A stroke's width is twice the distance between its centre line (a skeleton)
     and the ground; points on the centre lines are weighted by their width. Returns None if the ground covers less than
-    60 % of the picture, or all of it, or if the strokes are too thin or too few. Where strokes overlap, the width is
-    that of the overlapping shape.
+    60 % of the picture, or all of it, or if the strokes are too thin or too few. Overlapping strokes are measured as a
+    single shape.
     """
     from scipy.ndimage import distance_transform_edt, gaussian_filter  # noqa: PLC0415  (slow to import)
     from skimage.color import rgb2lab  # noqa: PLC0415

@@ -108,7 +108,7 @@ def find_regions(
 
 
 def _move_to_picture(candidate: Candidate, tile: Tile, width: int, worth: float) -> Candidate:
-    """Map a candidate from a tile to a picture ``width`` pixels wide, and multiply its chance by ``worth``."""
+    """Map a candidate from a tile to a picture ``width`` pixels wide, and multiply its probability by ``worth``."""
     y, x = np.divmod(candidate.pixels, tile.box.size[1])
     pixels = (y + tile.box.top) * width + x + tile.box.left
     return replace(candidate, pixels=pixels, chance=worth * candidate.chance)

@@ -112,7 +112,7 @@ def merge(
 
 @function
 def _link_pairs(ends, count):
-    """Build a linked list of each region's pairs (P, 2), and return the first pair of each and all successors."""
+    """Build a linked list of each region's pairs (P, 2); return each list's first pair, and all successors."""
     first, after = np.full(count, -1), np.full(ends.shape, -1)
     for pair in range(len(ends)):
         for side in range(2):

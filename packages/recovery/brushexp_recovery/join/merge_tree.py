@@ -21,7 +21,7 @@ NO_PERCEPTRON = PerceptronWeights(
 
 @dataclass(frozen=True)
 class MergeTree:
-    """A tree of S superpixels, which are nodes 0 to S - 1, and M merges of two nodes, which are nodes S to S + M - 1.
+    """A tree whose nodes 0 to S - 1 are superpixels, and whose nodes S to S + M - 1 each merge two earlier nodes.
 
     Arrays over nodes have S + M rows.
     """
@@ -42,7 +42,7 @@ class MergeTree:
 def grow_tree(
     superpixels: Superpixels, perceptron: PerceptronWeights | None, least_chance: float = LEAST_CHANCE
 ) -> MergeTree:
-    """Repeatedly merge the pair most likely to be one stroke until no pair's probability exceeds ``least_chance``.
+    """Repeatedly merge the pair of regions most likely to be one stroke, until no probability exceeds ``least_chance``.
 
     Without a perceptron, a pair's mean affinity serves as its probability.
     """

@@ -1,4 +1,4 @@
-"""Compute features of merge-tree nodes, from which a perceptron predicts whether each node is a stroke."""
+"""Compute the features of merge-tree nodes that a perceptron uses to predict whether each node is a stroke."""
 
 from typing import Any
 
@@ -22,7 +22,7 @@ PRIOR_PAIRS_OUTSIDE = 0.5
 
 
 def node_features(tree: MergeTree) -> Array:
-    """Compute the features (nodes, len(NodeFeature)) of the nodes of a tree, as finite float32 values."""
+    """Compute the features (nodes, len(NodeFeature)) of a tree's nodes as finite float32 values."""
     table = np.empty((len(tree.moments), len(NodeFeature)))
     shapes = shapes_of(tree.moments)
     _write_merges(tree, table)
@@ -32,7 +32,7 @@ def node_features(tree: MergeTree) -> Array:
 
 
 def _write_merges(tree: MergeTree, table: Array) -> None:
-    """Write to ``table`` each node's affinities, inside and to other regions, and the probabilities of its merges."""
+    """Write each node's merge probabilities, and its affinities internally and to other regions, to ``table``."""
     prior = PRIOR_PAIRS_INSIDE
     table[:, INSIDE] = (tree.within[:, SUMS] + 0.5 * prior) / (tree.within[:, PAIRS] + prior)
     prior = PRIOR_PAIRS_OUTSIDE
@@ -48,7 +48,7 @@ def _write_merges(tree: MergeTree, table: Array) -> None:
 
 
 def _write_region(shapes: RegionShapes, table: Array) -> None:
-    """Write to ``table`` the variation of colour, predicted stroke centre and predicted direction in each region."""
+    """Write each region's variation in colour, predicted stroke centre and predicted direction to ``table``."""
     mean = shapes.mean
     wide, long = np.exp(mean[:, Moment.LOG_WIDTH]), np.exp(mean[:, Moment.LOG_LENGTH])
     gap = np.linalg.norm(mean[:, PREDICTED_CENTRE] - mean[:, MIDDLE], axis=1)
@@ -63,7 +63,7 @@ def _write_region(shapes: RegionShapes, table: Array) -> None:
 
 
 def _write_size(shapes: RegionShapes, area: Array, table: Array) -> None:
-    """Write to ``table`` the size of each region, relative to the predicted size of its stroke."""
+    """Write the size of each region, relative to the predicted size of its stroke, to ``table``."""
     mean = shapes.mean
     log_width, log_length = mean[:, Moment.LOG_WIDTH], mean[:, Moment.LOG_LENGTH]
     wide, long = np.exp(log_width), np.exp(log_length)

@@ -13,9 +13,9 @@ Array = NDArray[Any]
 
 
 def node_overlaps(tree: MergeTree, superpixels: Array, regions: Array, count: int) -> Array:
-    """Compute the intersection over union (nodes, ``count``) float32 between nodes and ``count`` regions (H, W).
+    """Compute the intersection over union (nodes, ``count``), float32, of each node with each of ``count`` regions.
 
-    ``superpixels`` (H, W) holds the leaf of the tree at each pixel.
+    ``superpixels`` (H, W) holds the leaf of the tree at each pixel, and ``regions`` (H, W) the number of the region.
     """
     table = np.zeros((len(tree.moments), count + 1), np.float32)
     _write_overlaps(superpixels, regions, tree.children, table)

@@ -1,4 +1,4 @@
-"""Compute features of two neighbouring regions, from which a perceptron predicts whether they are one stroke."""
+"""Compute the features of two neighbouring regions that a perceptron uses to predict whether they are one stroke."""
 # mypy: allow-untyped-defs
 
 from typing import Any
@@ -22,9 +22,10 @@ SCRATCH_ROWS = 4
 
 
 def pair_features(moments: Array, pairs: Array, between: Array) -> Array:
-    """Compute the features (P, len(PairFeature)) float32 of pairs (P, 2) of regions with moments (N, len(Moment)).
+    """Compute the float32 features (P, len(PairFeature)) of pairs (P, 2) of the N regions with the given moments.
 
-    ``between`` (P, len(AffinityColumn)) holds the affinities between the two regions of each pair.
+    ``moments`` (N, len(Moment)) holds the summed moments of each region, and ``between`` (P, len(AffinityColumn)) the
+    affinities between the two regions of each pair.
     """
     table = np.empty((len(pairs), len(PairFeature)), np.float32)
     _write_all(moments, pairs, between, table)
@@ -69,7 +70,7 @@ def write_pair_features(one, other, between, scratch, row):
 
 @inline
 def _write_affinities(between, smaller_area, row):
-    """Write to ``row`` the affinities between the pixels of the two regions."""
+    """Write the affinities between the pixels of the two regions to ``row``."""
     total, pairs = 0.0, 0.0
     for k in range(DISTANCE_GROUPS):
         affinity, number = between[AffinityColumn.SUM_ADJACENT + k], between[AffinityColumn.PAIRS_ADJACENT + k]
@@ -83,7 +84,7 @@ def _write_affinities(between, smaller_area, row):
 
 @inline
 def _write_colors(small, large, row):
-    """Write to ``row`` the regions' colour difference in CIELAB, and the colour variation and paint share of each."""
+    """Write the regions' colour difference in CIELAB, and the colour variation and paint share of each, to ``row``."""
     lightness = abs(small[Moment.LIGHTNESS] - large[Moment.LIGHTNESS])
     a, b = abs(small[Moment.A] - large[Moment.A]), abs(small[Moment.B] - large[Moment.B])
     row[PairFeature.LIGHTNESS_GAP] = lightness
@@ -109,7 +110,7 @@ def _color_spread(one):
 
 @inline
 def _write_centres(small, large, both, row):
-    """Write to ``row`` the distances between the regions and between the predicted centres of their strokes."""
+    """Write the distances between the regions, and between the predicted centres of their strokes, to ``row``."""
     wide = np.exp(both[Moment.LOG_WIDTH])
     gap = np.hypot(small[Moment.CENTRE_X] - large[Moment.CENTRE_X], small[Moment.CENTRE_Y] - large[Moment.CENTRE_Y])
     distance = np.hypot(small[Moment.X] - large[Moment.X], small[Moment.Y] - large[Moment.Y])
@@ -122,7 +123,7 @@ def _write_centres(small, large, both, row):
 
 @inline
 def _write_directions(small, large, both, row):
-    """Write to ``row`` measures of the agreement between the predicted stroke directions in the regions."""
+    """Write measures of the agreement between the regions' predicted stroke directions to ``row``."""
     coherence_small = np.hypot(small[Moment.COSINE], small[Moment.SINE]) + 1e-3
     coherence_large = np.hypot(large[Moment.COSINE], large[Moment.SINE]) + 1e-3
     product = small[Moment.COSINE] * large[Moment.COSINE] + small[Moment.SINE] * large[Moment.SINE]
@@ -134,7 +135,7 @@ def _write_directions(small, large, both, row):
 
 @inline
 def _write_sizes(small, large, both, area, larger_area, row):
-    """Write to ``row`` the sizes of the regions and of their union, relative to the predicted size of their stroke."""
+    """Write the sizes of the regions and their union, relative to the predicted size of their stroke, to ``row``."""
     wide, long = np.exp(both[Moment.LOG_WIDTH]), np.exp(both[Moment.LOG_LENGTH])
     fill = np.log(area / (wide * long))
     row[PairFeature.LOG_PREDICTED_WIDTH] = both[Moment.LOG_WIDTH]

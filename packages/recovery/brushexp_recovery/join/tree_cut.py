@@ -16,7 +16,7 @@ def best_cut(tree: MergeTree, value: Array) -> Array:
     Only nodes with a positive value are chosen; superpixels outside all chosen nodes stay empty.
 
     Returns:
-        The chosen node of each superpixel (S,), or -1.
+        The chosen node of each superpixel (S,), or -1 if there is none.
     """
     count = tree.leaves
     best, taken = np.maximum(value, 0), value > 0

@@ -66,7 +66,7 @@ def correct(recovered: Recovered, marks: Marks, image: Array) -> Recovered:
 
 
 def is_corrected(recovered: Recovered, deleted: Sequence[Array], hand: Sequence[Array]) -> Array:
-    """Mark the recovered strokes (N,) that a person has deleted or replaced, given regions as flat indices."""
+    """Check which recovered strokes (N,) a person has deleted or replaced; regions are given as flat indices."""
     found = [pixels.astype(np.int64) for pixels in group_pixels(recovered.labels, len(recovered.confidence))]
     overlaps = overlaps_of_pixels(deleted, found, recovered.labels.size)
     gone = np.zeros(len(found), bool)

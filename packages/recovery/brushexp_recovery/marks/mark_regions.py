@@ -49,7 +49,7 @@ def _pixels_in(outlines: Sequence[Array], size: tuple[int, int]) -> Array:
 
 
 def overlaps_of_pixels(first: Sequence[Array], second: Sequence[Array], pixels: int) -> Overlaps:
-    """Find the pairs of regions, one from each list, that overlap on a canvas of ``pixels`` pixels, and how much.
+    """Find the pairs of overlapping regions, one from each list, on a canvas of ``pixels`` pixels, with their IoU.
 
     Unlike in `overlaps_between`, which compares label images, regions in the same list may overlap. Regions are given
     as flat indices.

@@ -1,6 +1,6 @@
 """Measure how well strokes agree with marks drawn by people: recall, precision and F1, with confidence intervals.
 
-A mark and a stroke match if the intersection over union of their regions is large enough; each has at most one partner,
+A mark and a stroke match if the intersection over union of their regions is large enough. Each has at most one partner,
 and the best pairs are matched first. People seldom mark every stroke of a picture, so an unmatched stroke is an error
 only if it is mostly in the area that the file declares complete, or mostly covered by marks. If the strokes are the
 marks of a second person, all unmatched strokes are errors.
@@ -130,7 +130,7 @@ def figures_of(counts: Counts, end: str, seed: int) -> dict[str, float]:
 
 
 def _rates(counts: Array) -> Array:
-    """Compute recall, precision and F1 (3, D) from D counts (D, 3) of found, missed and extra; NaN where undefined."""
+    """Compute recall, precision and F1 (3, D), NaN where undefined, from numbers (D, 3) of found, missed and extra."""
     found, missed, extra = counts.T.astype(float)
     with np.errstate(invalid="ignore"):
         return np.stack([found / (found + missed), found / (found + extra), 2 * found / (2 * found + missed + extra)])

@@ -1,4 +1,4 @@
-"""Read JSON files of marks: strokes drawn by a person over a picture, and recovered strokes left as they were."""
+"""Read JSON files of marks: strokes drawn over a picture by a person, and recovered strokes left unchanged."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -100,7 +100,7 @@ def _mark_from(values: Any, place: str) -> Mark:
 
 
 def _places_from(values: Any, what: str, least: int) -> Array:
-    """Convert JSON values to points (P, 2), of which there must be at least ``least``."""
+    """Convert JSON values to points (P, 2); there must be at least ``least`` of them."""
     places = _numbers_from(values, what)
     if places.ndim != 2 or places.shape[1] != 2 or len(places) < least:
         raise UserError(f"{what} must be at least {least} pairs [x, y]")

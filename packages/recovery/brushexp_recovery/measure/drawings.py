@@ -49,7 +49,7 @@ def draw_histogram(axes: Any, strokes: StrokeTable, name: str) -> None:
 
 
 def draw_rose(axes: Any, strokes: StrokeTable) -> None:
-    """Draw each direction's fraction of the total stroke length, clockwise, as the area of two opposite bars."""
+    """Draw two opposite bars per direction, clockwise; their area shows the direction's share of the stroke length."""
     weight = strokes.columns["length"] * strokes.columns["confidence"]
     share = np.sqrt(direction_shares(strokes.columns["direction"], weight))
     middle = np.arange(DIRECTION_BINS) * math.pi / DIRECTION_BINS

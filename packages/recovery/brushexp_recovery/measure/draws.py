@@ -43,7 +43,7 @@ def sight(image: Array, view: View, recover: Recover) -> Sighting:
 def draw_figures(sightings: Iterable[Sighting], areas: Mapping[str, Array], draws: int, seed: int) -> dict[str, Draws]:
     """Sample the strokes of each view ``draws`` times, and measure each sample in each area (H, W).
 
-    Returns `Draws` keyed by the area's name.
+    Returns `Draws` keyed by the names of the areas.
     """
     random = np.random.default_rng(seed)
     of_views: dict[str, list[Draws]] = {name: [] for name in areas}
@@ -57,7 +57,7 @@ def draw_figures(sightings: Iterable[Sighting], areas: Mapping[str, Array], draw
 
 
 def _draw_in(sighting: Sighting, mask: Array, draws: int, random: np.random.Generator) -> Draws:
-    """Sample the strokes of a view in an area (H, W), and return each measure of every sample (draws,)."""
+    """Sample the strokes of a view in an area (H, W), and return the values (draws,) of each measure."""
     centre, direction = ruler.centre_of(sighting.curve), ruler.direction_of(sighting.curve)
     inside = _lies_in(centre.numpy(), mask)
     strokes = measure_strokes(sighting.curve, sighting.width)
@@ -75,7 +75,7 @@ def _draw_in(sighting: Sighting, mask: Array, draws: int, random: np.random.Gene
 
 
 def _lies_in(centre: Array, mask: Array) -> Array:
-    """Mark the positions (N, 2) that are inside a mask (H, W)."""
+    """Check which of the positions (N, 2) are inside a mask (H, W)."""
     x, y = np.floor(centre).astype(int).T
     height, width = mask.shape
     on_picture = (x >= 0) & (x < width) & (y >= 0) & (y < height)

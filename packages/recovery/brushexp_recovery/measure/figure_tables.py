@@ -20,7 +20,7 @@ APART = "The first painting minus the second: a figure is apart if the interval 
 
 
 def figure_rows(figures: Figures, mm: float | None) -> list[dict[str, Any]]:
-    """List the measures of all areas, one per row, with intervals and standard deviations; ``of`` names the area."""
+    """List the measures of all areas, one per row, with the area (``of``), intervals and standard deviations."""
     return [{"of": of, **row} for of, intervals in figures.items() for row in interval_rows(intervals, mm)]
 
 

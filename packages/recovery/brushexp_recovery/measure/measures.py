@@ -62,11 +62,10 @@ QUARTILES = ("length", "width")
 def measure_strokes(curve: torch.Tensor, width: Array) -> dict[str, Array]:
     """Measure each of N strokes with curves (N, 3, 2) and widths (N,), in pixels and clockwise degrees in [0, 180).
 
-    Length is measured from tip to tip, as with a ruler on the painting: the arc length of the curve plus both round
-    ends, which add one width. Elongatedness is this length divided by the width; it is 1 for a round dab.
+    Length is measured from tip to tip, as with a ruler on the painting: it is the arc length of the curve plus both
+    round ends, which add one width. Elongatedness is this length divided by the width; it is 1 for a round dab.
 
-    Unlike in `brushexp.strokes.measures`, where length is only the arc length of the curve, the round ends are
-    included.
+    In `brushexp.strokes.measures`, by contrast, length is only the arc length of the curve, without the round ends.
     """
     arc, broad = length_of(curve), torch.from_numpy(width)
     direction = ruler.direction_of(curve)

@@ -17,8 +17,8 @@ OF_EDGES = ("chance",)
 def write_order_graph(path: Path, strokes: StrokeTable, recovered: Any) -> None:
     """Write each stroke as a node, and each pair of touching strokes as an edge from the lower to the upper one.
 
-    A node is named by the stroke's number in the catalogue. An edge carries the probability of its direction, which is
-    0.5 to 1 because edges point in the more likely direction.
+    The name of a node is the stroke's number in the catalogue. Each edge has the probability of its direction, which is
+    between 0.5 and 1 because edges point in the more likely direction.
     """
     root = ElementTree.Element("graphml", {"xmlns": NAMESPACE})
     for kind, names in (("node", OF_NODES), ("edge", OF_EDGES)):

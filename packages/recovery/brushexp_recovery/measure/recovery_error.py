@@ -40,7 +40,8 @@ class ErrorOfMeasure:
     def sample(self, at: Array) -> Array:
         """List equally probable errors (`SAMPLES`,), given standardised predictors (2,).
 
-        On either side, a new painting's error exceeds those of all P known paintings with probability 1 / (P + 1).
+        A new painting's error is above those of all P known paintings with probability 1 / (P + 1), and below them with
+        the same probability.
         """
         chances = (np.arange(SAMPLES) + 0.5) / SAMPLES
         errors: Array = self.mean + at @ self.slopes + np.quantile(self.rest, chances, method="weibull")

@@ -14,11 +14,11 @@ SIDES_APART = 0.03  # maximum relative difference of the scales from width and h
 def millimetres_per_pixel(
     size: tuple[int, int], width_cm: float | None, size_cm: str | None, prefix: str = ""
 ) -> float | None:
-    """Compute the millimetres per pixel of a photograph (H, W), or return None if no size of the painting is given.
+    """Compute the millimetres per pixel of a photograph (H, W), or return None if the painting's size is not given.
 
     ``width_cm`` is the width of the part of the painting that the photograph shows; ``size_cm`` is its width and
     height, such as 92x73. Raises UserError if both are given, or if ``size_cm`` does not have the photograph's aspect
-    ratio. In error messages, the names of keys begin with ``prefix``.
+    ratio. ``prefix`` is put before the names of keys in error messages.
     """
     if width_cm is not None and size_cm is not None:
         raise UserError(f"{prefix}width_cm and {prefix}size_cm say the same; give one of them")

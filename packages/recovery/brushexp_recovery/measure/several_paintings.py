@@ -1,8 +1,8 @@
 """Tabulate several measured paintings with their intervals, and test for differences between groups.
 
-A painting belongs to the group named by the folder of its photograph. Groups are compared measure by measure, using a
-permutation test of the difference between their means with one value per painting; the p-values of all tests are
-corrected together (Holm, 1979).
+Each group is named after the folder that contains the photographs of its paintings. Groups are compared measure by
+measure: a permutation test is applied to the difference between their means, with one value per painting, and the
+p-values of all tests are corrected together (Holm, 1979).
 """
 
 import json
@@ -94,7 +94,7 @@ def painting_rows(paintings: Sequence[Painting]) -> list[dict[str, Any]]:
 
 
 def group_rows(paintings: Sequence[Painting], seed: int = 0) -> list[dict[str, Any]]:
-    """Compare each pair of groups by every measure with a common unit, except directions; sort the rows by p-value."""
+    """Compare each pair of groups in all measures with a common unit, except directions; sort the rows by p-value."""
     groups: dict[str, list[Painting]] = {}
     for painting in paintings:
         groups.setdefault(painting.group, []).append(painting)

@@ -93,7 +93,7 @@ def covered_share(table: StrokeTable) -> float:
 
 
 def describe_rest(table: StrokeTable) -> str:
-    """Describe the part of the photograph without strokes."""
+    """Describe the part of the photograph in which no strokes were found."""
     if table.ground is None:
         return "the rest is bare ground, or paint in which no stroke can be told apart"
     unread = max(1 - covered_share(table) - table.ground, 0)
@@ -118,7 +118,7 @@ def doubt_of_paint(table: StrokeTable) -> str | None:
 
 
 def remark_on(table: StrokeTable) -> str | None:
-    """Explain why recovered strokes may mislead and what to do, or return None if there is no reason for doubt."""
+    """Explain why recovered strokes may be misleading and what to do about it, or return None if nothing is amiss."""
     if (doubt := doubt_of_paint(table)) is not None:
         return (
             f"{doubt}; if it is a painting, give a sharper or larger photograph, in which strokes are at least 6 "

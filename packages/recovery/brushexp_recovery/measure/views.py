@@ -1,4 +1,4 @@
-"""Alter a photograph slightly: enlarge or reduce, rotate, recompress, darken or lighten it."""
+"""Alter a photograph slightly: rescale it, rotate it, recompress it, and make it darker or lighter."""
 
 import math
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ class View:
         return np.column_stack([rotation, self.zoom * middle - rotation @ middle])
 
     def size(self, size: tuple[int, int]) -> tuple[int, int]:
-        """Return the height and width of the view, given those of the photograph."""
+        """Return the height and width of the view of a photograph with the given height and width."""
         return max(round(self.zoom * size[0]), 1), max(round(self.zoom * size[1]), 1)
 
     def of(self, image: Array) -> Array:
@@ -51,7 +51,7 @@ class View:
         return changed if self.quality is None else compress_as_jpeg(changed, self.quality)
 
     def warp(self, image: Array, order: int) -> Array:
-        """Rotate and scale a picture (H, W) or (H, W, 3), mirroring it beyond its edges."""
+        """Rotate and scale a picture (H, W) or (H, W, 3), which is continued beyond its edges by reflection."""
         from skimage.transform import warp  # noqa: PLC0415  (slow to import)
 
         full = np.vstack([self.matrix(image.shape[:2]), [0, 0, 1]])

@@ -1,7 +1,7 @@
 """Define the features of the perceptrons and logistic models, in the order of the learned weights.
 
-In the names of features, ``LOG`` means the natural logarithm, and ``AFFINITY`` a mean over pairs of pixels. Lengths and
-widths are relative to the stroke's predicted length and width, unless their names contain ``PREDICTED``.
+In the names of features, ``LOG`` stands for a natural logarithm, and ``AFFINITY`` for a mean over pairs of pixels.
+Lengths and widths are relative to the stroke's predicted length and width, unless their names contain ``PREDICTED``.
 """
 
 from enum import IntEnum
@@ -58,7 +58,7 @@ class PairFeature(IntEnum):
 
 
 class NodeFeature(IntEnum):
-    """Features of a merge-tree node: of its region, its merge and its surroundings."""
+    """Features of a merge-tree node, which describe its region, its merge and its surroundings."""
 
     LOG_AREA = 0
     AFFINITY_INSIDE_ADJACENT = 1

@@ -1,4 +1,4 @@
-"""Define logistic models, whose log-odds are linear in features."""
+"""Define logistic models, whose log-odds are linear functions of features."""
 
 from typing import Any
 
@@ -29,7 +29,7 @@ def log_odds_of(linear: nn.Linear, features: Array) -> Array:
 def fit_logistic(linear: nn.Linear, features: Array, goal: Array) -> None:
     """Fit a logistic model on features (N, F) to targets (N,) in [0, 1]; leave it unchanged if there are no targets.
 
-    The fit is a logistic regression in float64 by L-BFGS, with a ridge penalty on the weights of scaled features.
+    The logistic regression uses L-BFGS in float64, with a ridge penalty on the weights of the scaled features.
     """
     if not len(goal):
         return

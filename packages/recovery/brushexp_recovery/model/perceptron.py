@@ -47,7 +47,7 @@ class Perceptron(nn.Module):
         return ((features - self.mean) / self.scale).clamp(-CLIP, CLIP)
 
     def weights(self) -> "PerceptronWeights":
-        """Return an equivalent function that does not use PyTorch, which is slow for few examples."""
+        """Return an equivalent function that does not use PyTorch, because PyTorch is slow for few examples."""
         linear = [layer for layer in self.layers if isinstance(layer, nn.Linear)]
         layers = tuple(
             torch.cat([layer.weight.detach().T, layer.bias.detach()[None]]).float().numpy() for layer in linear

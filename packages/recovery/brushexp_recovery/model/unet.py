@@ -1,4 +1,4 @@
-"""Define the U-Net that predicts which neighbours of a pixel share its stroke, and the attributes of that stroke."""
+"""Define the U-Net that predicts each pixel's stroke attributes, and which of its neighbours are in the same stroke."""
 
 from itertools import pairwise
 

@@ -1,4 +1,4 @@
-"""Compute evidence for which of two touching strokes is above the other."""
+"""Compute the evidence for which of two touching strokes is above the other."""
 
 from typing import Any, NamedTuple
 
@@ -37,9 +37,9 @@ def find_meetings(regions: Regions, strokes: StrokeCurves) -> Meetings:
     """Find the pairs of regions that touch, and the evidence that the second region is above the first.
 
     The evidence consists of the network's predictions where the regions meet; the difference in how much of each
-    stroke is visible; the region that owns the pixels where the complete strokes would overlap, because an unbroken
+    stroke is visible; which region owns the pixels where the complete strokes would overlap, because an unbroken
     outline belongs to the upper stroke (Kanizsa, 1979); and the differences in width, area and confidence, because
-    painters proceed from broad to fine.
+    painters proceed from broad to fine strokes.
     """
     contacts = find_contacts(regions)
     pairs, count = contacts.pairs, len(contacts.pairs)
@@ -84,11 +84,11 @@ def find_contacts(regions: Regions) -> Contacts:
 
 
 def _compare_crossings(labels: Array, pairs: Array, strokes: StrokeCurves) -> tuple[Array, Array]:
-    """Compare how many pixels each stroke of a pair (P,) owns where the complete strokes overlap.
+    """Compare, for each pair of strokes (P,), how many pixels each owns where the complete strokes overlap.
 
     Returns:
-        The difference between the fractions that the second and the first stroke own (P,), -1 to 1, and the number of
-        pixels that either stroke owns (P,).
+        The fraction of the pixels that the second stroke owns minus the fraction that the first owns (P,), -1 to 1, and
+        the number of pixels that either stroke owns (P,).
     """
     covers = cover_strokes(strokes.curve, strokes.width, (labels.shape[0], labels.shape[1]))
     difference, pixels = np.zeros(len(pairs)), np.zeros(len(pairs))

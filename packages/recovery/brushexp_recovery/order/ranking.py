@@ -15,9 +15,9 @@ def rank_strokes(count: int, pairs: Array, evidence: Array) -> Array:
     """Order ``count`` strokes bottom to top so that as little evidence as possible contradicts the order.
 
     ``evidence`` (P,) is the log-odds that the second stroke of a pair (P, 2) is above the first. Strokes are chosen
-    greedily from the bottom up (after Eades, Lin and Smyth, 1993). The next stroke is one without evidence that it is
-    above a remaining stroke. If there is no such stroke, it is the one whose evidence of being above remaining strokes,
-    minus its evidence of being below them, is smallest.
+    greedily from the bottom up (after Eades, Lin and Smyth, 1993). The next stroke is one for which there is no
+    evidence that it is above any remaining stroke. If there is no such stroke, the next is the one for which the
+    evidence of being above remaining strokes, minus the evidence of being below them, is smallest.
 
     Returns:
         The numbers of the strokes (count,), bottom to top.
@@ -53,7 +53,7 @@ def rank_strokes(count: int, pairs: Array, evidence: Array) -> Array:
 
 
 def _weigh(count: int, pairs: Array, evidence: Array) -> tuple[list[dict[int, float]], list[dict[int, float]]]:
-    """List, for each stroke, the strokes that seem to be above it and those that seem to be below it, with evidence."""
+    """Return the evidence for the strokes above each stroke, and for the strokes below it, as dicts keyed by stroke."""
     above: list[dict[int, float]] = [{} for _ in range(count)]
     below: list[dict[int, float]] = [{} for _ in range(count)]
     for (i, j), value in zip(pairs.tolist(), evidence.tolist(), strict=True):

@@ -1,4 +1,4 @@
-"""Write the page that shows on a picture which marks were found or missed, and which strokes are extra."""
+"""Write a page that shows a picture with the marks that were found or missed, and with the extra strokes."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -33,7 +33,7 @@ def write_marks_page(
 ) -> None:
     """Write a self-contained page that can be opened from disk.
 
-    ``image`` (H, W, 3) is in [0, 1]; if it is None, a grey picture replaces it.
+    ``image`` (H, W, 3) is in [0, 1]; if it is None, a grey picture is shown instead.
     """
     height, width = size
     pixels = np.full((height, width, 3), GREY, np.uint8) if image is None else (255 * image).round().astype(np.uint8)

@@ -50,8 +50,8 @@ def write_page(
 ) -> Path:
     """Write ``strokes.html`` into a folder, as a self-contained page with links to the other files there.
 
-    ``image`` (H, W, 3) uint8 is the photograph at full size, and ``threshold`` is the minimum confidence of the strokes
-    that are shown initially; None for `initial_threshold`.
+    ``image`` (H, W, 3) uint8 is the photograph at full size. ``threshold`` is the minimum confidence of the strokes
+    that are shown initially; if it is None, `initial_threshold` determines it.
     """
     html = page_of(image, strokes, name, tables=tables, threshold=threshold, folder=folder)
     write_text(folder / PAGE_NAME, html)

@@ -10,7 +10,7 @@ Array = NDArray[Any]
 
 
 def gaussian_blur(values: Array, sigma: float | Sequence[float]) -> Array:
-    """Blur an array with a Gaussian of ``sigma`` pixels, which is either one number or one number per axis.
+    """Blur an array with a Gaussian; ``sigma``, in pixels, is either one number or one number per axis.
 
     The result has the data type of ``values``.
     """

@@ -45,7 +45,7 @@ def _count_into(labels, sizes):
 
 @function
 def _group_into(labels, place, order):
-    """Write pixel indices (P,) region by region, starting at the positions ``place`` (N,), which are advanced."""
+    """Write pixel indices (P,) grouped by region; ``place`` (N,) holds each region's next position and is advanced."""
     for pixel in range(len(labels)):
         k = labels[pixel]
         if k >= 0:

@@ -31,7 +31,7 @@ def overlaps_between(first: Array, second: Array, first_count: int, second_count
 
 
 def pair_best(overlaps: Overlaps, least_iou: float) -> Overlaps:
-    """Pair regions one to one, best pairs first, down to an intersection over union of ``least_iou``."""
+    """Pair regions one to one, best pairs first, as long as their intersection over union is at least ``least_iou``."""
     with_partner: tuple[set[int], set[int]] = (set(), set())
     pairs = []
     for one, other, iou in sorted(zip(*overlaps, strict=True), key=lambda pair: -pair[2]):

@@ -27,7 +27,7 @@ def split_into_tiles(height: int, width: int, zoom: float, side: int, margin: in
 
 
 def _spans(size: int, side: int, margin: int) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
-    """Split an axis of ``size`` pixels; yield the start and end of each tile, and those of its core."""
+    """Split an axis of ``size`` pixels; yield the start and end of each tile, and the start and end of its core."""
     count = 1 if size <= side else -(-size // (side - 2 * margin))
     for number in range(count):
         begin, end = number * size // count, (number + 1) * size // count

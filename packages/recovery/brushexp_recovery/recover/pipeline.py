@@ -39,10 +39,10 @@ def recover(
 
     Args:
         image: path, name of a sample, or picture: an (H, W, 3) or (3, H, W) tensor, uint8 or floats in [0, 1].
-        scale: scale at which the picture is searched for strokes; None for the scale at which the median stroke is
+        scale: scale at which the picture is searched for strokes; None = the scale at which the median stroke is
             18 px wide.
-        copies: number of rotated and mirrored copies of the picture in each look, 1 to 8; more are slower but more
-            accurate.
+        copies: number of rotated and mirrored copies of the picture in each look, 1 to 8; more copies are slower but
+            more accurate.
         weights: a .safetensors file of task=train_recovery, or the name of shipped weights.
 
     Returns:
@@ -99,7 +99,7 @@ def catalogue_of(labels: Array, strokes: StrokeCurves, confidence: Array, order:
 
 
 def ground_color(labels: Array, image: Array) -> Array:
-    """Estimate the ground's colour (3,): the median over pixels without a stroke or, if these are few, over all."""
+    """Estimate the ground's colour (3,) as the median of sampled pixels without strokes, or of all if these are few."""
     every = max(1, round((labels.size / GROUND_SAMPLE) ** 0.5))
     sample = image[::every, ::every].reshape(-1, 3)
     is_empty = labels[::every, ::every].ravel() < 0

@@ -56,7 +56,7 @@ def write_recovered(path: Path, recovered: Recovered) -> None:
 
 
 def read_recovered(path: Path) -> Recovered:
-    """Read a file that `write_recovered` wrote, given its path or folder; raise UserError for any other file."""
+    """Read a file written by `write_recovered`, given its path or folder; raise UserError for any other file."""
     saved = load_catalogue(path)
     path, cure = path / CATALOGUE_NAME if path.is_dir() else path, "give the catalogue.h5 of task=recover"
     with open_hdf5(path, cure) as file, explaining(path, cure):

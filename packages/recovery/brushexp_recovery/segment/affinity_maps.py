@@ -78,7 +78,7 @@ def predict_maps(network: StrokeNetwork, image: Array, copies: int = 2, first: i
 
 
 def _add_turned_back(total: Tensor, output: Tensor, copy: Copy) -> None:
-    """Transform the positions, offsets and directions in a copy's maps back, and add the maps to ``total``.
+    """Transform the positions, offsets and directions in a copy's maps back to the picture; add the maps to ``total``.
 
     Affinities are converted to probabilities.
     """
@@ -105,7 +105,7 @@ def _add_turned_back(total: Tensor, output: Tensor, copy: Copy) -> None:
 
 
 def _add_by_offset(total: Tensor, values: Tensor, offsets: tuple[Offset, ...], copy: Copy, sign: float) -> None:
-    """Add a copy's maps to the picture's maps; multiply those whose offsets are reversed by ``sign``."""
+    """Add a copy's maps to the picture's maps; if an offset must be reversed, multiply its map by ``sign``."""
     for channel, (dy, dx) in enumerate(offsets):
         row, column = dy, -dx if copy.mirrored else dx
         for _ in range(copy.quarters):

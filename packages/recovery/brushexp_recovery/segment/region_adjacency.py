@@ -62,8 +62,8 @@ def adjacency_of(labels: Array, affinity: Array) -> Adjacency:
 def _sum_affinities(labels, affinity, offsets, group_of_offset, within, keys, between):
     """Sum and count affinities; return False if the pairs fill more than half of their hash table.
 
-    ``keys`` (R,) is the hash table, initially filled with -1, in which a pair of regions is stored as smaller x S +
-    larger number; R is a power of 2.
+    ``keys`` (R,) is the hash table, initially filled with -1; R is a power of 2. A pair of regions is stored as the
+    smaller region number times S plus the larger one.
     """
     height, width = labels.shape
     count, room, filled, key, place = len(within), len(keys), 0, -1, 0

@@ -19,7 +19,7 @@ BORDER_BLUR = 0.6  # standard deviation in pixels of the blur of borders
 
 
 def border_strength(affinity: Array) -> Array:
-    """Compute the border strength (H, W), 0 to 1: one minus each pixel's weighted mean affinity with neighbours."""
+    """Compute the border strength (H, W), 0 to 1: one minus each pixel's weighted mean affinity to its neighbours."""
     total, weights = np.zeros(affinity.shape[1:], np.float32), 0.0
     for channel, (dy, dx) in enumerate(AFFINITY_OFFSETS[:BORDER_OFFSETS]):
         weight = 1.0 if channel < ADJACENT_OFFSETS else FAR_WEIGHT
@@ -33,7 +33,7 @@ def border_strength(affinity: Array) -> Array:
 
 
 def flood_basins(borders: Array) -> Array:
-    """Flood basins from local minima of the border strength (H, W); return labels (H, W) int32 from 0.
+    """Flood basins from local minima of the border strength (H, W); return int32 labels (H, W) that start at 0.
 
     The basins are found by a watershed of the slightly blurred border strength.
     """

@@ -209,7 +209,7 @@ def _paint(texels, first, side, places, brush_width, coats, opacity, wet, drag, 
 
 @inline
 def _drag_cell(x, y, t, place, width):
-    """Return the number of the step along the chord, and of the track across it, that contain a pixel centre."""
+    """Return the indices of the step along the chord, and of the track across it, that contain a pixel centre."""
     across = (y - place[Placement.Y]) * place[Placement.COSINE] - (x - place[Placement.X]) * place[Placement.SINE]
     step = int((min(max(t, F(-1)), F(1)) + 1) * F(0.5) * (DRAG_STEPS - 1) + F(0.5))
     track = int(min(max(across / max(width, F(1)) + F(0.5), F(0)), F(0.999)) * DRAG_TRACKS)
@@ -297,7 +297,7 @@ def _uncover_ground(light, best, labels, extent):
 
 @inline
 def _quantile(bins, count):
-    """Return the position along the chord before which there are ``count`` pixels of paint."""
+    """Return the position along the chord that is preceded by ``count`` pixels of paint."""
     total = 0.0
     for i in range(BINS):
         if total + bins[i] >= count and bins[i] > 0:
@@ -309,7 +309,7 @@ def _quantile(bins, count):
 def geometry_of(windows: StrokeWindows, canvas: Canvas) -> Array:
     """Compute the true attributes (N, len(StrokeGeometry)) float32 of N strokes.
 
-    Width and length are those of a round-ended line with the same area of paint.
+    A stroke's width and length are those of a round-ended line with the same area of paint.
     """
     import torch  # noqa: PLC0415
 

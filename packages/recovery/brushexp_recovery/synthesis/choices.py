@@ -24,7 +24,7 @@ LOOKS = {"textured": 0.32, "bristles": 0.2, "fluid": 0.06, "disc": 0.12, "wash":
 
 
 def choose_plain_look(random: Random) -> BrushLook:
-    """Choose at random between the bristles of the textured renderer and those of the bristle simulator."""
+    """Choose at random between two kinds of bristle strokes: the textured renderer's and the bristle simulator's."""
     if random.random() < 0.65:
         return BrushLook("renderer", "textured", {})
     return BrushLook("engine", "fluid", {"brushes": 8, "supersample": int(random.integers(1, 3))})
@@ -81,7 +81,7 @@ def choose_mixing(n: int, coats: float, is_plain: bool, random: Random) -> Mixin
 
 
 def choose_ground(picture: Array, is_plain: bool, random: Random) -> Array:
-    """Prime a canvas in an even colour with grain and a faint wash of the picture; sometimes use the picture itself."""
+    """Prime a canvas with an even colour, grain and a faint wash of the picture; sometimes use the picture itself."""
     if not is_plain and random.random() < 0.1:
         return picture
     usual = is_plain and random.random() < 0.4

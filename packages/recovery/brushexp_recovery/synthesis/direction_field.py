@@ -1,4 +1,4 @@
-"""Compute a direction field along which a picture can be painted, and the picture's level of detail."""
+"""Compute a direction field for the strokes that paint a picture, and the picture's level of detail."""
 
 from typing import Any
 
@@ -33,7 +33,7 @@ def detail_of(picture: Array, pitch: float) -> Array:
 
 
 def add_hatching(angles: Array, share: float, random: Random) -> Array:
-    """Replace about a fraction ``share`` of a direction field (H, W) with patches of uniform direction."""
+    """Replace a direction field (H, W) with patches of uniform direction in about a fraction ``share`` of its area."""
     if share == 0:
         return angles
     height, width = angles.shape

@@ -61,7 +61,7 @@ def lay_strokes(picture: Array, n: int, hand: Hand, random: Random) -> StrokeLay
 def _line_up(places: Array, angles: Array, width: Array, most: int, random: Random) -> tuple[Array, Array]:
     """Move strokes into rows of up to ``most`` strokes side by side, perpendicular to a direction field (H, W).
 
-    Returns, for each stroke, the position of the first stroke in its row and the stroke's own position, (n, 2) each.
+    Returns the position of the first stroke in each stroke's row (n, 2), and the position of the stroke itself (n, 2).
     """
     n = len(places)
     size = np.array(angles.shape[::-1])

@@ -1,6 +1,6 @@
 """Make any number of paintings with known strokes, each determined by a seed, its number and its paint family.
 
-The strokes of paintings without a family are drawn by engines and renderers of the program, or by a formula.
+In paintings without a family, strokes are drawn by the program's engines and renderers, or by a formula.
 """
 
 from collections.abc import Sequence
@@ -75,7 +75,7 @@ def family_of(seed: int, number: int) -> str | None:
 
 
 def paint(seed: int, number: int, pictures: Sequence[str], family: str | None = None) -> KnownPainting:
-    """Make painting ``number`` with the paint of ``family`` or, if that is None, by engines, renderers or a formula.
+    """Make painting ``number`` with the paint of ``family`` or, if None, with an engine, a renderer or a formula.
 
     Paintings from `FIRST_PLAIN` on are plain: they use the default hand and opaque strokes, and are not aged.
     """

@@ -21,7 +21,7 @@ def fill_pool(
     pictures: Sequence[str],
     families: Collection[str] = (),
 ) -> None:
-    """Paint the paintings in ``numbers`` that the pool lacks, as long as the process ``parent`` is alive.
+    """Make the paintings in ``numbers`` that the pool lacks, as long as the process ``parent`` is alive.
 
     If ``families`` are given, about half of all paintings have a paint family; of these, only the paintings of the
     given families are made. Otherwise no painting has a family.

@@ -31,7 +31,7 @@ NARROWEST_GAP = 5  # lower bound of this width in pixels
 
 @dataclass(frozen=True)
 class Sheet:
-    """A picture of a straight stroke, whose row index runs along the stroke and column index across it.
+    """A picture of a straight stroke; rows are numbered along the stroke, and columns across it.
 
     The picture extends `BEYOND_ENDS` widths beyond each end of the stroke and `BEYOND_SIDES` widths beyond each side.
     """
@@ -57,7 +57,7 @@ def _halve(values: Array) -> Array:
 
 
 def places_across(columns: int) -> Array:
-    """Return the positions of a sheet's columns in half widths from the middle of the stroke."""
+    """Return the distances of a sheet's columns from the middle of the stroke, in half widths; negative on one side."""
     return np.linspace(-1 - 2 * BEYOND_SIDES, 1 + 2 * BEYOND_SIDES, columns)
 
 

@@ -63,9 +63,10 @@ def first_texels(side: Array) -> Array:
 
 
 def place_windows(layout: StrokeLayout, reach: Array) -> tuple[Array, Array]:
-    """Place square windows at whole pixels around strokes, to at least ``reach`` (N,) pixels beyond the control points.
+    """Place square windows at whole pixels around strokes.
 
-    Returns the windows' upper left corners (N, 2) and sides (N,).
+    The windows extend at least ``reach`` (N,) pixels beyond the control points. Returns their upper left corners (N, 2)
+    and sides (N,).
     """
     low, high = layout.curve.min(1) - reach[:, None], layout.curve.max(1) + reach[:, None]
     side = np.ceil((high - low).max(1)).astype(int)
@@ -118,7 +119,7 @@ def draw_strokes(layout: StrokeLayout, look: BrushLook, seed: int) -> StrokeWind
 
 
 def find_plugin(look: BrushLook) -> Any:
-    """Find the plugin that draws a look."""
+    """Find the plugin that draws strokes with a given look."""
     return next(plugin for plugin in plugins(look.family) if plugin.name == look.name)
 
 

@@ -70,7 +70,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 def choose_kinds(cfg: DictConfig, seen: Collection[str]) -> list[str]:
-    """Choose the requested kinds of paintings, excluding the ``seen`` kinds if only unseen kinds are requested."""
+    """Return the requested kinds of paintings, without the ``seen`` kinds if only unseen kinds are requested."""
     kinds = cfg.kinds or ([*KINDS, *sorted(find_families())] if cfg.unseen else KINDS)
     chosen = [kind for kind in kinds if not (cfg.unseen and kind in seen)]
     if not chosen:
@@ -107,7 +107,7 @@ def time_method(method: Method, case: Case) -> tuple[Prediction, float]:
 
 
 def read_strokes_of_others(folder: Path, case: Case) -> Prediction:
-    """Read the strokes that another method found in a painting; raise UserError if there is no file."""
+    """Read the strokes that another method found in a painting; raise UserError if their file is missing."""
     for suffix in SUFFIXES:
         if (path := folder / f"{case.name}{suffix}").is_file():
             return read_prediction(path, case.image.shape[:2], case.image, "add")
@@ -136,7 +136,7 @@ def score_case(
 
 
 def mean_scores(rows: list[Row]) -> dict[str, object]:
-    """Average the F1 of recovery separately over the clean and the degraded pictures, if there are any."""
+    """Average the F1 of recovery separately over the clean pictures and over the degraded ones, if there are any."""
     means: dict[str, object] = {}
     for look in ("clean", "hard"):
         values = [row["f1"] for row in rows if row["method"] == "recovery" and row["look"] == look]

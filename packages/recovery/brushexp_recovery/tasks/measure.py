@@ -37,7 +37,7 @@ LOGGED = ("strokes", "length", "width", "direction")  # logged measures
 
 
 class Comparison(NamedTuple):
-    """The differences between two paintings by all measures."""
+    """The differences between two paintings in all measures."""
 
     title: str
     differences: Mapping[str, Interval]
@@ -45,7 +45,7 @@ class Comparison(NamedTuple):
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Measure ``cfg.image`` and, if it is given, ``cfg.against``; write the results into the run's folder."""
+    """Measure ``cfg.image`` and, if given, ``cfg.against``; write the results into the run's folder."""
     image, name = read_photograph(cfg.image), Path(cfg.image).name
     size = image.shape[:2]
     width_cm = cfg.width_cm if cfg.sizes is None else width_in_table(find_path(cfg.sizes), cfg.image)
@@ -145,7 +145,7 @@ def compare(cfg: DictConfig, draws: Draws, mm: float | None, name: str) -> Compa
 
 
 def log_figures(folder: Path, paths: Sequence[Path], figures: Mapping[str, Interval], mm: float | None) -> None:
-    """Log the written file names and the most informative measures."""
+    """Log the names of the files written, and the most informative measures."""
     log.info("%s: %s", as_shown(folder), ", ".join(path.name for path in paths))
     for measure in LOGGED:
         value, low, high = map(format_number, (figures[measure].value, figures[measure].low, figures[measure].high))

@@ -63,7 +63,7 @@ class Comparison:
     between_people: bool
 
     def counts(self, end: str) -> Counts:
-        """Return the counts at one of the `LEVELS`, given by its suffix ``end``."""
+        """Return the counts at the level in `LEVELS` that has the suffix ``end``."""
         return self.agreement.scores[end].counts
 
 
@@ -121,7 +121,7 @@ def _case_of(truth: Path, strokes: Path) -> Case:
 
 
 def compare(case: Case, folder: Path, page: str) -> Comparison:
-    """Compare the strokes of a case with its marks; write a table, and a page that shows both, into a folder."""
+    """Compare the strokes of a case with its marks; write a table and a page showing both into a folder."""
     between_people = is_marks(case.strokes)
     marks = [pixels_of_mark(mark, case.size) for mark in case.marks.strokes]
     others = read_marks(case.strokes).strokes if between_people else []
@@ -169,7 +169,7 @@ def _outlines_for(size: tuple[int, int]) -> Any:
 def _outlines_of_strokes(
     others: Sequence[Mark], strokes: Sequence[Array], size: tuple[int, int]
 ) -> list[Sequence[Array]]:
-    """Trace the outlines of strokes, which are either another person's marks or regions of flat indices."""
+    """Trace the outlines of strokes, which are either another person's marks or regions given as flat indices."""
     if others:
         return [_outlines_for(size)(mark) for mark in others]
     return [[_outline_of(pixels, size)] for pixels in strokes]

@@ -33,7 +33,7 @@ def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
 
 
 class RecoveryJob(NetworkJob):
-    """Train a network on paintings generated during training, then fit the models that score regions."""
+    """A job that trains a network on paintings generated during training, then fits the models that score regions."""
 
     module: RecoveryModule
     data: RecoveryData
@@ -93,6 +93,6 @@ class RecoveryJob(NetworkJob):
 
 
 def recipe_of(checkpoint: str) -> dict[str, object]:
-    """Return the hash of a checkpoint's weights, and the recipe with which they were trained."""
+    """Return the hash of a checkpoint's weights, and the recipe used to train them."""
     recipe = CHECKPOINTS.read_recipe(CHECKPOINTS.path_of(checkpoint))
     return {"hash": recipe["hash"], **recipe["training"]}

@@ -53,7 +53,7 @@ def typical_width(painting: KnownPainting) -> float:
 
 
 def cut_crop(painting: KnownPainting, random: Random, side: int = CROP_SIDE) -> Crop:
-    """Crop a painting at random, and resize the crop, usually so that its strokes have about `TRAINED_WIDTH`."""
+    """Crop a painting at random, and resize the crop, usually so that its strokes are about `TRAINED_WIDTH` wide."""
     height, width = painting.labels.shape
     part = min(round(side / _choose_zoom(painting, random)), height, width)
     zoom = side / part

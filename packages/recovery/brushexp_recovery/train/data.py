@@ -31,7 +31,7 @@ WAIT = 0.5  # seconds between checks for paintings that do not exist yet
 
 
 class RecoveryData(L.LightningDataModule):
-    """Crops from a pool of paintings, which separate processes keep filling.
+    """Crops from a pool of paintings that separate processes keep filling.
 
     Painting k is determined by the seed, k and its paint family; the crops of a step depend on the seed, the step and
     the paintings that exist by then.
@@ -47,7 +47,7 @@ class RecoveryData(L.LightningDataModule):
         painters: int,
         families: Iterable[str] = (),
     ) -> None:
-        """Use paintings of ``pictures`` with numbers below ``paintings``, made by a number of ``painters`` processes.
+        """Use paintings of ``pictures`` with numbers below ``paintings``, made by ``painters`` parallel processes.
 
         If ``families`` are given, about half of all paintings have a paint family; of these, only the paintings of the
         given families are made and used. Otherwise no painting has a family.

@@ -1,4 +1,4 @@
-"""Fit the errors of measures on paintings with known strokes."""
+"""Fit the errors that recovery makes in each measure, on paintings with known strokes."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -35,8 +35,8 @@ def fit_errors(
     """Fit the errors of all measures on P paintings.
 
     Args:
-        true: the true values (P,), by name in `MEASURES`.
-        measured: the measured values (P,), by name in `MEASURES`.
+        true: the true values (P,), keyed by the names in `MEASURES`.
+        measured: the measured values (P,), keyed by the names in `MEASURES`.
         confidence: the mean confidence (P,) of the strokes found in each painting.
         paintings: the names (P,) of the paintings, each a kind and a number: ``dabs-3``.
         weights: the hash of the recovery weights.

@@ -43,7 +43,7 @@ def losses_of(maps: Tensor, labels: Tensor, attributes: Tensor) -> dict[str, Ten
 
 
 def affinity_loss(affinity: Tensor, labels: Tensor) -> Tensor:
-    """Compute the weighted logistic loss for predicting which pixel pairs share a stroke, averaged over offsets."""
+    """Compute the weighted logistic loss for predicting which pixel pairs are in one stroke, averaged over offsets."""
     losses = []
     for channel, (offset, weight) in enumerate(zip(AFFINITY_OFFSETS, APART_WEIGHTS, strict=True)):
         here, there, logit = pairs_at(labels, affinity[:, channel], offset)

@@ -56,7 +56,7 @@ def marks_by_hand(marks: Marks) -> list[Mark]:
 
 
 def scale_for(marks: Marks) -> float:
-    """Compute the scale at which hand-drawn marks are as wide as strokes should be for the network."""
+    """Compute the scale at which hand-drawn marks have the stroke width that suits the network best."""
     width = float(np.median([mark.width.mean() for mark in marks_by_hand(marks)]))
     return float(np.clip(BEST_WIDTH / width, *SCALES))
 
@@ -147,7 +147,7 @@ def segment_marked_parts(model: RecoveryModel, image: Array, marks: Marks, scale
 
 
 def label_image(marks: Sequence[Mark], size: tuple[int, int]) -> Array:
-    """Draw marks on a canvas (H, W) as labels, with later marks on top and -1 for none."""
+    """Draw marks on a canvas (H, W) as labels, with later marks on top; pixels outside all marks are -1."""
     labels = np.full(size, -1)
     for number, mark in enumerate(marks):
         labels.flat[pixels_of_mark(mark, size)] = number

@@ -125,7 +125,7 @@ def merge_superpixels(superpixels: Superpixels, roots: Array) -> RegionGraph:
 
 
 def majority(regions: Array, labels: Array, count: int) -> tuple[Array, Array]:
-    """Find the stroke that covers most of each of ``count`` regions (-1: the ground), and the fraction it covers."""
+    """Find the stroke (-1 for the ground) that covers most of each of ``count`` regions, and the fraction it covers."""
     base = int(labels.max()) + 2
     key, number = np.unique(regions.ravel().astype(np.int64) * base + labels.ravel() + 1, return_counts=True)
     region, stroke = key // base, key % base - 1

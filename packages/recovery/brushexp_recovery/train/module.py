@@ -19,7 +19,7 @@ SETTLED = 0.4
 
 
 class RecoveryModule(NetworkModule):
-    """Train the network to predict maps that agree with the ground truth of paintings."""
+    """Lightning module that trains the network to predict maps that agree with the ground truth of paintings."""
 
     title = "learning strokes"
     clip_norm = 2.0

@@ -1,4 +1,4 @@
-"""Fit the logistic models of order and confidence on held-out paintings that are used for nothing else."""
+"""Fit the logistic models of order and confidence on held-out paintings that serve no other purpose."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple

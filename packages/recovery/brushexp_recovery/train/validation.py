@@ -41,7 +41,7 @@ class Counts(NamedTuple):
 
 
 def count_strokes(output: Tensor, crops: Crops) -> Counts:
-    """Count the strokes in crops that are found by merging regions of high affinity in maps (B, `CHANNELS`, H, W)."""
+    """Count the strokes found in crops when regions of high affinity in maps (B, `CHANNELS`, H, W) are merged."""
     total = Counts(0, 0, 0)
     images = crops.image.numpy().transpose(0, 2, 3, 1)
     for maps, image, labels in zip(output.numpy(), images, crops.labels.numpy(), strict=True):

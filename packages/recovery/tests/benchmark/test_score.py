@@ -28,7 +28,7 @@ def scene() -> tuple[Truth, np.ndarray]:
 
 
 def spell_paths(truth: Truth, **changes) -> Prediction:
-    """Make a prediction from the known strokes, with the given changes."""
+    """Make a prediction that consists of the known strokes with the given changes."""
     found = Prediction(truth.labels, truth.curve, truth.width, truth.seen, truth.area)
     return replace(found, **changes)
 

@@ -1,4 +1,4 @@
-"""Test that curves are fitted to regions, jointly refined to match the visible parts, and cut to their paint."""
+"""Test that curves are fitted to regions, jointly refined to match the visible parts, and trimmed to their paint."""
 
 import numpy as np
 import pytest

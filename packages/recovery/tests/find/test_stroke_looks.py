@@ -38,7 +38,7 @@ def some_look(size: tuple[int, int], random: np.random.Generator) -> Look:
 
 
 def covered(superpixels: Array, tree: MergeTree, node: int) -> Array:
-    """Mark the pixels that a node of a tree covers."""
+    """Return a mask of the pixels that a node of a tree covers."""
     if node < tree.leaves:
         return superpixels == node
     one, other = tree.children[node - tree.leaves]

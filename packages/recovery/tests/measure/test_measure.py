@@ -1,4 +1,4 @@
-"""Test the areas, scales and intervals of measures, and comparisons with a second photograph."""
+"""Test that known strokes are measured correctly, with intervals, in given areas and in millimetres."""
 
 from functools import partial
 

@@ -78,7 +78,7 @@ def test_ends_and_missing_figures_stay():
 
 
 def test_the_rest_of_a_kind_is_told_by_other_kinds():
-    """Test that the residuals of one kind of painting are computed from a fit to the other kinds."""
+    """The residuals of one kind of painting are computed from a fit to the other kinds."""
     error, kinds = np.repeat([0.0, 0.0, 1.0], 4), np.repeat(["a", "b", "c"], 4)
     predictors = np.tile([[0.0, 1.0], [1.0, 1.0], [0.0, 3.0], [1.0, 3.0]], (3, 1))
     fitted = fit_error(error, predictors, kinds, MEASURES["length"])

@@ -1,4 +1,4 @@
-"""Test the page of recovered strokes and its files, and that a browser shows the measures of the displayed strokes."""
+"""Test that the stroke page and its files hold the strokes' measures, and that the page works in a browser."""
 
 import csv
 import io

@@ -1,4 +1,4 @@
-"""Test that paintings are determined by seed and number, and that their ground truth describes their strokes."""
+"""Test that paintings are determined by their seed and number, and that their ground truth describes their strokes."""
 
 import os
 

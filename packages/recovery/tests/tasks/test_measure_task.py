@@ -1,4 +1,4 @@
-"""Test task=measure from photograph to page, with a second photograph, and with previously recovered strokes."""
+"""Test that task=measure measures a photograph, compares it with another, and can use strokes recovered earlier."""
 
 import csv
 import json

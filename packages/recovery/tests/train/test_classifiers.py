@@ -1,4 +1,4 @@
-"""Test that the models that score regions learn from paintings: perceptrons, order and confidence."""
+"""Test that the perceptrons and the models of order and confidence learn from paintings."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Test that region scorers learn from a few hand-drawn marks, whose widths determine the scale of a painting."""
+"""Test that region scorers learn from a few hand-drawn marks, and that the scale of a painting follows their width."""
 
 import copy
 

@@ -101,7 +101,7 @@ def test_paintings_that_no_process_makes_are_not_waited_for(pool, monkeypatch):
 
 @pytest.fixture
 def families_of_paintings(monkeypatch) -> list[str | None]:
-    """Record the family of each painting made; only paintings 0 and 2 and the second held-out painting have one."""
+    """Record the family of each new painting; only paintings 0 and 2 and the second held-out painting have one."""
     families, made = {0: "dabs", FIRST_HELD_OUT + 1: "dabs", 2: "washes"}, []
     monkeypatch.setattr(pool_of_paintings, "family_of", lambda _, number: families.get(number))
     monkeypatch.setattr(pool_of_paintings, "paint", lambda *words: made.append(words[-1]) or bars())
@@ -134,7 +134,7 @@ def test_without_families_engines_make_every_painting(tmp_path, families_of_pain
 
 
 def maps_of(labels: np.ndarray) -> torch.Tensor:
-    """Make the maps of a network that correctly predicts all affinities and which pixels are paint."""
+    """Make the maps of a network that correctly predicts all affinities and all pixels with paint."""
     maps = torch.zeros(1, CHANNELS, *labels.shape)
     for channel, (dy, dx) in enumerate(AFFINITY_OFFSETS):
         there = np.roll(labels, (-dy, -dx), (0, 1))

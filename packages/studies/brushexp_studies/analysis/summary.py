@@ -108,7 +108,7 @@ def analysis_of(
 
 
 def thinnest_of(total: int, size: tuple[int, int]) -> float:
-    """Return the minimum thickness, in pixels, of a stroke that is measured."""
+    """Return the minimum thickness, in pixels, at which a stroke is measured."""
     return MIN_WIDTH_PITCHES * math.sqrt(size[0] * size[1] / max(total, FEW_STROKES))
 
 
@@ -118,7 +118,7 @@ def in_units(values: Array, measure: Measure) -> Array:
 
 
 def overall_of(analysis: Analysis) -> dict[str, float | None]:
-    """Compute the statistics of the whole painting that ``OVERALL`` lists; undefined statistics are None."""
+    """Compute the statistics in ``OVERALL``, which describe the whole painting; undefined statistics are None."""
     measures, pixels = analysis.measures, analysis.size[0] * analysis.size[1]
     angle = analysis.values("orientation")
     mean = mean_of_directions(angle) if len(angle) else None
@@ -190,7 +190,7 @@ def statistics_of(values: Array, axial: bool = False) -> dict[str, float | int |
 
 
 def mean_of_directions(angle: Array) -> complex:
-    """Return the mean of e^{2 i angle} over directions in degrees, which encodes their coherence and mean direction."""
+    """Return the mean of e^{2 i angle} over directions in degrees; it encodes their coherence and mean direction."""
     return complex(np.exp(2j * np.radians(angle)).mean())
 
 

@@ -90,7 +90,7 @@ def setters_of(key: str, analyses: Sequence[Analysis]) -> str:
 
 
 def name_with_setters(key: str, analyses: Sequence[Analysis]) -> str:
-    """Return the name of a measure, followed by any settings that fixed it regardless of the picture."""
+    """Return the name of a measure, followed by the settings, if any, that fixed it regardless of the picture."""
     setters = setters_of(key, analyses)
     return MEASURES[key].name + f" (set by {setters})" * bool(setters)
 

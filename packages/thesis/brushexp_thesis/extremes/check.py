@@ -1,4 +1,4 @@
-"""Draw a scene and its gradients, or optimise strokes, in one precision, and compare the result with float64."""
+"""Draw a scene and compute its gradients, or optimise strokes, in one precision; compare the result with float64."""
 
 from collections.abc import Mapping
 from copy import deepcopy
@@ -132,7 +132,7 @@ def check_painting(name: str, renderer: Renderer, scene: Scene, patience: float,
 
 
 def check_of_error(error: Exception) -> Check:
-    """Classify an exception: a UserError means that the scene is refused; any other error means a broken program."""
+    """Classify an exception: a UserError means that the scene is refused; any other error is a fault in the program."""
     if isinstance(error, UserError):
         return Check(REFUSED, note=str(error))
     return Check(BROKEN, note=f"{type(error).__name__}: {(str(error).splitlines() or [''])[0]}")
@@ -175,7 +175,7 @@ def range_fault(strokes: Strokes) -> str:
 
 @torch.no_grad()
 def _alpha_fault(layers: Layers, size: Size) -> str:
-    """Check the alpha and colour of sampled strokes at sampled pixels; return the fault in words, or "" for none."""
+    """Describe a fault in the alpha or colour of sampled strokes at sampled pixels; return "" if there is none."""
     pairs = ((len(layers.reach), PROBED_STROKES), (size[0] * size[1], PROBED_PIXELS))
     index, pixel = (torch.linspace(0, n - 1, min(n, most)).round().long()[None] for n, most in pairs)
     alpha, color = layers.sample(index, pixel_centres(pixel, size[1], layers.color.dtype))
@@ -184,7 +184,7 @@ def _alpha_fault(layers: Layers, size: Size) -> str:
 
 
 def _fault(name: str, value: Tensor, low: float = -torch.inf, high: float = torch.inf) -> str:
-    """Describe the fault if some of ``value`` is not finite or is out of bounds; return "" otherwise."""
+    """Describe the fault if any element of ``value`` is not finite or is out of bounds; return "" otherwise."""
     if not value.isfinite().all():
         return f"{name} is not finite"
     if value.numel() and (value.min() < low or value.max() > high):

@@ -1,6 +1,6 @@
 """Define extreme scenes, each with strokes, a canvas and a target. Import this module after all plugins are loaded.
 
-All scenes are random with a fixed seed, in float32, and within the ranges of `strokes.catalogue.FIELDS`.
+All strokes are random with a fixed seed, in float32, and within the ranges of `strokes.catalogue.FIELDS`.
 """
 
 import math
@@ -61,7 +61,7 @@ def one_bright_pixel(size: Size) -> Tensor:
 
 @dataclass(frozen=True)
 class Scene:
-    """Random strokes on a canvas; window sizes lie in the range ``scale``, and ``change`` replaces some fields."""
+    """Random strokes on a canvas, with window sizes in the range ``scale`` and some fields replaced by ``change``."""
 
     change: Callable[[Strokes], Fields] = lambda strokes: {}
     n: int = 16
@@ -76,7 +76,7 @@ class Scene:
     focus: Callable[[Size], Tensor] | None = None  # (H, W), weights of pixels with mean 1
 
     def strokes(self, most: int) -> Strokes:
-        """Return no more than ``most`` strokes, because a network draws a thousand times more slowly than a formula."""
+        """Return the strokes, at most ``most`` of them: a network draws a thousand times more slowly than a formula."""
         strokes = random_strokes(min(most, self.n), self.canvas, scale=self.scale)
         return replace(strokes, **self.change(strokes))
 

@@ -38,7 +38,7 @@ Cell = dict[str, Any]  # kind, scene, renderer, blend, dtype, verdict, picture, 
 
 
 def run(cfg: DictConfig, folder: Path, start: float) -> dict[str, object]:
-    """Check all cells of the matrix, write extremes.csv and extremes.png, and raise UserError if any cell is broken."""
+    """Check all cells of the matrix; write extremes.csv and extremes.png; raise UserError if any cell is broken."""
     L.seed_everything(cfg.seed, verbose=False)
     axes = choose_axes(renderers=cfg.renderers, blends=cfg.blends, dtypes=cfg.dtypes, scenes=cfg.scenes)
     cells = list(with_progress(examine(axes, cfg.patience), cells_in(axes), "examining cells"))

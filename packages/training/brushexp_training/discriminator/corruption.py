@@ -17,7 +17,7 @@ THICKEST_INVALID = 1e3  # sides of the window, as in FIELDS
 
 
 def corrupt(valid: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
-    """Corrupt each of the valid strokes (n, 7) by a randomly chosen function from `CORRUPTIONS`.
+    """Corrupt each of the valid strokes (n, 7) with a randomly chosen function from `CORRUPTIONS`.
 
     Returns the corrupted strokes (n, 7); hard negatives (n, 7), which are the same strokes with some groups of
     parameters moved halfway back to their valid values; and the indices (n,) of the chosen functions.
@@ -33,9 +33,9 @@ def corrupt(valid: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor, 
 
 
 def _sample_in_box(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """Sample new points in a box larger than that of valid strokes, up to 3000 half-windows from the middle.
+    """Sample new points in a box larger than the box of valid strokes, up to 3000 half-windows from the middle.
 
-    Half of the strokes also get a width outside the valid range, of up to 1000 sides of the window.
+    Half of the strokes also get a width outside the valid range, of up to 1000 window sides.
     """
     n = len(valid)
     points = (2 * _uniform(n, 6, generator) - 1) * _log_uniform(n, INSET, FARTHEST_INVALID, generator)
@@ -74,7 +74,7 @@ def _noisy(valid: Tensor, generator: torch.Generator) -> Tensor:
 
 
 def _partly_noisy(valid: Tensor, generator: torch.Generator) -> Tensor:
-    """Add the noise of `_noisy` to one group of parameters."""
+    """Add the same noise as `_noisy`, but to only one group of parameters."""
     return torch.where(_one_group(len(valid), generator), _noisy(valid, generator), valid)
 
 

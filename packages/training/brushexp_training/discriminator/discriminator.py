@@ -1,4 +1,4 @@
-"""Penalise invalid strokes by means of a network that recognises valid strokes; `discriminator_module` trains it."""
+"""Penalise invalid strokes with a network that recognises valid strokes; `discriminator_module` trains this network."""
 
 from pathlib import Path
 

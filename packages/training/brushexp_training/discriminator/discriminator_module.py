@@ -28,7 +28,7 @@ BETAS = (0.9, 0.99)  # betas of Adam
 
 
 class ShapeBatch(NamedTuple):
-    """The shapes (n, 7) of valid strokes, as from `discriminator.shapes_of`, and the outputs of `corrupt`."""
+    """Shapes (n, 7) of valid strokes, as returned by `discriminator.shapes_of`, and the outputs of `corrupt`."""
 
     valid: Tensor
     corrupted: Tensor
@@ -37,7 +37,7 @@ class ShapeBatch(NamedTuple):
 
 
 class ShapeData(L.LightningDataModule):
-    """Sample ``batch_size`` new strokes from the prior at each step, and corrupt an equal number of other strokes."""
+    """Data module that, at each step, samples ``batch_size`` valid strokes and corrupts an equal number of others."""
 
     def __init__(self, *, batch_size: int, seed: int) -> None:
         super().__init__()
@@ -55,7 +55,7 @@ class ShapeData(L.LightningDataModule):
 
 
 class DiscriminatorModule(NetworkModule):
-    """Train a discriminator to distinguish valid from corrupted strokes.
+    """Lightning module that trains a discriminator to distinguish valid from corrupted strokes.
 
     The loss is -log sigma(D(valid)) - log(1 - sigma(D(corrupted))) (Goodfellow et al., 2014), plus a term -log
     sigma(D(hard) - D(corrupted)), which ensures a gradient everywhere by ranking hard negatives above corrupted ones.
@@ -119,7 +119,7 @@ def discriminator_figures(network: Discriminator, batch: ShapeBatch) -> dict[str
 
 
 def save_discriminator(network: Discriminator, path: Path, seed: int, training: dict[str, Any]) -> dict[str, object]:
-    """Set the threshold to the `THRESHOLD_QUANTILE` of the scores of valid strokes, and save the network with a recipe.
+    """Set the threshold to the quantile `THRESHOLD_QUANTILE` of valid strokes' scores, and save the network and recipe.
 
     Returns its figures on the test split, its hash, its number of parameters and its file size.
     """

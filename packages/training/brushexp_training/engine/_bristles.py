@@ -1,8 +1,7 @@
 """Simulate a brush's bristles by position-based dynamics (Mueller et al., 2007), in compiled code.
 
 Arrays of vertices have the shape (V, N): each row holds the same vertex of all bristles, so that loops over bristles
-become SIMD code. Lengths are in units of which a window is `UNITS` wide; z points up from the canvas; the time step is
-one frame.
+become SIMD code. A window is `UNITS` units of length wide; z points up from the canvas; the time step is one frame.
 """
 
 import numpy as np
@@ -40,7 +39,7 @@ def _pull(q, a, b, rest):  # type: ignore[no-untyped-def]
 
 @function
 def _straighten(q, a, stiffness):  # type: ignore[no-untyped-def]
-    """Straighten the vertices a, a + 1 and a + 2 of every bristle that is bent there by less than 90 degrees."""
+    """Straighten every bristle at the vertices a, a + 1 and a + 2 if it is bent there by less than 90 degrees."""
     xa, ya, za = q[0, a], q[1, a], q[2, a]
     xb, yb, zb = q[0, a + 1], q[1, a + 1], q[2, a + 1]
     xc, yc, zc = q[0, a + 2], q[1, a + 2], q[2, a + 2]
@@ -73,7 +72,7 @@ def _straighten(q, a, stiffness):  # type: ignore[no-untyped-def]
 
 @function
 def _constrain(q, rest, stiffness):  # type: ignore[no-untyped-def]
-    """Apply one round of constraints, in passes in which no two constraints have a vertex in common."""
+    """Apply one round of constraints, in passes whose constraints do not share any vertices."""
     for begin in range(2):
         for a in range(begin, VERTICES - 1, 2):
             _pull(q, a, a + 1, rest)

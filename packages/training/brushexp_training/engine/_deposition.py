@@ -92,8 +92,8 @@ def _splat(p, before, velocity, scale, opacity, drag, side, grid, area):  # type
 def _widen(grid, scratch, side, area, radius):  # type: ignore[no-untyped-def]
     """Blur a frame's splats in ``grid`` (3, side * side) with a triangular kernel of ``radius`` cells along each axis.
 
-    Distributing a splat among four cells already amounts to such a kernel of radius 1; because the variances of
-    successive kernels add up, the rest of the blur is correspondingly narrower. ``area`` is enlarged by its reach.
+    Distributing a splat among four cells already acts as such a kernel of radius 1. The variances of successive kernels
+    add up, so the remaining blur is correspondingly narrower. ``area`` is enlarged by the blur's reach.
     """
     wide = np.sqrt(max(radius * radius - F(1), F(0)))
     reach = int(np.ceil(wide)) - 1
@@ -200,9 +200,9 @@ def _advect(state, new, side, area, fluidity):  # type: ignore[no-untyped-def]
 
 @function
 def _set_down(curve, scale, hind, pose, roots, p, turned):  # type: ignore[no-untyped-def]
-    """Place a settled brush at the start of a curve, turned into the direction of the curve.
+    """Place a settled brush at the start of a curve, facing in the direction of the curve.
 
-    Its positions are written to ``p``, and its roots to ``turned``.
+    The bristles' positions are written to ``p``, and their roots to ``turned``.
     """
     cosine, sine = _tangent(curve, F(0))
     x, y = curve[0] + hind * cosine, curve[1] + hind * sine
@@ -217,7 +217,7 @@ def _set_down(curve, scale, hind, pose, roots, p, turned):  # type: ignore[no-un
 
 @function
 def _handle(curve, t, hind, fore):  # type: ignore[no-untyped-def]
-    """Return the handle's position at t: ahead of the curve by the distance by which the bristles trail behind it."""
+    """Return the handle's position at t, as far ahead of the curve as the bristles trail behind the handle."""
     w = F(1) - t
     x = w * w * curve[0] + F(2) * t * w * curve[2] + t * t * curve[4]
     y = w * w * curve[1] + F(2) * t * w * curve[3] + t * t * curve[5]

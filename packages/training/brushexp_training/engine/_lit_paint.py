@@ -8,7 +8,7 @@ from brushexp_training.engine._bristles import UNITS, F
 
 @inline
 def _light(gx, gy):  # type: ignore[no-untyped-def]
-    """Compute the diffuse and the specular light from paint of slope (gx, gy) (GGX model, Walter et al., 2007)."""
+    """Compute the diffuse and specular light reflected by paint with slope (gx, gy) (GGX, Walter et al., 2007)."""
     nz = F(7) / np.sqrt(gx * gx + gy * gy + F(49))
     ny = gy * nz / F(7)
     nl = max((nz - ny) * F(0.70710678), F(0))

@@ -22,7 +22,7 @@ F = np.float32
 
 @register("engine", "disc")
 class Disc(Engine):
-    """Paint a smooth tube of 100 discs along a Bezier curve (Learning to Paint: Huang et al., 2019, arXiv:1903.04411).
+    """A smooth tube of 100 discs along a Bezier curve (Learning to Paint: Huang et al., 2019, arXiv:1903.04411).
 
     The discs are painted on a canvas of twice the resolution, which is then averaged. Alpha, which is also the height,
     is the covered fraction of a pixel. Nothing is random. As in the source, a curve much longer than the window breaks
@@ -54,7 +54,7 @@ class Disc(Engine):
 
 @function
 def _paint(begin, end, curve, radius, alpha):  # type: ignore[no-untyped-def]
-    """Compute which fraction of each pixel the discs of a stroke cover, for the strokes ``begin`` to ``end``.
+    """Compute the fraction of each pixel that a stroke's discs cover, for the strokes ``begin`` to ``end``.
 
     The result is written to ``alpha`` (n, S, S). The points in ``curve`` (n, 6) and the ``radius`` (n,) are in pixels
     of the finer canvas.

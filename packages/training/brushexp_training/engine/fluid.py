@@ -34,10 +34,10 @@ class Fluid(Engine):
     window, so that a stroke looks the same in windows of any size.
 
     There are four differences from the source. Thin splats lose no paint on a coarse grid. The brush turns with the
-    stroke, as it does in a hand, and begins at rest, with its bristles trailing and each splayed in its own direction.
-    The handle is ahead of the curve by the distance by which the bristles trail, so that the paint extends from start
-    to end. Colours are mixed digitally, which is exact on an empty canvas, where RGB is the colour of flat paint and
-    alpha is its coverage.
+    stroke, as if held in a hand, and starts from rest, with its bristles trailing, each splayed in a different
+    direction. The handle is as far ahead of the curve as the bristles trail behind the handle, so that the paint
+    extends from start to end. Colours are mixed digitally, which is exact on an empty canvas, where RGB is the colour
+    of flat paint and alpha is its coverage.
 
     Args:
         window: side of a picture in pixels, 8 to 1024.
@@ -130,7 +130,7 @@ class Fluid(Engine):
         self._poses, self._reach = list[Array](), list[Array]()
 
     def _poses_for(self, brush: Array, scale: Array) -> Array:
-        """Return the indices (n,) of the brushes' initial poses; simulate those poses that are not known yet."""
+        """Return the indices (n,) of the brushes' initial poses, after simulating any poses that are not stored yet."""
         node = np.rint(np.log(scale) / math.log1p(STEP)).astype(int)
         keys = list(zip(brush.tolist(), node.tolist(), strict=True))
         fresh = [key for key in dict.fromkeys(keys) if key not in self._place]

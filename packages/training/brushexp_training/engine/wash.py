@@ -51,7 +51,7 @@ class Wash(Engine):
         return Simulated(torch.cat([color, alpha[:, None]], dim=1), (alpha > 0).float())
 
     def _coverage(self, parameters: Tensor, seed: int, number: int) -> Tensor:
-        """Compute the coverage (1, S, S) of a single stroke (1, 10); it thus cannot depend on the others in a batch."""
+        """Compute the coverage (1, S, S) of a single stroke (1, 10), independently of other strokes in the batch."""
         strokes, pixel = strokes_of(parameters), torch.arange(self.window) + 0.5 - 0.5 * self.window
         points = torch.stack(torch.meshgrid(pixel, pixel, indexing="xy"), dim=-1).reshape(-1, 2)
         curve = torch.stack([strokes.start, strokes.control, strokes.end], dim=1).clamp(-FARTHEST_POINT, FARTHEST_POINT)

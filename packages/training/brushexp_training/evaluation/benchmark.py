@@ -65,7 +65,7 @@ def draw_batch(renderer: Renderer, batch: StrokeBatch, window: int) -> tuple[Ten
 def strokes_per_second(renderer: Renderer, blend: Blend, window: int, *, backward: bool) -> float:
     """Measure the painting speed in strokes per second, as the best of several repetitions.
 
-    The strokes are painted in adjacent windows. With ``backward``, the time includes computing the gradients.
+    The strokes are painted in adjacent windows. With ``backward``, the time includes the computation of gradients.
     """
     device, n = device_of_weights(renderer), ACROSS * DOWN
     strokes = sample_prior(n)
@@ -90,8 +90,8 @@ def strokes_per_second(renderer: Renderer, blend: Blend, window: int, *, backwar
 class ExtremeDrawings(NamedTuple):
     """Drawings of the strokes in `EXTREMES`.
 
-    In ``pictures``, the key "painted" is for pictures as users see them. Networks with ``project`` also have the key
-    "bare", for pictures drawn without it.
+    In ``pictures``, the key "painted" holds the pictures as users see them. For networks with the option ``project``,
+    the key "bare" holds pictures drawn without projection.
     """
 
     nearest: Tensor  # (n, 4, S, S), the engine's pictures of the nearest strokes in the training range

@@ -208,7 +208,7 @@ def effl0_distance(device: torch.device) -> FeatureDistance:
 def inception_distance(path: Path, device: torch.device) -> FeatureDistance:
     """Return the `FeatureDistance` "inception", which uses the 2048 features of Inception v3, as published figures do.
 
-    ``path`` is the network as TorchScript, such as inception-2015-12-05.pt from StyleGAN2-ADA; it takes bytes (n, 3, H,
+    ``path`` is a TorchScript file such as inception-2015-12-05.pt from StyleGAN2-ADA; its network takes bytes (n, 3, H,
     W) and ``return_features=True``. An FID from fewer than 2048 strokes is too low. Raises UserError for other files.
     TorchScript is deprecated in torch; once it is removed (2.13 still has it), ``task=evaluate`` loses the key
     ``inception``.
@@ -252,7 +252,7 @@ def stroke_sheet(images: Tensor, columns: int) -> Tensor:
 
 
 class HeldOutSheet(L.Callback):
-    """Show held-out strokes as drawn by the network next to the true ones, on a sheet for every validation.
+    """Callback that writes, at every validation, a sheet of held-out strokes: the network's drawings and the true ones.
 
     The sheets are written to validation.png and pictures/epoch_XXX.png.
     """
@@ -275,7 +275,7 @@ class HeldOutSheet(L.Callback):
 
 
 class FrechetDistance(L.Callback):
-    """Log ``validation/fid_effl0``, computed on the first ``n`` held-out strokes, at every validation."""
+    """Callback that logs ``validation/fid_effl0`` at every validation, computed on the first ``n`` held-out strokes."""
 
     def __init__(self, n: int) -> None:
         self.n = n

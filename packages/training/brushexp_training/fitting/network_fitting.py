@@ -88,7 +88,7 @@ def train_network(
 
 
 class MovingAverage(WeightAveraging):
-    """Maintain an exponential moving average of the weights, which is used for validation.
+    """Callback that maintains an exponential moving average of the weights, which is used for validation.
 
     The average replaces the weights at the end of the training or after a failure. Each step keeps a fraction ``decay``
     < 1 of the old average; early averages, which consist mostly of random weights, are forgotten faster.
@@ -117,9 +117,10 @@ class MovingAverage(WeightAveraging):
 
 
 class Stopwatch(Timer):
-    """Time a training run, and end it at the limit ``minutes``.
+    """Timer that ends a training run after ``minutes``.
 
-    This is a subclass because a Trainer accepts only one callback of each class, and ``trainer.max_time`` adds a Timer.
+    A subclass is needed because a Trainer accepts only one callback of each class, and ``trainer.max_time`` adds a
+    Timer.
     """
 
 
@@ -197,7 +198,7 @@ def save_renderer(
     """Write a trained renderer with its recipe, and return the hash of its weights.
 
     ``options`` override the renderer's options in the config; options that are null in the config are taken from the
-    checkpoint from which the training started. ``training`` is added to the training settings in the recipe.
+    checkpoint that training started from. ``training`` is added to the training settings in the recipe.
     """
     chosen: Any = OmegaConf.to_container(cfg.renderer, resolve=True, enum_to_str=True)
     checkpoint = cfg.renderer.get("checkpoint")

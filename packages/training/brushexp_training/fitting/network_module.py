@@ -18,7 +18,7 @@ FINAL_RATE = 0.01  # final learning rate as a share of the peak
 
 
 class NetworkModule(L.LightningModule):
-    """Train a network until the first limit of its Trainer: ``max_steps``, ``max_epochs`` or a `Timer`."""
+    """Base class for training a network up to its Trainer's first limit: ``max_steps``, ``max_epochs`` or a `Timer`."""
 
     title = "training"  # label of the progress bar
     clip_norm: float | None = None  # maximum norm of the gradient unless the Trainer sets one
@@ -108,7 +108,7 @@ class NetworkModule(L.LightningModule):
     def check_is_finite(self, norm: Tensor) -> bool:
         """Check whether the gradient norm and the losses are finite.
 
-        If they are not, training ends after this step.
+        If any of them is not, training ends after this step.
         """
         well = bool(torch.stack([norm, *self.terms.values()]).isfinite().all())
         if not well and not self.trouble and getattr(self.trainer.precision_plugin, "scaler", None) is None:

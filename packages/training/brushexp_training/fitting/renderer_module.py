@@ -88,11 +88,11 @@ class Critic(nn.Module):
 
 
 class RendererModule(NetworkModule):
-    """Train a renderer to reproduce the true pictures of strokes; see `evaluation.squared_error`.
+    """Module that trains a renderer to reproduce the true pictures of strokes; see `evaluation.squared_error`.
 
     Lightning manages only the renderer's optimiser, so that ``global_step`` counts its steps alone; the critic's step
-    is taken within ``training_step``. Raises UserError if the renderer has no weights, or if the side of its windows is
-    not ``window``.
+    is taken within ``training_step``. Raises UserError if the renderer has no weights, or if its windows are not
+    ``window`` pixels wide.
     """
 
     clip_norm = 1.0
@@ -193,7 +193,7 @@ class RendererModule(NetworkModule):
     def _ask_critic(self, critic: Critic, drawn: Tensor, truth: Tensor, error: Tensor) -> tuple[Tensor, Tensor]:
         """Compute the renderer's adversarial loss, and a gradient with respect to the pictures.
 
-        The gradient is that of the reconstruction ``error`` combined with that of the adversarial loss by `balance`.
+        `balance` combines the gradients of the reconstruction ``error`` and of the adversarial loss.
         """
         critic.requires_grad_(False)
         loss = relativistic_loss(critic(drawn), critic(truth))
@@ -205,14 +205,14 @@ class RendererModule(NetworkModule):
 def balance(push: Tensor, pull: Tensor, weight: float) -> Tensor:
     """Add to ``push`` a vector in the direction of ``pull`` whose norm is ``weight`` times that of ``push``.
 
-    A critic's scores have no fixed scale: in 80 steps, their gradients grew a thousandfold relative to those of L2, so
-    no constant weight works (Esser et al., 2021, arXiv:2012.09841, balance the gradients at the last layer).
+    A critic's scores have no fixed scale: in 80 steps, their gradients grew a thousandfold relative to the gradients of
+    L2, so no constant weight works (Esser et al., 2021, arXiv:2012.09841, balance the gradients at the last layer).
     """
     return push + weight * torch.linalg.vector_norm(push) / torch.linalg.vector_norm(pull).clamp_min(1e-30) * pull
 
 
 class FreshStart(L.Callback):
-    """Replace the weights of a network that draws all strokes alike with those of ``fresh()``.
+    """Callback that restarts a network which draws all strokes alike, with the weights of ``fresh()``.
 
     Such a network cannot learn, because its gradients vanish. Its weights are replaced at most ``most`` times.
     """
@@ -247,7 +247,7 @@ class FreshStart(L.Callback):
 
 
 def share_drawn(drawn: Tensor, true: Tensor) -> float | None:
-    """Compute the variance in alpha between drawn strokes (n, 4, S, S), as a fraction of that between true strokes.
+    """Compute the variance of alpha among drawn strokes (n, 4, S, S), as a fraction of that among true strokes.
 
     Both variances are averaged over pixels. The result is None if the true strokes do not vary, as with a single
     stroke.

@@ -66,7 +66,7 @@ class InverseVGG(PatchRenderer):
         activation: activation after every layer but the last: relu, leaky_relu, elu, gelu or silu.
         normalisation: normalisation after every convolution but the last: none, batch, group (of channels) or instance.
         upsampling: upsampling between sizes: nearest, bilinear, or pixel_shuffle, which is learned.
-        channels: widths of all layers but the last, as left by task=prune: dense layers, coarsest picture, and every
+        channels: widths of all layers but the last, as written by task=prune: dense layers, coarsest picture, and every
             convolution; null = from the checkpoint, or otherwise from width, widest and dense.
         precision: precision of the network when painting; bfloat16 is faster on GPUs and on CPUs that support it
             (AVX-512 BF16, AMX). Training has a separate precision.

@@ -36,7 +36,7 @@ CHUNK = 256  # number of strokes processed by the network at once
 
 @register("renderer", "neural")
 class Neural(Renderer):
-    """A network, trained on simulated strokes, that draws a texture for each stroke, to be bent along its curve.
+    """A texture for each stroke, drawn by a network trained on simulated strokes and bent along the stroke's curve.
 
     Streaks follow a stroke, and the brush turns with it. The network therefore does not draw a picture of the window,
     as in the thesis (`inverse_vgg`), but a texture in the stroke's coordinates. The texture is a smooth function of the
@@ -153,7 +153,7 @@ class Neural(Renderer):
 
 
 class _Stage(nn.Module):
-    """Double the rows and columns, and convolve twice, adding a learned map of the brush in between."""
+    """A layer that doubles rows and columns, and convolves twice, adding a learned map of the brush in between."""
 
     def __init__(self, before: int, after: int, brushes: int, sides: Sequence[int]) -> None:
         super().__init__()
@@ -168,7 +168,7 @@ class _Stage(nn.Module):
 
 
 def shape_numbers(parameters: Tensor) -> Tensor:
-    """Describe strokes (n, 10), encoded as by `parameters_of`, by NUMBERS features that range from about -2 to 2.
+    """Describe strokes (n, 10), encoded by `parameters_of`, with NUMBERS features that range from about -2 to 2.
 
     The features are length, both absolute and in half widths, bend, thickness, direction and colour.
     """
@@ -182,7 +182,7 @@ def shape_numbers(parameters: Tensor) -> Tensor:
 
 
 def initialise(module: nn.Module) -> None:
-    """Initialise weights after He et al. (2015), so that differences between strokes reach the last layer."""
+    """Initialise weights as in He et al. (2015), so that differences between strokes reach the last layer."""
     if isinstance(module, nn.Conv2d | nn.Linear):
         nn.init.kaiming_normal_(module.weight, nonlinearity="relu")
         if module.bias is not None:

@@ -16,7 +16,7 @@ MULTIPLE = 8  # widths stay multiples of this number of channels, which CPUs com
 
 
 def prune(renderer: InverseVGG, ratio: float, batches: Iterable[StrokeBatch]) -> InverseVGG:
-    """Copy a network, leaving out those channels of each layer that affect its pictures least.
+    """Copy a network, leaving out the channels of each layer that affect its pictures least.
 
     ``ratio`` is the fraction of channels left out; the remaining widths are rounded to multiples of `MULTIPLE`.
     torch-pruning (Fang et al., 2023, arXiv:2301.12900) groups channels that are used together, and ranks them by how
@@ -81,7 +81,7 @@ def _ratios(renderer: InverseVGG, ratio: float) -> dict[nn.Module, float]:
 
 
 class _Spread(nn.Module):
-    """`Coarsest` as a transposed convolution plus a bias, whose channels torch-pruning can identify."""
+    """`Coarsest` as a transposed convolution plus a bias, so that torch-pruning can identify its channels."""
 
     def __init__(self, layer: Coarsest) -> None:
         super().__init__()

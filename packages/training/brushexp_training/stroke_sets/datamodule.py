@@ -31,7 +31,7 @@ class StrokeBatch(NamedTuple):
 
 
 class StrokeLoader:
-    """Iterate over one epoch after another, each of ``length`` batches from ``batches(epoch, first batch)``."""
+    """Loader whose iterators each yield one epoch of ``length`` batches, from ``batches(epoch, first batch)``."""
 
     def __init__(self, batches: Callable[[int, int], Iterator[Any]], length: int) -> None:
         self.batches, self.length = batches, length
@@ -57,7 +57,7 @@ class StrokeLoader:
 
 
 class StrokeData(L.LightningDataModule, ABC):
-    """Base class for training, validation and test strokes; the last batch of an epoch may be smaller."""
+    """Base class for data modules of training, validation and test strokes; an epoch's last batch may be smaller."""
 
     origin: Origin  # origin of the strokes, or of the first of several sets
     sets: Sequence[StrokeSet] = ()  # opened sets; empty if strokes are simulated on demand
@@ -107,7 +107,7 @@ class StrokeData(L.LightningDataModule, ABC):
 
 
 class SimulatedData(StrokeData):
-    """Simulate strokes on demand, with ``held_out`` strokes each for validation and for testing.
+    """Data module that simulates strokes on demand, with ``held_out`` strokes each for validation and testing.
 
     Training strokes never repeat.
     """
@@ -137,7 +137,7 @@ class SimulatedData(StrokeData):
 
 
 class StoredData(StrokeData):
-    """Read strokes from stored sets.
+    """Data module that reads strokes from stored sets.
 
     The first ``limit`` training strokes are read once per epoch, in an order that depends on seed and epoch.
     """

@@ -47,7 +47,7 @@ Numbers = NDArray[np.int64]
 
 
 class Split(Enum):
-    """The part of a set to which a stroke belongs; its value is the block number modulo `PERIOD`, clipped at 2."""
+    """The part of a set that a stroke belongs to; the value is the block number modulo `PERIOD`, clipped at 2."""
 
     TEST = 0
     VALIDATION = 1
@@ -60,7 +60,7 @@ class Split(Enum):
 
 @dataclass(frozen=True)
 class Origin:
-    """The engine, its options and the window with which a set of strokes was simulated.
+    """The engine, engine options and window that were used to simulate a set of strokes.
 
     The seed is stored separately.
     """
@@ -70,13 +70,13 @@ class Origin:
     window: int  # pixels on the side of a picture
 
     def settings(self) -> dict[str, object]:
-        """Map the name of each setting in which sets can differ to its value."""
+        """Return the settings in which sets can differ, as a mapping from names to values."""
         options = {f"engine.{key}": value for key, value in sorted(self.engine_config.items())}
         return {"engine": self.engine, **options, "the window": self.window}
 
 
 def origin_of(node: DictConfig, engine: Engine) -> Origin:
-    """Return the origin of the strokes that an engine simulates, given the config node from which it was built."""
+    """Return the origin of the strokes that ``engine`` simulates, given the config node that it was built from."""
     options = OmegaConf.to_container(node, resolve=True, enum_to_str=True)
     assert isinstance(options, dict)
     config = {str(key): value for key, value in options.items() if not str(key).startswith("_")}
@@ -84,7 +84,7 @@ def origin_of(node: DictConfig, engine: Engine) -> Origin:
 
 
 def first_difference(first: dict[str, object], second: dict[str, object]) -> tuple[str, str] | None:
-    """Return the first setting in which the two sides differ, as ``key=value`` of each, or None if they agree."""
+    """Return the first setting that differs between two origins, as ``key=value`` for each, or None if they agree."""
     for key in first | second:
         one, other = (f"{key}={side[key]}" if key in side else f"no {key}" for side in (first, second))
         if one != other:
@@ -93,7 +93,7 @@ def first_difference(first: dict[str, object], second: dict[str, object]) -> tup
 
 
 class Shard:
-    """One file of a set, whose first stroke is number ``first`` of the set; pictures are read and checked on demand."""
+    """One file of a set, starting with the set's stroke number ``first``; pictures are read and checked on demand."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -137,7 +137,7 @@ class Shard:
         return len(self.parameters)
 
     def rows(self, dataset: h5py.Dataset, rows: Numbers) -> NDArray[Any]:
-        """Read rows of ``images`` or ``heights``, with each block read once; raise UserError if a block is damaged."""
+        """Read rows of ``images`` or ``heights``, each block only once; raise UserError if a block is damaged."""
         values = np.empty((len(rows), *dataset.shape[1:]), dataset.dtype)
         blocks = rows // BLOCK
         with explaining(self.path, CURE):
@@ -177,7 +177,7 @@ class StrokeSet:
 
 
 def pictures_of(shards: Sequence[Shard], places: Numbers) -> Bytes:
-    """Read the images (n, S, S, 4) of the strokes at ``places``, which are counted through all shards."""
+    """Read the images (n, S, S, 4) of the strokes at the indices ``places``, which continue from shard to shard."""
     starts = np.cumsum([0, *map(len, shards)])
     owner = np.searchsorted(starts, places, side="right") - 1
     pictures = np.empty((len(places), *shards[0].images.shape[1:]), np.uint8)

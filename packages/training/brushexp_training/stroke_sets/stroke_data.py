@@ -1,4 +1,4 @@
-"""Provide the strokes on which a task trains or evaluates, as its config specifies."""
+"""Provide the strokes for training or evaluation, as a task's config specifies."""
 
 import hashlib
 import json
@@ -24,7 +24,8 @@ log = logging.getLogger(__name__)
 def stroke_data(cfg: DictConfig) -> StrokeData:
     """Open the sets in ``data``.
 
-    Without ``data``, a set of ``simulate`` strokes is simulated first; if this is null, strokes come on demand.
+    Without ``data``, a set of ``simulate`` strokes is simulated first; if ``simulate`` is null, strokes are simulated
+    on demand.
     """
     batch_size, paths = cfg.get("batch_size", BATCH_STROKES), [Path(path) for path in cfg.data or ()]
     if not paths:
@@ -81,7 +82,7 @@ def origin_for(cfg: DictConfig) -> tuple[Origin, list[int]]:
 def engine_node(cfg: DictConfig) -> DictConfig:
     """Return the config node of the engine.
 
-    Options not set by the user default to the values with which the measured renderer's training strokes were made.
+    Options that the user did not set default to the values used to simulate the measured renderer's training strokes.
     """
     plugin, (trained, _) = plugin_of(cfg.engine), origin_of_training(cfg)
     if trained is None or trained.engine != plugin.name:
@@ -97,7 +98,7 @@ def engine_node(cfg: DictConfig) -> DictConfig:
 
 
 def origin_of_training(cfg: DictConfig) -> tuple[Origin | None, list[int]]:
-    """Read the origin and seeds of the strokes on which a renderer was trained.
+    """Read the origin and seeds of a renderer's training strokes.
 
     Returns (None, []) if they are unknown, or if ``other_data`` allows strokes of other origins.
     """

@@ -1,4 +1,4 @@
-"""Draw labelled sheets that compare strokes drawn by renderers with those of the engine."""
+"""Draw labelled sheets that compare renderers' strokes with the engine's strokes."""
 
 from brushexp_studies.contact_sheet import SheetCell, draw_sheet
 from PIL import Image
@@ -25,7 +25,7 @@ def sheet_of_strokes(renderers: dict[str, Renderer], batch: StrokeBatch, origin:
 
 
 def sheet_of_extremes(name: str, engine: str, drawings: ExtremeDrawings) -> Image.Image:
-    """Draw a sheet of strokes outside the training range, below the engine's pictures of the nearest strokes in it."""
+    """Draw a sheet of strokes outside the training range, below the engine's pictures of the nearest strokes inside."""
     kinds = {f"{engine}, nearest": drawings.nearest} | {f"{name}, {kind}": p for kind, p in drawings.pictures.items()}
     labels: list[tuple[str, ...]] = [(label,) for label in EXTREMES]
     side = ZOOM * drawings.nearest.shape[-1]

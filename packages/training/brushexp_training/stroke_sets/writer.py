@@ -100,7 +100,7 @@ def _lock(path: Path, wait: bool) -> AbstractContextManager[object]:
 
 
 def whole_shards(path: Path, origin: Origin, seed: int, n: int) -> dict[int, Shard]:
-    """Open the valid shards in a folder, and return them by the number of their first stroke.
+    """Open the valid shards in a folder, and return them keyed by the number of their first stroke.
 
     Raises UserError if a shard does not belong to this set.
     """

@@ -1,1 +1,1 @@
-"""The tasks of this package, with one module for each."""
+"""The tasks of this package, one module per task."""

@@ -1,4 +1,4 @@
-"""``task=evaluate``: measure a renderer on strokes on which it was not trained."""
+"""``task=evaluate``: measure a renderer on strokes that it was not trained on."""
 
 import logging
 import time

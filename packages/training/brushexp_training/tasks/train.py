@@ -94,7 +94,7 @@ def first_renderer(cfg: DictConfig, data: StrokeData) -> Renderer:
 
 
 def large_engine(origin: Origin) -> Engine:
-    """Build the engine with which strokes were simulated, but with the options in `DISTILLED`.
+    """Build the engine that simulated the strokes, but with the options in `DISTILLED`.
 
     The window is limited to the largest one that the engine supports.
     """

@@ -20,10 +20,10 @@ Place = tuple[float, float, float]  # x, y and radius in pixels
 def restore_forms(target: Tensor, picture: Tensor, places: Sequence[Place]) -> Tensor:
     """Restore the forms of ``picture`` in round areas of its reduced-palette version ``target``, both (3, H, W).
 
-    The forms of a picture are the difference between its CIELAB values and their blurred version. The new lightness is
-    the target's blurred lightness plus the forms of ``picture``, made as strong as the target's forms if those are
-    stronger, and stronger still in small areas. Colours change only in dark areas, such as lips, where the palette has
-    weakened them.
+    The forms of a picture are the difference between its CIELAB values and a blurred copy of them. The new lightness is
+    the target's blurred lightness plus the forms of ``picture``. These are amplified if the target's forms are
+    stronger, and amplified further in small areas. Colours change only in dark areas, such as lips, where the palette
+    has weakened them.
     """
     restored = target.clone()
     for x, y, radius in places:

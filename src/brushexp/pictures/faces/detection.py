@@ -30,10 +30,10 @@ FACES_APART = 0.5  # distance of two faces above which they are different, in si
 def find_faces(picture: Tensor, least: float = LEAST_SCORE) -> list[Face]:
     """Detect the faces in a picture (3, H, W), sRGB in [0, 1], in order of decreasing confidence.
 
-    It detects frontal faces and profiles from a size of about 16 pixels, even if they are tilted by 45 degrees or more.
-    The picture is searched at several sizes, upright and rotated in both directions. A face must be detected at least
-    twice unless its score is very high; ``least`` is the score that it needs in any case. Of several candidates for a
-    face, the best is kept.
+    It detects frontal faces and profiles of about 16 pixels or more, even if they are tilted by 45 degrees or more. The
+    picture is searched at several sizes, upright and rotated in both directions. A face must be detected at least twice
+    unless its score is very high; ``least`` is the minimum score of any face. Of several candidates for a face, the
+    best is kept.
     """
     return faces_among(search(picture, min(least, SEEN_AGAIN_SCORE)), least)
 
@@ -41,7 +41,7 @@ def find_faces(picture: Tensor, least: float = LEAST_SCORE) -> list[Face]:
 def find_faces_and_heads(picture: Tensor) -> tuple[list[Face], list[Face]]:
     """Detect the faces in a picture as `find_faces` does; if there are none, detect the heads of animals.
 
-    The network detects animal heads with low confidence, and the landmarks miss the eyes. However, it detects the same
+    The network detects animal heads with low confidence, and its landmarks miss the eyes. However, it detects the same
     head at several sizes and tilts, which rarely happens with false detections.
     """
     looks = search(picture, HEAD_SEEN_SCORE)

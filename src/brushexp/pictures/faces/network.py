@@ -33,8 +33,8 @@ class Candidates:
 class YuNet(nn.Module):
     """Detects upright faces of about 10 to 300 pixels, with the eyes, the nose and the corners of the mouth.
 
-    Source: Wu, Peng and Yu (2023), "YuNet: a tiny millisecond-level face detector"; the weights are those of March 2023
-    in OpenCV's model zoo, with batch norms folded into the convolutions (docs/decisions/027-faces.md).
+    Source: Wu, Peng and Yu (2023), "YuNet: a tiny millisecond-level face detector"; the weights are the March 2023
+    version from OpenCV's model zoo, with batch norms folded into the convolutions (docs/decisions/027-faces.md).
     """
 
     def __init__(self) -> None:

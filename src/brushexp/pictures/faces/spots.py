@@ -42,9 +42,9 @@ def find_spots(picture: Tensor, attended: Tensor, scales: Sequence[float] = SIGM
     """Find up to `MOST_SPOTS` small dark spots in a picture (3, H, W), weighted by attention (H, W) in [0, 1].
 
     A spot is a maximum, over position and size, of the smaller eigenvalue of the scale-normalised Hessian of luma
-    (Lindeberg, 1998), so it is dark and round. Its strength is divided by that of the surrounding detail, which favours
-    isolated spots, and multiplied by the attention, which favours places where people look first. A spot whose contrast
-    is below `LEAST_CONTRAST` is ignored.
+    (Lindeberg, 1998), so it is dark and round. Its strength is divided by the strength of the surrounding detail, which
+    favours isolated spots, and multiplied by the attention, which favours places where people look first. A spot whose
+    contrast is below `LEAST_CONTRAST` is ignored.
     """
     from scipy.ndimage import gaussian_filter, maximum_filter  # noqa: PLC0415  (slow to import)
 
@@ -93,7 +93,7 @@ def contrast_of_spot(luma: np.ndarray, x: float, y: float, sigma: float) -> floa
 
 
 def find_eyes(picture: Tensor, heads: Sequence[Face]) -> list[Spot]:
-    """Find up to `MOST_SPOTS` dark spots, the likely eyes, in each of the first animal heads in a picture (3, H, W)."""
+    """Find up to `MOST_SPOTS` dark spots, the likely eyes, in each of the first `MOST_HEADS` animal heads."""
     height, width = picture.shape[1:]
     eyes = []
     for head in heads[:MOST_HEADS]:

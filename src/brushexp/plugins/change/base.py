@@ -95,7 +95,7 @@ class Change:
         return order
 
     def begin(self, strokes: Strokes, state: PaintingState) -> Strokes:
-        """Return the N initial strokes after this change."""
+        """Return the N initial strokes, modified by this change."""
         return strokes
 
     def aim(self, target: Tensor, ground: Tensor, state: PaintingState) -> tuple[Tensor, Tensor]:
@@ -103,7 +103,7 @@ class Change:
         return target, ground
 
     def limit(self, strokes: Strokes, before: Strokes | None, rows: Tensor | None, state: PaintingState) -> Strokes:
-        """Clamp to limits the A strokes whose indices among all N are ``rows`` (A,), or all strokes if this is None.
+        """Clamp A strokes to limits; ``rows`` (A,) holds their indices among all N strokes, or is None for all strokes.
 
         ``before`` holds the same strokes before the step; it is None if there was no step. Strokes that are already
         within the limits may change only by rounding.

@@ -40,7 +40,7 @@ PALE, PALE_SLOPE = 85.0, 0.05  # L* above which colours vary less, and the decre
 @register("change", "variety")
 @dataclass(kw_only=True)
 class Variety(Change):
-    """Varies the colour of each finished stroke ("broken colour"), warmer in the light and cooler in the shade.
+    """Varies the colour of each finished stroke ("broken colour"): warmer in the light and cooler in the shade.
 
     Goals such as psnr= refer to the picture before this change, which lowers the PSNR somewhat.
 
@@ -69,7 +69,7 @@ def break_colors(strokes: Strokes, state: PaintingState, amount: float) -> Strok
     """Vary the colours of N strokes in CIELAB by an ``amount``, 0 to 1, so that neighbouring strokes differ.
 
     Strokes that are lighter than their surroundings become warmer, and darker strokes become cooler. In addition,
-    colours vary at random, partly in the same way as those of nearby strokes: greys become warmer or cooler, and hues
+    colours vary at random, partly in step with the colours of nearby strokes: greys become warmer or cooler, and hues
     shift to neighbouring hues. Small strokes, near-black and near-white strokes, and strokes in the focus vary less.
 
     Source: the impressionists' "broken colour", after Chevreul (1839); Hertzmann (1998) varies hue, saturation and
@@ -132,7 +132,7 @@ def _share_by_width(strokes: Strokes) -> np.ndarray:
 
 
 def _share_by_lightness(lightness: np.ndarray) -> np.ndarray:
-    """Compute the strength (N,) of the variation from L* (N,); it is least for near-black and near-white colours."""
+    """Compute the strength (N,) of the variation from L* (N,); it is lowest for near-black and near-white colours."""
     return np.asarray((lightness / DARK).clip(DARKEST_SHARE, 1) * (1 - PALE_SLOPE * (lightness - PALE).clip(0, 10)))
 
 

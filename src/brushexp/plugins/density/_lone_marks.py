@@ -25,10 +25,10 @@ def find_lone_marks(strokes: Strokes, image: Tensor, target: Tensor, least: floa
     """Mark the strokes (N,) that are isolated in a picture (3, H, W) and not justified by the ``target`` (3, H, W).
 
     A stroke's contrast is the median difference between its colour and the pixels around it. A stroke is conspicuous if
-    it is visible, not broad, not at the edge of the picture, and if fewer than 40 % of the pixels around it differ from
-    its colour by less than half of its contrast. It is isolated if it belongs to a group of fewer than five conspicuous
-    strokes, such as a spot or a tick. The target justifies a stroke if, at its position, the target differs from the
-    surroundings by at least ``least`` (0 to 1), in the same direction in colour space.
+    it is visible, neither broad nor at the edge of the picture, and if less than 40 % of the pixels around it are
+    similar to it, with a difference below half of the contrast. It is isolated if it belongs to a group of fewer than
+    five conspicuous strokes, such as a spot or a tick. The target justifies a stroke if it also differs from its
+    surroundings at that position, by at least ``least`` (0 to 1) in the same direction in colour space.
     """
     painting, aim = (picture.detach().cpu().double().numpy() for picture in (image, target))
     curve = (strokes.position[:, None] + shape_of(strokes)).detach().cpu().double()
@@ -78,7 +78,7 @@ def _sample(picture: Array, places: Array) -> Array:
 
 
 def _size_of_groups(points: Array, color: Array, reach: float) -> Array:
-    """Count the marks in each mark's group (n,).
+    """Compute the size (n,) of the group to which each of n marks belongs.
 
     Two marks belong to the same group if some of their points (P, n, 2) are within ``reach`` pixels of each other and
     their colours (n, 3) are similar.

@@ -28,7 +28,7 @@ class Trials:
     failures: int = field(default=0)  # number of consecutive failed trials
 
     def next(self, state: DensificationState, slack: float, steps: int | None) -> DensificationUpdate | None:
-        """Return the next trial or, after the last trial, the best painting; None if ``state`` already is the best.
+        """Return the next trial or, after the last trial, the best painting; None if ``state`` is already the best.
 
         A painting is good enough if its ``slack``, the amount by which its squared error may grow, is 0 or more; this
         must hold for the first painting. A trial extends the painting to ``steps`` steps; if ``steps`` is None, no

@@ -94,7 +94,7 @@ class Density(ABC):
         """Return the results of `conclude`, by their names in metrics.json.
 
         ``verdict`` is a sentence that sums up the results; ``strokes_psnr`` is a list of pairs: a number of strokes and
-        its PSNR in dB.
+        the PSNR, in dB, of a painting with that many strokes.
         """
         return {}
 

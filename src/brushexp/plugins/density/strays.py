@@ -26,8 +26,8 @@ class Strays(Density):
 
     Strokes are removed only once, and the remaining steps then close the gaps. A stroke is hardly needed if its removal
     increases the squared error only a little, relative to its area. An isolated mark, such as a spot or a tick, stays
-    if it is in the focus, or if the picture also stands out from its surroundings there. Strokes that draw eyes and
-    mouths stay, too.
+    if it is in the focus, or if the target also stands out from its surroundings there. Strokes that depict eyes and
+    mouths also stay.
 
     Args:
         after: fraction of the steps after which strays are removed.

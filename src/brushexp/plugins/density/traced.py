@@ -36,16 +36,16 @@ Array = np.ndarray
 @register("density", "traced")
 @dataclass(kw_only=True)
 class Traced(Rounds):
-    """Starts with some of the strokes, and adds long ones that remove most of the error.
+    """Starts with some of the strokes, and adds long ones where they most reduce the error.
 
     From each peak of the error, a line is extended in both directions along the picture's edges as far as this lowers
     the error; its colour is fitted by least squares. The gain is known before the line is painted, so one of the least
     important strokes is replaced by the line only if the gain outweighs the importance of that stroke.
 
-    Source: Dual Parameterization (Liu et al., 2026), which traces polylines through the residual from the peaks of its
-    worst eighth. Unlike in the source, lines of three widths are traced at once, each in a picture downsampled until
-    the line is about three pixels wide; there are more seeds, closer together; each line becomes a single quadratic
-    stroke; and the number of strokes is given.
+    Source: Dual Parameterization (Liu et al., 2026), which traces polylines through the residual, starting at the peaks
+    in its largest eighth. Unlike in the source, lines of three widths are traced at once, each in a picture downsampled
+    until the line is about three pixels wide; there are more seeds, closer together; each line becomes a single
+    quadratic stroke; and the number of strokes is fixed in advance.
 
     Args:
         start: initial fraction of the strokes, above 0 and at most 1.

@@ -179,7 +179,7 @@ class Worth(Density):
         return is_lower
 
     def _settle(self, state: DensificationState) -> DensificationUpdate:
-        """Remove strokes that are no longer worth their price; in early rounds, also add proposals that are."""
+        """Remove strokes that are not worth their price; in early rounds, also add proposals that are worth it."""
         n, price = len(state.strokes), BITS * self.price
         done = (state.step - self._grown) / max(1, state.steps - self._grown)
         if not self._falls(state, STEPS_PAY) and done >= LAST_ROUNDS and state.may_replan:
@@ -197,7 +197,7 @@ class Worth(Density):
         return self._more(state, -slack) if slack < 0 else self._fewer(state, slack / (1 - RECOVERED))
 
     def _correct(self, state: DensificationState) -> DensificationUpdate | None:
-        """Add strokes if the painting is not good enough, otherwise try fewer strokes, or finish."""
+        """Add strokes if the painting is not good enough; otherwise, try fewer strokes or finish."""
         assert state.psnr is not None
         slack = _allowed_error(state, state.psnr) - _total_error(state)
         steps = state.step + EXTRA if state.step + EXTRA <= LONGEST * self._limit else None
@@ -223,7 +223,7 @@ class Worth(Density):
         return DensificationUpdate(keep, Strokes.none(state.strokes.position))
 
     def conclude(self, state: DensificationState) -> None:
-        """Measure what the least important strokes are worth, and what a hundred more strokes would gain."""
+        """Measure how much PSNR the least important strokes add, and how much a hundred more strokes would add."""
         n, values = len(state.strokes), state.target.numel()
         mean, ranked = _mean_error(state), state.importance().clamp_min(0).sort().values.cumsum(0)
         _, gain = proposals(state, HUNDRED, 0.0)

@@ -30,7 +30,7 @@ SUB, UP = 1, 2  # numbers of the PNG filters that store differences from the pre
 
 @dataclass(kw_only=True)
 class PrintExporter(Exporter):
-    """Base class of exporters that write pictures with a print size; its fields are their options.
+    """Base class of exporters that write pictures at a print size; its fields are options of these exporters.
 
     Args:
         size_cm: maximum width and height in cm, such as 60x40; the picture is as large as possible; null = as many
@@ -85,7 +85,7 @@ class Sheet:
 
 @dataclass(kw_only=True)
 class SheetExporter(PrintExporter):
-    """Base class of exporters that write a picture on a sheet of paper; its fields are their options.
+    """Base class of exporters that write a picture on a sheet of paper; its fields are options of these exporters.
 
     Args:
         fill: whether the picture fills ``size_cm`` and is cropped on two sides; false = the whole picture, as large as
@@ -161,7 +161,7 @@ class SheetExporter(PrintExporter):
         yield packer.flush()
 
     def add_weave(self, band: torch.Tensor, top: int, job: ExportJob) -> torch.Tensor:
-        """Add lit canvas threads to rows (3, h, W) of the picture that start at row ``top``."""
+        """Add lit canvas threads to a band (3, h, W) of the picture that starts at row ``top``."""
         if not self.weave:
             return band
         pitch = (self.density or 0) / CM / THREADS_PER_CM or THREAD_PIXELS
@@ -232,8 +232,8 @@ def over_white(pixels: np.ndarray, alpha: np.ndarray) -> np.ndarray:
 def weave_height(top: int, rows: int, columns: int, pitch: float) -> np.ndarray:
     """Compute the height (rows, columns) of a plain weave whose threads are ``pitch`` pixels apart.
 
-    Each thread is a round ridge that passes alternately over and under the threads it crosses; the upper of two threads
-    is visible.
+    Each thread is a round ridge that passes alternately over and under the threads it crosses. Where two threads cross,
+    the upper one is visible.
     """
     y = (np.arange(top, top + rows, dtype=np.float32)[:, None] + 0.5) / pitch
     x = (np.arange(-1, columns - 1, dtype=np.float32)[None] + 0.5) / pitch
@@ -248,7 +248,7 @@ def chunk(name: bytes, data: bytes) -> bytes:
 
 
 def header(width: int, height: int, kind: int) -> bytes:
-    """Encode the PNG header chunk with size and colour type."""
+    """Encode the PNG header chunk with the picture's size and colour type."""
     return chunk(b"IHDR", struct.pack(">IIBBBBB", width, height, DEPTH, kind, 0, 0, 0))
 
 

@@ -29,7 +29,7 @@ class Sprites:
     zoom: float  # pixels of the sheet per pixel of the canvas
 
     def bitmaps(self, number: Array | None = None) -> Iterator[tuple[int, tuple[int, int], Array]]:
-        """Yield index, position and pixels (h, w, 4) of each visible stroke, or only of those in ``number`` (n,)."""
+        """Yield the index, position and pixels (h, w, 4) of each visible stroke, or only those in ``number`` (n,)."""
         row = {stroke: k for k, stroke in enumerate(self.number.tolist())}
         for stroke in row if number is None else number.tolist():
             if stroke in row:

@@ -23,7 +23,7 @@ def hexadecimal(color: Tensor) -> list[str]:
 def gradients(profile: Profile, number: Tensor, digits: int) -> Iterator[tuple[str, str]]:
     """Yield each stroke's linear gradient ("" unless its colour drifts) and the value of its paint attribute.
 
-    The gradient is the function linear in x and y that best fits 2 t - 1 along the curve.
+    The gradient is the linear function of x and y that best fits 2 t - 1 along the curve.
     """
     if not profile.drifts:
         yield from (("", paint) for paint in hexadecimal(profile.color))
@@ -65,7 +65,7 @@ def round_to(values: Tensor, digits: int) -> Tensor:
 
 
 def outline_paths(profile: Profile, middle: Tensor, offset: Tensor, digits: int) -> Iterator[list[str]]:
-    """Write outlines of round-ended strokes of varying thickness, for the fill rule nonzero.
+    """Write outlines of round-ended strokes of varying thickness, for the nonzero fill rule.
 
     The half width at parameter t is ``middle * (1 - taper * u^2) * (1 + widening * u) + offset``, with u = 2 t - 1, or
     0 if this is negative. The sides are polylines. A curve that folds gets a disc at the fold, and a point becomes a

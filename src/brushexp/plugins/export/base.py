@@ -126,7 +126,7 @@ class ExportJob:
         return Compositor(self.blend, self.space)
 
     def _heights(self) -> Iterator[tuple[int, int, np.ndarray]]:
-        """Compute heights as `heights` does, and add the paper."""
+        """Compute the height of the paint as `heights` does, and add the relief of the paper."""
         canvas, typical = (self.size, self.renderer, self.blend), typical_width(self.strokes)
         for top, rows, _, paint in heights(self.strokes, self.bottom_up.flip(0), *canvas):
             wide = Rows(top, rows, self.size).widened(1)

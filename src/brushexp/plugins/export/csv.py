@@ -23,12 +23,12 @@ class Csv(Exporter):
 
     The columns are: ``stroke``, the index in the catalogue; ``start``, ``control`` and ``end`` of the quadratic Bezier
     curve in pixels of the canvas, x to the right and y down from the upper left corner; ``width_px``, the full
-    thickness; ``red``, ``green``, ``blue`` (sRGB) and ``opacity`` from 0 to 1; ``softness_px``, the width of the edge
-    in addition to the renderer's own; ``widening``, the fraction by which the stroke is thicker at its end and thinner
-    at its start; ``red_drift``, ``green_drift`` and ``blue_drift``, which are added to the colour at the end and
-    subtracted at the start; ``length_px`` along the curve; ``direction_deg``, the clockwise angle from start to end,
-    where 0 points right, 90 down and -90 up (empty if start and end coincide). Numbers have seven digits, the precision
-    of float32. Gradient descent hardly changes the lengths and widths that ``init`` chooses.
+    thickness; ``red``, ``green``, ``blue`` (sRGB) and ``opacity`` from 0 to 1; ``softness_px``, the width of the soft
+    edge beyond the renderer's own edge; ``widening``, the fraction by which the stroke is thicker at its end and
+    thinner at its start; ``red_drift``, ``green_drift`` and ``blue_drift``, which are added to the colour at the end
+    and subtracted at the start; ``length_px``, the length along the curve; and ``direction_deg``, the clockwise angle
+    from start to end, where 0 points right, 90 down and -90 up (empty if start and end coincide). Numbers have seven
+    digits, the precision of float32. Gradient descent hardly changes the lengths and widths that ``init`` chooses.
     """
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:

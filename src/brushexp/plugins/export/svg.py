@@ -51,8 +51,8 @@ class Svg(Exporter):
 
     A path is a curve with a width and round ends, or a filled outline if the thickness changes along the stroke. Sizes
     are in pixels of the canvas. A single path has a sharper edge than the rendered stroke; two ``outlines`` approximate
-    the soft edge closely, and strokes with a softness of their own get more. A stroke thinner than its edge is drawn
-    wider and fainter, as the renderer draws it. A drifting colour becomes a linear gradient. An invisible stroke
+    the soft edge closely, and strokes with additional softness get more outlines. A stroke thinner than its edge is
+    drawn wider and fainter, as the renderer draws it. A drifting colour becomes a linear gradient. An invisible stroke
     (without width or opacity) has no path; a stroke without length is a dot.
 
     Textured strokes are bitmaps with transparency, one image per stroke, at a lower resolution than the picture if the
@@ -252,9 +252,9 @@ def soft_edge(half: Tensor, opacity: Tensor, soft: Tensor, count: int) -> tuple[
 
     A single stroke has the same opacity in the middle as the soft stroke, C(0) of `Profile`, and blocks the same total
     amount of light across its width. It is therefore wider than a soft stroke that is thinner than its edge. Several
-    strokes have the half widths at which C(d) falls to (k + 1/2) / count of C(0); these are moved closer together so
-    that, after smoothing by a pixel, the edge is as soft as that of C, whose variance is ``soft``^2 / 20 for a wide
-    stroke. ``half`` (N,) and the edge widths ``soft`` (N,) are in pixels.
+    strokes have the half widths at which C(d) falls to (k + 1/2) / count of C(0). These half widths are moved closer
+    together so that, after smoothing by a pixel, the edge is as soft as the edge of C, whose variance is
+    ``soft``^2 / 20 for a wide stroke. ``half`` (N,) and the edge widths ``soft`` (N,) are in pixels.
 
     Returns:
         Half width (N,) of a single stroke; offsets (N, K) from it, widest first; opacities (N, K).

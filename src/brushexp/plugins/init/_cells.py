@@ -82,14 +82,14 @@ def merge_smallest(labels: Array, n: int) -> Array:
 
 
 def nearest(points: Array, to: Array) -> Array:
-    """For each point in ``to`` (m, 2), find the index (m,) of the nearest among ``points`` (n, 2)."""
+    """Find, for each point in ``to`` (m, 2), the index (m,) of the nearest of ``points`` (n, 2)."""
     from scipy.spatial import cKDTree  # noqa: PLC0415  (slow to import)
 
     return cKDTree(points).query(to)[1]
 
 
 def split_cells(flat: Array, pieces: Array, height: int, width: int) -> Array:
-    """Repeatedly split each of n cells (H * W,) across its longer axis, until it is in ``pieces`` (n,) pieces."""
+    """Repeatedly split each of n cells (H * W,) across its longer axis, until it consists of ``pieces`` (n,) pieces."""
     points = _coordinates(height, width)
     flat, pieces = flat.copy(), pieces.copy()
     while (pieces > 1).any():
@@ -131,9 +131,9 @@ def _moments(points: Array, flat: Array, n: int) -> tuple[Array, Array, Array]:
 def _direction(picture: Array, flat: Array, n: int, covariance: Array) -> Array:
     """Compute the direction (n,), in radians, in which the picture changes least around each cell.
 
-    The direction is that of a sum of two tensors: the structure tensor (Bigun and Granlund, 1987), averaged over the
-    cell and divided by its trace, and a tensor for the elongation of the cell, with a small weight that matters only in
-    flat regions.
+    The direction is computed from the sum of two tensors: the structure tensor (Bigun and Granlund, 1987), averaged
+    over the cell and divided by its trace, and a tensor for the elongation of the cell, with a small weight that
+    matters only in flat regions.
     """
     tensor = cell_means(structure_tensor(picture, 1.0).reshape(3, -1), flat, n)
     strength = tensor[0] + tensor[2] + MIN_GRADIENT_POWER

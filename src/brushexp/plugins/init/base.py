@@ -30,5 +30,5 @@ class Initializer(ABC):
         return self
 
     def details(self) -> "Initializer | None":
-        """Return the initialiser that paints an eye or mouth with a few strokes; None for layers of small strokes."""
+        """Return an initialiser that paints an eye or mouth with few strokes, or None to use `InLayers`."""
         return None

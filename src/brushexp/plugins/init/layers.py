@@ -34,7 +34,7 @@ SWELLS, SWING = 4, 0.26  # pitches between turns of the calm direction; its devi
 @register("init", "layers")
 @dataclass(kw_only=True)
 class InLayers(Initializer):
-    """Places layers of strokes that follow the form, from large to small, each where the layer below lacks detail.
+    """Places layers of strokes that follow the form, from large to small; each adds detail that the layer below lacks.
 
     Source: Hertzmann (1998). Each layer follows the picture blurred in proportion to the layer's brush size, and covers
     the areas where this blurred picture differs most from the layer below. Strokes bend along the direction of least

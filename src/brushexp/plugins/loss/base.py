@@ -49,7 +49,7 @@ class PaintedView:
         return (values if weights is None else values * weights).sum() / max(values.numel(), 1)
 
     def around(self, context: int, grid: int = 1) -> PaintedView:
-        """Widen the view on every side by ``context`` pixels of the canvas, which carry no gradient."""
+        """Widen the view by ``context`` pixels of the canvas on every side; these pixels have no gradient."""
         if self.surroundings is None or not context:
             return self
         wide = self.surroundings.widened(context, grid)
@@ -82,7 +82,7 @@ class Surroundings:
         return self._wider[context, grid]
 
     def paste(self, image: Tensor, place: Region) -> Tensor:
-        """Return a copy of the region as last painted, with ``image`` (3, h, w) pasted at ``place`` on the canvas."""
+        """Return a copy of the region as last painted, with ``image`` (3, h, w) pasted into the region ``place``."""
         picture = self.region.of(self.picture).to(image.dtype, copy=True)
         inside = replace(place, top=place.top - self.region.top, left=place.left - self.region.left)
         inside.of(picture).copy_(image)
@@ -106,11 +106,11 @@ class Loss(nn.Module, ABC):
     >>> MeanColour.facts()["gradient"]
     'picture'
 
-    ``looks_at`` has one of three values: "pixels" for a mean over the pixels in ``view.image``, weighted by the focus,
-    to which each part of the canvas contributes in proportion to its area; "canvas" for a value of the whole canvas,
-    computed with ``view.surroundings``; or "strokes" for a loss without a gradient in the picture. The last two kinds
-    ignore the focus. If ``context`` is set, the region that the loss receives is widened by this many pixels and starts
-    at multiples of ``grid`` pixels, the stride of a network.
+    ``looks_at`` has one of three values: "pixels" for a focus-weighted mean over the pixels in ``view.image``, where
+    each part of the canvas counts in proportion to its area; "canvas" for a value of the whole canvas, computed with
+    ``view.surroundings``; or "strokes" for a loss without a gradient in the picture. The last two kinds ignore the
+    focus. If ``context`` is set, the region that the loss receives is widened by this many pixels and starts at
+    multiples of ``grid`` pixels, the stride of a network.
 
     Args:
         weight: factor in the sum of losses; logs show the unweighted loss.
@@ -168,7 +168,7 @@ class StyleLoss(Loss):
 
     @abstractmethod
     def measure(self, picture: Tensor, target: Tensor) -> dict[str, float]:
-        """Measure the distances between a picture (3, H, W) and the style, by name."""
+        """Measure the distances between a picture (3, H, W) and the style, and return them by name."""
 
 
 class BrushworkLoss(Loss):
@@ -180,7 +180,7 @@ class BrushworkLoss(Loss):
 
 
 def state_of(losses: Mapping[str, Loss]) -> dict[str, dict[str, Any]]:
-    """Copy the state of each loss, by name."""
+    """Return a copy of each loss's state, by name."""
     return {name: deepcopy(loss.state_dict()) for name, loss in losses.items()}
 
 

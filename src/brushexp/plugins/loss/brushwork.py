@@ -1,7 +1,7 @@
-"""Transfer brushwork with a loss on lengths, widths, curvatures and directions, and by reshaping initial strokes.
+"""Transfer brushwork by a loss on lengths, widths, curvatures and directions, and by reshaping the initial strokes.
 
 Sizes are in pitches, sqrt(number of pixels / number of strokes), so that strokes cover the new picture as densely as
-the reference painting.
+they cover the reference painting.
 """
 
 from dataclasses import dataclass, replace
@@ -84,7 +84,7 @@ class Brushwork:
 
 
 def load_brushwork(path: Path, option: str = OPTION) -> Brushwork:
-    """Measure the brushwork in a saved catalogue; ``option`` is the key of the path, for messages."""
+    """Measure the brushwork in a saved catalogue; ``option`` is the path's key, which messages name."""
     from brushexp.strokes.storage import load_catalogue  # noqa: PLC0415  (slow to import)
 
     saved = load_catalogue(path, option)
@@ -189,7 +189,7 @@ def _assign(strokes: Strokes, reference: Brushwork, generator: torch.Generator) 
 
 
 def _flow_at(points: Tensor, strokes: Strokes) -> Tensor:
-    """Compute the mean direction (Q,) of the strokes nearest to each point (Q, 2), complex and with doubled angle."""
+    """Compute the mean direction (Q,) of the strokes nearest to each point (Q, 2), as a complex, doubled angle."""
     shape = shape_of(strokes)
     near = ruler.nearest_strokes(points, strokes.position + ruler.centre_of(shape), exclude_self=False)
     return torch.view_as_complex(ruler.mean_direction(ruler.direction_of(shape), near))

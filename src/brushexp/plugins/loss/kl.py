@@ -1,4 +1,4 @@
-"""Penalise the divergence between the distribution of the strokes' bends and that of valid strokes."""
+"""Penalise the divergence of the distribution of the strokes' bends from the distribution for valid strokes."""
 
 from torch import Tensor
 

@@ -21,19 +21,19 @@ class Perceptual(Loss):
     """Perceptual loss (Johnson et al.): mean squared difference between the network features of two pictures.
 
     Source: thesis 2020, eq. 6.23, which uses the fourth block of VGG16 and sums over the C channels of a tap, so that
-    it is C times as large. Unlike in the source, the default network is the bundled ``effl0``; several taps have equal
-    weights; and the pictures are jittered, because a network with a stride of two pixels cannot detect errors of that
-    period (3 pixels of jitter alone gave 1.5 dB more PSNR on two pictures).
+    its loss is C times as large. Unlike in the source, the default network is the bundled ``effl0``; several taps have
+    equal weights; and the pictures are jittered, because a network with a stride of two pixels cannot detect errors of
+    that period (3 pixels of jitter alone raised the PSNR of two pictures by 1.5 dB).
 
     Args:
-        weight: factor in the sum of losses. With the default, the gradient in the picture is about as long as that of
-            ``mse`` for pictures of 256 pixels blurred by two; depending on picture and blur, weights of 0.0009 to
-            0.0024 achieve this.
+        weight: factor in the sum of losses. With the default, the gradient with respect to the picture is about as long
+            as that of ``mse`` for pictures of 256 pixels blurred by two pixels; depending on picture and blur, weights
+            of 0.0009 to 0.0024 achieve this.
         backbone: feature network: effl0, or vgg16, alexnet or squeeze, which need ``weights``.
         weights: file with the network's weights; null uses those of its package.
         taps: activations to compare; null or [] uses the network's own choice, b3.expand or relu4_3.
-        jitter: largest shift of both pictures in pixels, 0 to 3. Calls cycle through at most four fixed shifts; set 0
-            for an optimiser with a line search, because the value differs between calls.
+        jitter: largest shift of both pictures in pixels, 0 to 3. Calls cycle through at most four fixed shifts;
+            use 0 with an optimiser that does a line search, because the loss differs between calls.
     """
 
     weight = 0.0015
@@ -67,7 +67,7 @@ class Perceptual(Loss):
         return torch.stack(terms).mean() * (self._enlargement(view.image) / self._enlargement(view.whole_target))
 
     def _enlargement(self, picture: Tensor) -> float:
-        """Compute the ratio of the picture's area with a margin for shifts to its area without it."""
+        """Compute the factor by which the margin for shifts enlarges the picture's area."""
         return math.prod((side + self.jitter) / side for side in picture.shape[1:])
 
     def _features(self, picture: Tensor, shift: tuple[int, int]) -> list[Tensor]:

@@ -13,12 +13,13 @@ class StructuralSimilarity(Loss):
 
     Source: Wang et al., 2004, with their Gaussian window of 11 x 11 pixels. Like torchmetrics, this loss mirrors the
     border and averages over channels. Unlike in the source, the window has 2 n - 1 pixels along a side of n < 6 pixels,
-    so that every picture has a value; and SSIM is computed from the difference between the pictures, which is exact
-    where they are equal.
+    so that the loss is defined for every picture; and SSIM is computed from the difference between the pictures, which
+    is exact where they are equal.
 
     Args:
-        weight: factor in the sum of losses. With the default, the gradient in the picture is about as long as that of
-            ``mse`` for pictures of 256 pixels blurred by two. Together with ``mse``, it raised SSIM by 0.02.
+        weight: factor in the sum of losses. With the default, the gradient with respect to the picture is about as long
+            as that of ``mse`` for pictures of 256 pixels blurred by two pixels. Together with ``mse``, this loss raised
+            SSIM by 0.02.
     """
 
     weight = 0.01

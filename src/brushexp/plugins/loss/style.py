@@ -30,7 +30,7 @@ Embedding = Callable[[Tensor], Tensor]  # features (C, P) at P positions -> sum 
 def waves_for(sample: Tensor) -> Embedding:
     """Create random Fourier features (Rahimi and Recht, 2007) for the kernel exp(-|f - g|^2 / (2 s^2)).
 
-    The bandwidth s is the median distance between features in a sample (C, P) of the style, and at least a thousandth
+    The bandwidth s is the median distance between features in a sample (C, P) of the style, but at least a thousandth
     of the features' root mean square length. The seed is fixed, so the features are the same in every run.
     """
     sample = sample[:, :: max(1, sample.shape[1] // BANDWIDTH_POSITIONS)].double()
@@ -149,7 +149,7 @@ class Style(StyleLoss):
         self._rest: list[Tensor] = []  # sums over the canvas without the current part
 
     def check(self, size: tuple[int, int]) -> int:
-        """Compute the style picture's longer side."""
+        """Return the style picture's longer side in pixels; raise a UserError if the network needs a larger picture."""
         side = max(1, round(self.scale * max(size)))
         height, width = size if self.image is None else size_of_picture(self.image, "style", side)
         if (short := min(height, width)) < self.context and self.image is not None:

@@ -12,10 +12,10 @@ from brushexp.system.precision import at_least_single
 class Width(Loss):
     """Mean of max(0, 1.4 w - |s - e|), which penalises strokes too short for their width (thesis 2020, eq. 6.24).
 
-    Thickness and length are fractions of the window's side; ``start`` and ``end`` are in half-windows, so |s - e| is
-    half of the distance between them. The source uses 2 w instead of 1.4 w. Here, ``prior.INSET`` = 0.7 shrinks the
-    points of valid strokes but not their widths, so 1.4 w does not penalise valid strokes. The gradient of the length
-    is 0 where the ends coincide.
+    The width w and the length |s - e| are fractions of the window's side; ``start`` and ``end`` are in half-windows, so
+    |s - e| is half of the distance between them. The source uses 2 w instead of 1.4 w. Here, ``prior.INSET`` = 0.7
+    moves the points of valid strokes inwards but leaves their widths unchanged, so 1.4 w does not penalise valid
+    strokes. The gradient of the length is 0 where the ends coincide.
 
     Args:
         weight: factor in the sum of losses. For 500 thick strokes, the mean was 0.2 with ``mse`` alone, and 0.0004 with

@@ -53,7 +53,7 @@ class Metric(ABC):
 
     @abstractmethod
     def __call__(self, comparison: Comparison) -> float | None:
-        """Compute the metric, which is best for two equal pictures; None if it is undefined for these pictures."""
+        """Compute the metric, which is best if the pictures are equal; return None if it is undefined for them."""
 
     @classmethod
     def facts(cls) -> dict[str, str]:

@@ -7,7 +7,7 @@ from brushexp.registry import register
 
 @register("metric", "psnr_focus")
 class FocusedSignalToNoise(Metric):
-    """PSNR with the squared error weighted by the focus; omitted without a focus."""
+    """PSNR with the squared error weighted by the focus; omitted if there is no focus."""
 
     title, unit, digits = "PSNR in focus", "dB", 2
     higher_is_better = True

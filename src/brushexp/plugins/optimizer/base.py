@@ -28,4 +28,4 @@ class Optimizer(ABC):
 
     @abstractmethod
     def share(self, progress: float) -> float:
-        """Return the fraction of the full learning rate after a fraction ``progress``, 0 to 1, of a stage."""
+        """Return the learning rate, as a fraction of its full value, at ``progress`` (0 to 1) in a stage."""

@@ -26,8 +26,8 @@ class TorchOptim(Optimizer):
     """Any optimiser of torch.optim, with a unit for each field and a schedule; presets exist for common classes.
 
     AdaHessian and SophiaH need second derivatives, which the compiled blend does not provide. A field of N strokes is a
-    tensor (N, 2), (N, 3) or (N,); for classes that keep a matrix per dimension, set ``options`` that exclude the
-    dimension N.
+    tensor (N, 2), (N, 3) or (N,); for classes that keep a matrix per dimension, set ``options`` so that they exclude
+    the dimension N.
 
     Args:
         name: name of a class in ``library``, such as Adam, NAdam or Adagrad.

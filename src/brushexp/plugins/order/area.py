@@ -15,7 +15,7 @@ from brushexp.strokes.catalogue import Strokes
 @register("order", "area")
 @dataclass(kw_only=True)
 class Area(Order):
-    """Puts small strokes on top of large ones, like painters, who work from the general to the particular.
+    """Puts small strokes on top of large ones, just as painters work from the general to the particular.
 
     Args:
         every: number of steps after which the order is recomputed, at least 1.

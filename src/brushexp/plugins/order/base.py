@@ -34,17 +34,17 @@ class Order(ABC):
 
     @abstractmethod
     def depth(self, strokes: Strokes, accuracy: Tensor | None) -> Tensor:
-        """Compute the height (N,) of each stroke; higher strokes are on top, as are later ones of equal height.
+        """Compute the height (N,) of each stroke; higher strokes are on top and, among equals, later ones.
 
         ``accuracy`` (N,) is 1 - (sum over pixels of alpha |color - target|^2) / (sum of alpha), where alpha is the
         stroke's own alpha, whether hidden or not. It is None before the first step or if it is not needed.
         """
 
     def due(self, done: int, steps: int) -> bool:
-        """Return whether to recompute the depth after ``done`` of the ``steps`` of a stage; True at the start."""
+        """Return whether to recompute the depth after ``done`` of a stage's ``steps`` steps; True at the start."""
         return done % self.every == 0 and (done == 0 or done < self.until * steps)
 
 
 def front_to_back(depth: Tensor) -> Tensor:
-    """Return the indices (N,) that sort strokes by depth, top stroke first, and the later of equal strokes first."""
+    """Return the indices (N,) that sort strokes by depth, top stroke first; of equal strokes, the later is on top."""
     return len(depth) - 1 - torch.argsort(depth.flip(0), descending=True, stable=True)

@@ -1,1 +1,1 @@
-"""Painters approximate a target with strokes, state by state; choose one with ``painter=gradient``."""
+"""Painters approximate a target with strokes, in a sequence of states; choose one with ``painter=gradient``."""

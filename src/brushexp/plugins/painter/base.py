@@ -35,9 +35,9 @@ class PaintRequest:
 
 
 class PaintState:
-    """The strokes so far, bottom stroke first, after ``step`` of ``steps`` steps, which may be strokes or iterations.
+    """The strokes so far, bottom stroke first, after ``step`` of ``steps`` steps.
 
-    ``steps`` may change between states; in the last state it equals ``step``.
+    A step may be a stroke or an iteration. ``steps`` may change between states; in the last state it equals ``step``.
     """
 
     def __init__(self, strokes: Strokes, step: int, steps: int) -> None:

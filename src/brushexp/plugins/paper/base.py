@@ -18,7 +18,7 @@ class Rows:
 
     @property
     def places(self) -> tuple[Tensor, Tensor]:
-        """Return x and y (count, W), float64, of the pixel centres, as fractions of the canvas's longer side."""
+        """Return the pixel centres' x and y (count, W), float64, as fractions of the canvas's longer side."""
         side = max(self.size)
         y = (torch.arange(self.top, self.top + self.count, dtype=torch.float64) + 0.5) / side
         x = (torch.arange(self.size[1], dtype=torch.float64) + 0.5) / side
@@ -53,7 +53,7 @@ class Paper(ABC):
 
     @abstractmethod
     def cover(self, flat: Tensor, bare: Tensor, rows: Rows) -> Tensor:
-        """Turn a picture of strokes on a smooth ground of colour ``bare`` (3,) into a picture of them on this paper.
+        """Turn a picture of strokes on a smooth ground of colour ``bare`` (3,) into their picture on this paper.
 
         Both pictures (3, h, W), in [0, 1], cover ``rows``; the result is differentiable in ``flat`` and ``bare``.
         """

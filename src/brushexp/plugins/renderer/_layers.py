@@ -62,7 +62,10 @@ class Noise(nn.Module):
 
 
 def add_noise(x: Tensor, strength: Tensor, grain: Tensor | None) -> Tensor:
-    """Add noise times ``strength`` (C,) to ``x`` (n, C, H, W); ``grain`` (1, 1, H, W) is the noise, or None for new."""
+    """Add noise, multiplied by ``strength`` (C,), to ``x`` (n, C, H, W).
+
+    The noise is ``grain`` (1, 1, H, W); if this is None, every call samples new noise.
+    """
     grain = torch.randn_like(x[:, :1]) if grain is None else grain
     return x + strength[:, None, None] * grain
 
@@ -73,7 +76,10 @@ def fixed_grain(side: int) -> Tensor:
 
 
 def window_planes(side: int, like: Tensor | None = None) -> Tensor:
-    """Compute pixel coordinates x and y in a window, -1 to 1: (1, 2, side, side), with dtype and device of ``like``."""
+    """Compute the pixel coordinates x and y in a window, -1 to 1, as a tensor (1, 2, side, side).
+
+    The tensor has the dtype and device of ``like``.
+    """
     like = torch.empty(0) if like is None else like
     line = (torch.arange(side, device=like.device, dtype=like.dtype) + 0.5) * (2 / side) - 1
     return torch.stack([line.expand(side, side), line[:, None].expand(side, side)])[None]

@@ -94,7 +94,7 @@ class Renderer(nn.Module, ABC):
 
     @abstractmethod
     def forward(self, strokes: Strokes) -> Layers:
-        """Render N strokes as layers, in pixels of the canvas, differentiably in every field.
+        """Render N strokes as layers, in canvas pixels, differentiable with respect to every field.
 
         A renderer with several textures selects one by ``strokes.brush``, so that each stroke keeps its texture.
         """
@@ -107,7 +107,7 @@ class Renderer(nn.Module, ABC):
         """Derive parameters directly from simulated strokes; called once, before training.
 
         ``simulate`` paints strokes from parameters (n, 10), large enough to show details. Its second argument is the
-        number of the first of these strokes in the data set; this number determines the brushes.
+        index of the first of these strokes in the data set, which determines their brushes.
         """
 
     def convert(self, strokes: Strokes) -> Strokes:
@@ -201,10 +201,10 @@ def check_trained(renderer: Renderer, choice: str) -> None:
 
 
 def window_pictures(renderer: Renderer, parameters: Tensor, side: int, brush: Tensor | None = None) -> Tensor:
-    """Draw each stroke (n, 10) alone in its window: (n, 4, side, side), RGBA with straight alpha.
+    """Draw n strokes, each alone in its window, as pictures (n, 4, side, side), RGBA with straight alpha.
 
-    Renderers are trained and compared on such pictures. The parameters have the format of
-    `strokes.prior.parameters_of`; ``brush`` (n,) is the field of `Strokes`.
+    Renderers are trained and compared on such pictures. The parameters (n, 10) have the format of
+    `strokes.prior.parameters_of`; ``brush`` (n,) is the field of that name in `Strokes`.
     """
     strokes = strokes_of(parameters)
     strokes = replace(strokes, position=strokes.position + 0.5 * side, scale=torch.full_like(strokes.scale, side))

@@ -45,8 +45,8 @@ class Textured(Renderer):
     strokes neither flicker nor have erratic gradients. A stroke thinner than a pixel is drawn fainter.
 
     The colour varies between bristles but includes no shading. Lighting is computed from the height of the finished
-    paint, which is also stored in the textures (`shading`). During painting (with frozen weights), textures have 8
-    bits.
+    paint, which is also stored in the textures (`shading`). During painting (with frozen weights), textures are
+    rounded to 8 bits.
 
     Args:
         variants: number of different textures.
@@ -101,7 +101,7 @@ class Textured(Renderer):
         return min(LEVELS, 1 + (self.loop.begin & -self.loop.begin).bit_length(), self.textures.shape[2].bit_length())
 
     def _repeats(self, curve: Tensor, half: Tensor) -> Tensor:
-        """Compute how often (N,) to repeat the loop so that the texels of each stroke are stretched very little."""
+        """Compute how often (N,) to repeat the loop so that each stroke stretches its texels as little as possible."""
         start, control, end = curve.unbind(1)
         velocity = (2 * ((1 - t) * (control - start) + t * (end - control)) for t, _ in NODES)
         length = sum((w * v.norm(dim=1) for v, (_, w) in zip(velocity, NODES, strict=True)), torch.zeros_like(half))
@@ -222,9 +222,10 @@ def weights_of_texels(texels: Tensor) -> Tensor:
 def double_textures(textures: Tensor, loop: Loop) -> Tensor:
     """Double the size of textures (V, 3, rows, columns) of opacity, tone and height, and add finer detail.
 
-    Because a closer view of a brush shows finer hairs, the finest detail in the middle of the loop is repeated at half
-    its size and with the local strength; it was not simulated. The four texels that replace an old one have about its
-    value on average. Heights stay smooth, so that the slopes in a painting do not depend on the painting's size.
+    A closer view of a brush shows finer hairs, which were not simulated. To imitate them, the finest detail in the
+    middle of the loop is repeated at half its size and with the local strength. The average of the four texels that
+    replace an old one is about the old value. Heights stay smooth, so that the slopes in a painting do not depend on
+    the painting's size.
     """
     rows, columns = textures.shape[2:]
     larger = partial(functional.interpolate, scale_factor=2, mode="bilinear")
@@ -242,7 +243,10 @@ def double_textures(textures: Tensor, loop: Loop) -> Tensor:
 
 
 def random_bristles(variants: int, rows: int, columns: int) -> Tensor:
-    """Sample random weights (variants, 3, rows, columns), always the same, before sigmoid, tanh and sigmoid."""
+    """Sample weights (variants, 3, rows, columns) of opacity, tone and height from a fixed seed.
+
+    The weights are the values before sigmoid, tanh and sigmoid, in this order.
+    """
     generator = torch.Generator().manual_seed(0)
     load, begin, finish = torch.randn(3, variants, rows, 1, generator=generator)
     waver = torch.randn(variants, rows, 8, generator=generator)  # variation along a bristle

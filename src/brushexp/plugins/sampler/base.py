@@ -13,7 +13,7 @@ from brushexp.strokes.catalogue import Strokes
 
 
 class View:
-    """The region that a step compares and the strokes that it moves; this is the painter's form of a batch.
+    """The region that a step compares and the strokes that it moves; the painter's counterpart of a batch.
 
     ``region`` is the part of the canvas that the step renders and compares, or the whole canvas if ``active`` is None.
     The step moves the strokes with indices ``active`` (A,), int64, or all strokes if it is None, and also draws the
@@ -61,7 +61,7 @@ class Sampler(ABC):
         """
 
     def steps_per_round(self, strokes: Strokes, size: tuple[int, int]) -> int:
-        """Return the number of steps that move each stroke about once on a canvas of ``size`` (H, W)."""
+        """Return the number of steps in which each stroke moves about once on a canvas of ``size`` (H, W)."""
         return 1
 
     def state_dict(self) -> dict[str, Any]:
@@ -69,4 +69,4 @@ class Sampler(ABC):
         return {}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:  # noqa: B027
-        """Load the result of `state_dict`."""
+        """Restore the state that `state_dict` returned."""

@@ -50,7 +50,7 @@ def superpixels(image: Array, count: int) -> Prediction:
 
 
 def edges(image: Array, count: int) -> Prediction:
-    """Find regions between edges that have the shape of brushstrokes (Li et al., 2012); ``count`` is not used."""
+    """Find brushstroke-shaped regions between edges (Li et al., 2012); ``count`` is not used."""
     return prediction_from_labels(strokes_between_edges(image), image)
 
 

@@ -1,8 +1,8 @@
 """Find brushstrokes as elliptical regions grown from seeds, after Lamberti, Sanna and Paravati (2014).
 
 Source: "Computer-assisted analysis of painting brushstrokes: digital image processing for unsupervised extraction of
-visible features from van Gogh's works". Unlike in the source, seeds are taken in ascending order of the gradient at
-them instead of at random, so that the same picture always gives the same strokes.
+visible features from van Gogh's works". Unlike in the source, seeds are not taken at random but in ascending order of
+the gradient, so that the same picture always gives the same strokes.
 """
 # mypy: allow-untyped-defs
 
@@ -82,7 +82,7 @@ def _grow(lab, row, column, mark, labels, state, queue):
 
 @function
 def _ellipticity(places):
-    """Count the points (n, 2) in the ellipse with the same moments, divided by its area, or by n if that is larger.
+    """Divide the number of points (n, 2) inside the ellipse with the same moments by the larger of its area and n.
 
     The result is 1 for an ellipse.
     """

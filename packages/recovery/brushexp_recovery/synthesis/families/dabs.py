@@ -17,7 +17,7 @@ from brushexp_recovery.synthesis.sheets import (
 
 
 class Dabs(PaintFamily):
-    """Dabs at most four times as long as wide."""
+    """Dabs that are at most four times as long as they are wide."""
 
     depth = (0.3, 4.0)
 

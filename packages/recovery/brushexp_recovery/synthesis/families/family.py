@@ -71,7 +71,7 @@ class PaintFamily(ABC):
 
 @dataclass(frozen=True)
 class FamilyPainting:
-    """A painting in the paint of a family, with all data needed to compute its ground truth."""
+    """A painting made with the paint of a family, with all data needed to compute its ground truth."""
 
     image: Array  # (H, W, 3) in [0, 1]
     layout: StrokeLayout
@@ -101,7 +101,7 @@ def paint_family(name: str, picture: Array, count: int, ground: Array, random: R
 
 
 def draw_weave(size: tuple[int, ...], random: Random) -> Array:
-    """Draw the relief (H, W) of a plain-weave canvas, in which threads of two directions alternate."""
+    """Draw the relief (H, W) of a plain-weave canvas, in which the threads of two directions alternate."""
     rows, columns = np.mgrid[: size[0], : size[1]].astype(np.float32)
     period_x, period_y = random.uniform(*WEAVE_PERIOD) * random.uniform(0.9, 1.1, 2)
     wander = [gaussian_blur(random.normal(size=size), 6) * random.uniform(0, 6) for _ in range(2)]
@@ -112,7 +112,7 @@ def draw_weave(size: tuple[int, ...], random: Random) -> Array:
 
 
 def light_unevenly(image: Array, random: Random) -> Array:
-    """Simulate uneven light on a picture (H, W, 3), whose brightness varies across it and away from the centre."""
+    """Simulate uneven light on a picture (H, W, 3): brightness varies across it and with distance from the centre."""
     height, width = image.shape[:2]
     rows, columns = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j]
     angle, bend = random.uniform(0, 2 * np.pi), random.uniform(-0.5, 0.5)

@@ -1,4 +1,4 @@
-"""Real strokes: scans of acrylic strokes by a flat brush, from full to dry, bent along curves and recoloured.
+"""Real strokes: scans of acrylic strokes by a flat brush, fully loaded to dry, bent along curves and recoloured.
 
 Renderers draw marks from the same scans (`brushexp.strokes.scanned`).
 """

@@ -19,7 +19,7 @@ from brushexp_recovery.synthesis.sheets import (
 
 
 class Slabs(PaintFamily):
-    """Broad strokes of a blade, which are scraped thin in places."""
+    """Broad strokes made with a blade, in which the paint is scraped thin in places."""
 
     depth = (0.5, 4.0)
     lit_share = 0.9
