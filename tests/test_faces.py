@@ -23,6 +23,7 @@ from brushexp.painting.faces import (
     features_of,
     places_of,
 )
+from brushexp.pictures.color import as_lab
 from brushexp.pictures.face import Face, Landmark
 from brushexp.pictures.faces.contrast import NONE, restore_forms
 from brushexp.pictures.faces.detection import (
@@ -248,13 +249,13 @@ def test_a_feature_that_has_enough_small_strokes_is_given_none(config, portrait)
     initializer = take_built(config("look=oil").init)
     generator = torch.Generator().manual_seed(0)
     dense = initializer(portrait, 40_000, generator)
-    assert len(draw_features(initializer, portrait, features, dense, generator)) == 0
+    assert len(draw_features(portrait, features, dense, generator)) == 0
     none = Strokes.none()
-    drawn = draw_features(initializer, portrait, features, none, generator)
+    drawn = draw_features(portrait, features, none, generator)
     assert 3 * FLOOR / 2 < len(drawn) <= 3 * FLOOR
-    assert len(draw_features(initializer, portrait, features, none, generator, limit=30)) <= 30
-    assert len(draw_features(initializer, portrait, features, none, generator, limit=0)) == 0
-    assert len(draw_features(initializer, portrait, (), none, generator)) == 0
+    assert len(draw_features(portrait, features, none, generator, limit=30)) <= 30
+    assert len(draw_features(portrait, features, none, generator, limit=0)) == 0
+    assert len(draw_features(portrait, (), none, generator)) == 0
 
 
 def test_small_strokes_below_a_broad_one_draw_no_mouth(config, portrait):
@@ -266,32 +267,17 @@ def test_small_strokes_below_a_broad_one_draw_no_mouth(config, portrait):
     broad = replace(dense[:1], position=torch.stack([x, y], 1), scale=side, start=shape[0], control=shape[1])
     broad = replace(broad, end=shape[2], width=torch.tensor([0.9]))
     above, below = Strokes.join(broad, dense), Strokes.join(dense, broad)
-    assert len(draw_features(initializer, portrait, [feature], above, torch.Generator().manual_seed(0))) == 0
-    assert len(draw_features(initializer, portrait, [feature], below, torch.Generator().manual_seed(0))) > FLOOR / 2
+    assert len(draw_features(portrait, [feature], above, torch.Generator().manual_seed(0))) == 0
+    assert len(draw_features(portrait, [feature], below, torch.Generator().manual_seed(0))) > FLOOR / 2
 
 
 @pytest.mark.parametrize("place", [(0, 0, 5), (39, 29, 3), (-20, -20, 4), (20, 15, 0.4), (20, 15, 500)])
-def test_features_at_the_edge_of_a_picture_beyond_it_and_larger_than_it_are_drawn_as_far_as_they_are_seen(
-    config, place
-):
+def test_features_at_the_edge_of_a_picture_beyond_it_and_larger_than_it_are_drawn_as_far_as_they_are_seen(place):
     target = torch.rand(3, 30, 40)
-    initializer = take_built(config("look=oil").init)
-    drawn = draw_features(initializer, target, [Feature(*place)], Strokes.none(), torch.Generator().manual_seed(0))
+    drawn = draw_features(target, [Feature(*place)], Strokes.none(), torch.Generator().manual_seed(0))
     assert Feature(*place).holds(drawn.position).all()
     assert drawn.position.isfinite().all()
     assert len(drawn) <= FLOOR
-
-
-def test_ink_draws_features_in_ink_alone(config, portrait):
-    initializer = take_built(config("look=ink").init)
-    features = features_of(find_faces(portrait))
-    drawn = draw_features(initializer, portrait, features, Strokes.none(), torch.Generator().manual_seed(0))
-    seen = drawn[drawn.opacity > 0]
-    assert len(seen) > 10
-    assert_close(seen.color, torch.tensor([0x2B, 0x1D, 0x12]).div(255).expand(len(seen), -1))
-    flat = torch.full((3, 64, 64), 0.5)
-    drawn = draw_features(initializer, flat, [Feature(32, 32, 20)], Strokes.none(), torch.Generator().manual_seed(0))
-    assert not (drawn.opacity > 0).any(), "where nothing is dark there is nothing to ink"
 
 
 def disc(size: tuple[int, int], x: float, y: float, radius: float) -> torch.Tensor:
@@ -309,7 +295,7 @@ def test_a_mark_on_a_found_face_adds_none_and_a_mark_on_a_hidden_one_finds_it(po
     assert again.score > 0
 
 
-def test_a_round_mark_where_the_network_sees_nothing_is_a_face_that_is_drawn_whole(config):
+def test_a_round_mark_where_the_network_sees_nothing_is_a_face_that_is_drawn_whole():
     mask = torch.maximum(disc((200, 300), 80, 90, 35), disc((200, 300), 230, 60, 21))
     first, second = sorted(marked_faces(torch.full((3, 200, 300), 0.5), mask), key=lambda face: face.x)
     assert (first.x, first.y, first.side) == pytest.approx((80, 90, 50), abs=1)
@@ -319,9 +305,7 @@ def test_a_round_mark_where_the_network_sees_nothing_is_a_face_that_is_drawn_who
     larger, smaller = features_of([first, second])
     assert larger.radius > smaller.radius
     assert larger.floor == FLOOR_OF_FACE
-    drawn = draw_features(
-        take_built(config("look=gouache").init), torch.rand(3, 200, 300), [larger], Strokes.none(), torch.Generator()
-    )
+    drawn = draw_features(torch.rand(3, 200, 300), [larger], Strokes.none(), torch.Generator())
     assert small_strokes(larger, drawn) > FLOOR_OF_FACE / 3
 
 
@@ -469,6 +453,16 @@ def test_forms_that_a_palette_flattened_come_back_in_their_place_alone():
     assert torch.equal(restore_forms(flat, picture, []), flat)
 
 
+def test_a_palette_of_one_ink_gets_no_other_hues_back():
+    picture = eye_on_skin()
+    flat = torch.tensor([0.6, 0.57, 0.5])[:, None, None].repeat(1, 120, 160)
+    hues = [as_lab(restore_forms(flat, picture, [(80.0, 60.0, 20.0)], hues=hues)) for hues in (False, True)]
+    assert np.ptp(hues[0][..., 0]) > 20
+    away = [np.hypot(*(lab - as_lab(flat))[..., 1:].T).max() for lab in hues]
+    assert away[0] < 1
+    assert away[1] > 4
+
+
 def test_forms_that_a_palette_kept_stay_and_small_places_get_more_contrast():
     picture = eye_on_skin()
     kept = restore_forms(picture, picture, [(80.0, 60.0, 20.0)])
@@ -503,13 +497,3 @@ def test_the_places_of_features_are_marked():
     assert places_of([], (30, 40)) is None
     marked = places_of([Feature(10, 10, 4), Feature(30, 20, 2)], (30, 40))
     assert torch.equal(marked.float(), torch.maximum(disc((30, 40), 10, 10, 4), disc((30, 40), 30, 20, 2)))
-
-
-def test_an_initialiser_with_details_of_its_own_draws_no_uncertain_features(config):
-    target = torch.full((3, 64, 64), 0.8)
-    target[:, 28:36, 28:36] = 0.1
-    certain = Feature(32, 32, 12)
-    ink = take_built(config("look=ink").init)
-    for feature, expected in ((certain, True), (replace(certain, is_certain=False), False)):
-        drawn = draw_features(ink, target, [feature], Strokes.none(), torch.Generator().manual_seed(0))
-        assert (len(drawn) > 0) == expected

@@ -1,4 +1,4 @@
-"""Draw strokes with the marks of chalk, brushes, palette knives, washes and dabs, based on formulas and scans."""
+"""Draw strokes with the marks of chalk, brushes, knives, washes, pens and dabs, based on formulas and scans."""
 
 from functools import lru_cache
 from typing import Annotated
@@ -29,19 +29,22 @@ RUN_OUT = 5.0  # stroke widths after which the paint has run out
 FULL_SCAN = 0.93  # covered share of the middle of a scan above which it has full ends
 DRY_SCAN = 0.6  # least covered share of a scan with a dry end
 RUBBED = 4  # number of rubbed-in variants of chalk, which come last
+PEN = 2**28  # brush numbers of pen lines begin here, beyond those of any number of other strokes
 THIN = 0.5  # pixels: below about twice this, strokes fade instead of becoming thinner
-KINDS = ("chalk", "flat", "loaded", "knife", "wash", "dab")
+KINDS = ("chalk", "flat", "loaded", "knife", "wash", "pen", "dab")
 
 
 @register("renderer", "marks")
 class Marks(Renderer):
-    """Bezier stroke with the mark of a tool: chalk, a flat or loaded brush, a palette knife, a wash or a dab.
+    """Bezier stroke with the mark of a tool: chalk, a flat or loaded brush, a palette knife, a wash, a pen or a dab.
 
     Textures are deterministic and need no training. Textures of brushes and knives have the outlines and dry ends of
     scanned strokes, and are filled in by formulas. A stroke has a dry end only if it is more than five widths long.
+    With ``kind=pen``, strokes of ``init=drawing`` that are lines have the mark of a pen and are not optimised; all
+    other strokes are washes.
 
     Args:
-        kind: chalk, flat, loaded, knife, wash or dab.
+        kind: chalk, flat, loaded, knife, wash, pen (with washes) or dab.
     """
 
     cost = "not measured"
@@ -51,11 +54,16 @@ class Marks(Renderer):
         self.kind = kind
 
     def forward(self, strokes: Strokes) -> TexturedProfile:
+        is_line = strokes.brush >= PEN
+        if self.kind == "pen":
+            strokes = strokes.map(lambda value: _hold(value, is_line))
         half = half_width_of(strokes)
         softened = (half.square() + THIN**2).sqrt()
         finer = (ROWS / (2 * SPREAD) / softened.detach()).clamp(1e-3, 1e9).log2().floor()
         once = torch.ones_like(strokes.brush)
         variant = strokes.brush % VARIANTS
+        if self.kind == "pen":
+            variant = variant // 2 + is_line * (VARIANTS // 2)  # the second half of the textures are pen lines
         if self.kind in WITH_DRY_ENDS:
             curve = curve_of(strokes).detach()
             spent = (curve[:, 2] - curve[:, 0]).norm(dim=1) > RUN_OUT * 2 * half.detach()
@@ -70,6 +78,11 @@ class Marks(Renderer):
             flip=1 - 2 * (strokes.brush // VARIANTS % 2),
             sheets=_sheets(self.kind, half.device),
         )
+
+
+def _hold(value: Tensor, held: Tensor) -> Tensor:
+    """Stop the gradient of the rows (N,) of a field (N, ...) that are ``held``."""
+    return torch.where(held.view(-1, *[1] * (value.ndim - 1)), value.detach(), value)
 
 
 @lru_cache(maxsize=len(KINDS))
@@ -185,6 +198,17 @@ def wash(variant: int) -> Tensor:
     return torch.stack([(inside / 0.08).clamp(0, 1), 0 * t, 0 * t])
 
 
+def pen(variant: int) -> Tensor:
+    """Draw, in the first half of the variants, a wash; in the others, a pen line that swells towards its middle."""
+    if variant < VARIANTS // 2:
+        return wash(2 * variant)
+    across, outside, t, along = _grid()
+    rough = fractal_noise(along / 0.7, across / 0.7, 850 + variant, 2)
+    swell = 1 - (0.6 + 0.3 * (variant % 2)) * (2 * t - 1).abs() ** (1.5 + 0.5 * (variant % 4))
+    inside = 0.95 * swell + 0.07 * rough - torch.hypot(across, outside)
+    return torch.stack([(inside / 0.2).clamp(0, 1), 0 * t, 0 * t])
+
+
 def dab(variant: int) -> Tensor:
     """Draw a dab of the brush tip: a soft, uneven spot, thickest where the brush lifts off."""
     across, outside, t, _ = _grid()
@@ -195,4 +219,4 @@ def dab(variant: int) -> Tensor:
     return torch.stack([(inside / 0.36).clamp(0, 1), tone.clamp(-0.3, 0.3), 0.3 + 0.3 * t + 0.2 * inside.clamp(0, 1)])
 
 
-DRAWN = {"chalk": chalk, "flat": flat, "loaded": loaded_brush, "knife": knife, "wash": wash, "dab": dab}
+DRAWN = {"chalk": chalk, "flat": flat, "loaded": loaded_brush, "knife": knife, "wash": wash, "pen": pen, "dab": dab}

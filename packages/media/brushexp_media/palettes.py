@@ -2,18 +2,22 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
+import torch
 from torch import Tensor
 
-from brushexp.contracts import between, register
+from brushexp.contracts import Rule, between, register
 from brushexp.contracts.families import Palette
-from brushexp.contracts.pictures import as_lab, as_picture, flatten_picture, load_picture, palette, recolor
+from brushexp.contracts.pictures import as_lab, as_picture, flatten_picture, load_picture, named_color, palette, recolor
 from brushexp.contracts.tasks import PICTURE
+from brushexp_media.init.ink import rgb_of
+from brushexp_media.picture.decolorization import contrast_weights, decolorize
 from brushexp_media.picture.lines import edge_lines
 
 Array = np.ndarray
+COLOR = Rule(named_color)
 
 
 def group_tones(lightness: Array, values: int, blend: float) -> Array:
@@ -147,6 +151,35 @@ class Toned(Palette):
         return as_picture(lab)
 
 
+@register("palette", "one_ink")
+@dataclass(kw_only=True, eq=False)
+class OneInk(Toned):
+    """Paints in washes of one ink: greys that keep the contrast between colours, toned, as ever darker washes on paper.
+
+    Washes are powers of the colour of one wash, like several layers of a tint (the law of Beer and Lambert); each has
+    the lightness of the tone that it stands for.
+
+    Args:
+        paper: colour of the lightest tone, as '#rrggbb'.
+        wash: colour of one wash on white paper, as '#rrggbb'.
+    """
+
+    paper: Annotated[str, COLOR] = "#f6efe0"
+    wash: Annotated[str, COLOR] = "#d8c7aa"
+    has_hues: ClassVar[bool] = False
+
+    def __call__(self, picture: Tensor) -> Tensor:
+        planes = picture.numpy().astype(np.float64)
+        grey = torch.from_numpy(decolorize(planes, contrast_weights(planes))).to(picture)
+        tone = as_lab(super().__call__(grey.expand(3, -1, -1).contiguous()))[..., 0]
+        depth = np.linspace(0, DEEPEST, SHADES)[:, None]
+        washes = rgb_of(self.paper) * rgb_of(self.wash) ** depth
+        lightness = as_lab(torch.from_numpy(washes.T[:, :, None]))[:, 0, 0]
+        darkness = np.interp(-tone, -lightness, depth[:, 0])
+        color = rgb_of(self.paper) * rgb_of(self.wash) ** darkness[..., None]
+        return torch.from_numpy(color).permute(2, 0, 1).to(picture).contiguous()
+
+
 def green_tint(red: Array, chroma: Array, lightness: Array) -> Array:
     """Compute how close colours are to a greenish white, 0 to 1, from their a*, chroma and L*.
 
@@ -194,6 +227,7 @@ TONES, STEEPEST = 64, 2.5  # histogram bins for tones, and limit of a bin relati
 FLAT_AT = 768  # longer side in pixels at which ``flatness`` is the weight of total variation
 CLEAR = 45.0  # chroma above which a colour never becomes white, however light
 PALETTE_SIDE = 512  # longer side in pixels at which the colours of another picture are sampled
+DEEPEST, SHADES = 16.0, 256  # number of washes over each other in the darkest tone; tones between it and the paper
 OUTLINE = (18.0, 6.0, -28.0)  # L*, a*, b* of outlines: Prussian blue
 
 

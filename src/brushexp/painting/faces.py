@@ -82,7 +82,6 @@ def places_of(features: Sequence[Feature], size: tuple[int, int]) -> Tensor | No
 
 
 def draw_features(
-    initializer: Initializer,
     target: Tensor,
     features: Sequence[Feature],
     strokes: Strokes,
@@ -92,14 +91,12 @@ def draw_features(
     """Create small strokes for features of a target (3, H, W) that have fewer small strokes than their floor.
 
     At most ``limit`` strokes, to be placed on top of all others, are divided among the features in proportion to their
-    floors. If the initialiser has its own `details`, only features that are certain get strokes, because such
-    strokes would look like blots elsewhere.
+    floors.
     """
-    width, only_certain = 2 * half_width_of(strokes), initializer.details() is not None
-    sought = [feature for feature in features if feature.is_certain or not only_certain]
-    missing = [feature for feature in sought if count_small(feature, strokes.position, width) < feature.floor]
+    width = 2 * half_width_of(strokes)
+    missing = [feature for feature in features if count_small(feature, strokes.position, width) < feature.floor]
     share = min(1.0, limit / max(1, sum(feature.floor for feature in missing)))
-    drawn = [draw_feature(initializer, target, one, math.floor(share * one.floor), generator) for one in missing]
+    drawn = [draw_feature(target, one, math.floor(share * one.floor), generator) for one in missing]
     return Strokes.join(*drawn) if drawn else strokes[:0]
 
 
@@ -116,9 +113,7 @@ def count_small(feature: Feature, position: Tensor, width: Tensor) -> int:
     return int((on_top < small).sum())
 
 
-def draw_feature(
-    initializer: Initializer, target: Tensor, feature: Feature, n: int, generator: torch.Generator
-) -> Strokes:
+def draw_feature(target: Tensor, feature: Feature, n: int, generator: torch.Generator) -> Strokes:
     """Create at most ``n`` small strokes within a feature of a target (3, H, W)."""
     height, width = target.shape[1:]
     left, right = (round(min(max(feature.x + way * feature.radius, 0), width)) for way in (-1, 1))
@@ -127,7 +122,7 @@ def draw_feature(
     n = min(n, near[0].numel())
     if not n:
         return Strokes.none()
-    strokes = (initializer.details() or IN_LAYERS)(near, n, generator).moved(shift=(left, top))
+    strokes = IN_LAYERS(near, n, generator).moved(shift=(left, top))
     return strokes[feature.holds(strokes.position)]
 
 

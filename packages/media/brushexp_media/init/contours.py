@@ -37,6 +37,7 @@ SHORTEST_LINE = 0.3  # share of the full length below which a contour is dropped
 MORE, APART = 3, 0.7  # lines traced per line drawn; least distance between two of them in widths
 TINY = 1e-9  # variation below which focus or sharpness counts as uniform
 SCALES = ((2.0, 1.0, 0.8 * FAINTEST), (1.0, FINER, 1.6 * FAINTEST))  # scale, relative width, strength of outlines
+THINNEST_LOOP, HOOKED = 8.0, 0.6  # thinnest shape with an outline in line widths; chord of such outlines over length
 FINEST = 0.7  # least scale of outlines in pixels
 
 
@@ -89,12 +90,22 @@ def _draw_outlines(grey: Array, clear: Array, drawn: Array, n: int, length: floa
             x, y = points.astype(int).T
             if taken[y, x].mean() > BESIDE or len(points) * SPACING < SHORTEST_LINE * length:
                 continue
+            if _is_loop(points, THINNEST_LOOP * width):
+                continue
             curve, middle = strokes_over(points, OUTLINE_LENGTH * length)
             curves.append(curve)
             widths.append(broad * width * _relative_width(strength[middle]))
             _take(taken, points, near)
             count += len(curve)
     return np.concatenate(curves)[:n], np.concatenate(widths)[:n]
+
+
+def _is_loop(points: Array, thinnest: float) -> bool:
+    """Check whether an outline (k, 2) runs around a shape thinner than ``thinnest`` pixels, such as a lock of hair."""
+    length = len(points) * SPACING
+    x, y = (points - points[0]).T
+    area = 0.5 * abs(float(x[:-1] @ y[1:] - x[1:] @ y[:-1]))
+    return bool(np.hypot(x[-1], y[-1]) < HOOKED * length and 2 * area < thinnest * length)
 
 
 def _relative_width(strength: Array) -> Array:

@@ -17,21 +17,21 @@ EVEN = 0.5  # deviation of L* of a place below which it has no forms
 Place = tuple[float, float, float]  # x, y and radius in pixels
 
 
-def restore_forms(target: Tensor, picture: Tensor, places: Sequence[Place]) -> Tensor:
+def restore_forms(target: Tensor, picture: Tensor, places: Sequence[Place], *, hues: bool = True) -> Tensor:
     """Restore the forms of ``picture`` in round areas of its reduced-palette version ``target``, both (3, H, W).
 
     The forms of a picture are the difference between its CIELAB values and a blurred copy of them. The new lightness is
     the target's blurred lightness plus the forms of ``picture``. These are amplified if the target's forms are
     stronger, and amplified further in small areas. Colours change only in dark areas, such as lips, where the palette
-    has weakened them.
+    has weakened them, and not at all without ``hues``.
     """
     restored = target.clone()
     for x, y, radius in places:
-        _restore(restored, picture, (x, y, radius))
+        _restore(restored, picture, (x, y, radius), hues)
     return restored
 
 
-def _restore(target: Tensor, picture: Tensor, place: Place) -> None:
+def _restore(target: Tensor, picture: Tensor, place: Place, hues: bool) -> None:
     from scipy.ndimage import gaussian_filter  # noqa: PLC0415  (slow to import)
 
     x, y, radius = place
@@ -50,7 +50,8 @@ def _restore(target: Tensor, picture: Tensor, place: Place) -> None:
     weak, strong = (one[..., 0][inside].std() if inside.any() else 0.0 for one in (own_forms, forms))
     if weak < EVEN:
         return
-    is_lost = (np.abs(own_forms) > np.abs(forms)) & (own_forms[..., :1] < 0)  # lights keep their colour: white teeth
+    # lights keep their colour: white teeth
+    is_lost = hues & (np.abs(own_forms) > np.abs(forms)) & (own_forms[..., :1] < 0)
     wanted = np.where(is_lost, own_forms, forms)
     gain = max(strong / weak, 1) * min(max(SMALL / radius, 1), MOST_EMPHASIS)
     wanted[..., 0] = min(gain, MOST_GAIN) * own_forms[..., 0]

@@ -1,4 +1,4 @@
-"""Base class of initialisers, which place the initial strokes."""
+"""Base class for initialisers, which place the initial strokes."""
 
 from abc import ABC, abstractmethod
 
@@ -28,7 +28,3 @@ class Initializer(ABC):
     def nearer(self) -> "Initializer":
         """Return the initialiser for faces, which keep their detail while ``abstraction`` simplifies the rest."""
         return self
-
-    def details(self) -> "Initializer | None":
-        """Return an initialiser that paints an eye or mouth with few strokes, or None to use `InLayers`."""
-        return None

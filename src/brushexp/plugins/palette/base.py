@@ -1,6 +1,7 @@
-"""Base class of palettes, which choose the colours of the painting."""
+"""Base class for palettes, which choose the colours of the painting."""
 
 from abc import ABC, abstractmethod
+from typing import ClassVar
 
 from torch import Tensor
 
@@ -15,6 +16,8 @@ class Palette(ABC):
     >>> Grey()(torch.rand(3, 4, 6)).shape
     torch.Size([3, 4, 6])
     """
+
+    has_hues: ClassVar[bool] = True  # whether colours of the picture, such as those of lips, keep their hues
 
     @abstractmethod
     def __call__(self, picture: Tensor) -> Tensor:

@@ -1,4 +1,4 @@
-"""Fill shapes in a picture with the broadest strokes that fit, for washes and the darkest accents."""
+"""Fill shapes in a picture, such as the darkest accents, with the broadest strokes that fit."""
 
 import numpy as np
 
@@ -8,7 +8,6 @@ from brushexp_media.picture.lines import TIMES, follow_flow, points_of
 Array = np.ndarray
 TRIED = 16  # positions tried per requested stroke
 OVERLAP, SMALLEST_REACH = 0.92, 0.6  # share of half its width, and pixels, within which a stroke leaves nothing bare
-RARE, FAR, NEARBY = 1.5, 3.0, 0.06  # blur of the histogram, cost of moving a tone, and maximum move
 THINNER = 0.75  # thinning of the ends of strokes, as in look=ink
 NARROWER, LONG = 0.65, 9.0  # least room along a stroke, and its length, relative to half its width
 
@@ -63,14 +62,3 @@ def _cover(bare: Array, curve: Array, half: float) -> None:
     y, x = (np.arange(side) + 0.5 for side in box.shape)
     square = (x[:, None] + left - points[:, 0]) ** 2 + (y[:, None, None] + top - points[:, 1]) ** 2
     box &= (square >= reach**2).all(-1)
-
-
-def between_tones(dark: Array, tone: float) -> float:
-    """Move a tone, 0 to 1, to a nearby tone that is rare in a map (H, W), so that no shape is cut in two."""
-    from scipy.ndimage import gaussian_filter1d  # noqa: PLC0415  (slow to import)
-
-    count, ends = np.histogram(dark, 100, (0, 1))
-    middle = (ends[1:] + ends[:-1]) / 2
-    away = np.abs(middle - tone)
-    frequent = gaussian_filter1d(count / dark.size, RARE) * len(count) + FAR * away
-    return float(middle[np.where(away > NEARBY, np.inf, frequent).argmin()])
