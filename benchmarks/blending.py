@@ -29,7 +29,7 @@ from brushexp.strokes.catalogue import Strokes
 
 N, SIDE, RUNS, SCENES = 384, 196, 5, 5
 RECORD = Path(__file__).parents[1] / "docs" / "ablations" / "blending.csv"
-QUESTION = "How much time does it save to blend the uppermost layers alone, apart from rendering?"
+QUESTION = "Not counting rendering, how much time does blending only the uppermost layers save?"
 
 
 def layers_of(seed: int) -> tuple[Tensor, Tensor]:

@@ -90,7 +90,7 @@ def read(folder):
 
 
 def fit(folder, path):
-    """Fit the recovery errors to measured paintings, and write them to a file."""
+    """Estimate the recovery errors from measured paintings, and write them to a file."""
     paintings = read(folder)
     true, draws, confidence = zip(*paintings.values(), strict=True)
     figures = [intervals_of(one) for one in draws]

@@ -6,9 +6,9 @@
     python benchmarks/film.py --side 256 --sheet film.jpg    also save three painted frames and their changes
     python benchmarks/film.py --cut --count 5 --override steps=8    PSNR of each picture around a cut
 
-All frames are painted with the same look and at the same size. Flicker is the mean change (in levels of 255) from one
-picture to the next where the target does not change, measured on the pictures as displayed, with lighting. PSNR is
-computed from the colours, without lighting.
+All frames are painted with the same look and at the same size. Flicker is the mean change (in grey levels, on a scale
+of 0 to 255) from one picture to the next where the target does not change, measured on the pictures as displayed, with
+lighting. PSNR is computed from the colours, without lighting.
 """
 
 import argparse
@@ -74,7 +74,10 @@ def tell_pictures(folder: Path, clip: Path) -> None:
 
 
 def write_sheet(sheet: Path, folder: Path, clip: Path) -> None:
-    """Save the first, middle and next-to-last frames, their paintings, and each painting's change to the next."""
+    """Save three frames, their paintings, and the change from each of these paintings to the next.
+
+    The frames are the first, the middle and the next-to-last.
+    """
     shown = [one.picture for one in timed_pictures(open_clip(clip))]
     paths = sorted((folder / FRAMES).glob("*.h5"))
     painted = [export_job(load_catalogue(path)).picture().astype(int) for path in paths]

@@ -85,7 +85,7 @@ def seconds_of(step: Step, runs: int) -> tuple[float, float]:
 
 def steps() -> Iterator[str]:
     """Compare Triton's steps with PyTorch's for all kinds of strokes."""
-    yield "| strokes | Triton ms | PyTorch ms | times | first step s | memory MB | picture, difference | gradient |"
+    yield "| strokes | Triton ms | PyTorch ms | speed-up | first step s | memory MB | picture, difference | gradient |"
     yield "|---|---|---|---|---|---|---|---|"
     for kind in ("plain", "shaped", "textured", "pigment"):
         fast, slow = step_of(kind, "triton"), step_of(kind, "torch")

@@ -6,9 +6,10 @@
     python benchmarks/outputs.py --runs outputs/a     (the same for existing paintings)
     python benchmarks/outputs.py --replay outputs/a   (only how smoothly this run's page replays)
 
-The default picture is painted twice, with default settings and at 1000 px with 10,000 strokes, and then exported. Each
-export runs in a separate process; its time and memory include the imports. Pages are opened in headless Chromium. PSNR
-compares painting.png with the SVG, as rendered by resvg and by Chromium, and with the last frame of the page's replay.
+The default picture is painted twice, once with default settings and once at 1000 px with 10,000 strokes, and then
+exported. Each export runs in a separate process; its time and memory include the imports. Pages are opened in headless
+Chromium. PSNR compares painting.png with the SVG, as rendered by resvg and by Chromium, and with the last frame of the
+page's replay.
 """
 
 import argparse

@@ -138,7 +138,7 @@ def by_codecs(target: np.ndarray) -> Iterator[tuple[str, str, float, float]]:
 
 
 def by_strokes(target: np.ndarray) -> Iterator[tuple[str, str, float, float]]:
-    """Paint a picture, code and decode its strokes, and yield the same values as `by_codecs`."""
+    """Paint a picture, encode and decode its strokes, and yield the same values as `by_codecs`."""
     import brushexp  # noqa: PLC0415  (tables need none of it)
     from brushexp.contracts import build_named  # noqa: PLC0415
     from brushexp.contracts.families import Comparison  # noqa: PLC0415

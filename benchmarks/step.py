@@ -85,7 +85,7 @@ def against_eager() -> None:
     fast = gradient_step(Tiled(), strokes, target)
     reference, seconds = fast(), seconds_of(fast, 15)
     print("\n1024 x 1024 px, 10,000 strokes, forward + backward\n")
-    print("| blend | ms per step | times tiled | picture, max difference | gradient, relative difference |")
+    print("| blend | ms per step | relative to tiled | picture, max difference | gradient, relative difference |")
     print("|---|---|---|---|---|")
     print(f"| tiled (Numba) | {1e3 * seconds:.1f} | 1 | | |")
     rivals = {"tiled, eager PyTorch": Tiled(opaque=0.0, kernel="torch")}
@@ -117,7 +117,8 @@ def against_double() -> None:
 
 def growth() -> None:
     """Print the time of a step for increasing numbers of pixels and strokes."""
-    print("\nGrowth at 105 px per stroke\n\n| megapixels | strokes | ms per step | per megapixel, against the first |")
+    print("\nGrowth at 105 px per stroke\n")
+    print("| megapixels | strokes | ms per step | per megapixel, relative to the first row |")
     print("|---|---|---|---|")
     first = 0.0
     for side in (1024, 2048, 4096):

@@ -19,7 +19,10 @@ def packed(name: bytes, contents: bytes) -> bytes:
 
 
 def clap(width: int, height: int, right: int, low: int, parts: int = 2) -> Box:
-    """Make a crop box whose centre lies ``right / parts`` pixels right of and ``low / parts`` below the picture's."""
+    """Make a crop box whose centre is offset from the picture's centre.
+
+    The offset is ``right / parts`` pixels to the right and ``low / parts`` pixels down.
+    """
     return b"clap", struct.pack(">IIIIiIiI", width, 1, height, 1, right, parts, low, parts)
 
 

@@ -153,7 +153,7 @@ PARTS = {"sampler": Patches(n_active=20, n_ring=10, patch=32)}
 
 @pytest.mark.parametrize(("steps", "options"), [(0, {}), (10, {}), (11, {}), (200, {"coarse": 0.9}), (120, PARTS)])
 def test_all_strokes_that_were_asked_for_are_there_in_the_end(steps, options):
-    """The painting ends with all requested strokes, even if a run is too short for rounds or coarse steps skip some."""
+    """All requested strokes are there in the end, even if a run is too short for rounds, or coarse steps skip some."""
     painter = painted(Adaptive(), n=60, steps=steps, **options)
     assert len(painter.catalogue) == len(painter.visits) == 60
     check_strokes(painter.strokes())

@@ -21,7 +21,7 @@ def shipped() -> Iterator[tuple[str, Path]]:
 
 
 def is_of_another_kind(path: Path) -> bool:
-    """Return whether a file is not hand-written text: binary, minified, or a table of measurements."""
+    """Return whether a file is something other than hand-written text: binary, minified, or a table of measurements."""
     return b"\0" in path.read_bytes() or ".min." in path.name or path.suffix == ".csv"
 
 

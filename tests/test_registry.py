@@ -46,7 +46,7 @@ class Upside(Order):
 
 @pytest.fixture
 def clean(hydra_restore_singletons):
-    """Remove the plugins that a test has registered when the test ends."""
+    """When a test ends, remove the plugins that it registered."""
     before = set(plugin._members)
     yield
     for key in set(plugin._members) - before:

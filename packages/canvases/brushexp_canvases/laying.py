@@ -49,6 +49,9 @@ def mark_overlapping(strokes: Strokes, region: Region, edge: float) -> Tensor:
 
 
 def inside(position: Tensor, region: Region) -> Tensor:
-    """Mark the positions (N, 2) that are in a region; no position is in two adjacent regions."""
+    """Mark the positions (N, 2) that are in a region.
+
+    A position on a shared border counts as being in only one of the two regions.
+    """
     low = position.new_tensor([region.left, region.top])
     return ((position >= low) & (position < low + position.new_tensor([region.width, region.height]))).all(1)

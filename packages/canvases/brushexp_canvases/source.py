@@ -25,7 +25,7 @@ SPACES = {"uint8": ("b-w", "srgb"), "uint16": ("grey16", "rgb16")}  # libvips's 
 
 
 class Source(ABC):
-    """Base class of pictures on disk that are read strip by strip."""
+    """Base class for pictures on disk that are read strip by strip."""
 
     size: tuple[int, int]  # height and width in pixels
 

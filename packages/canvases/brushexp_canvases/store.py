@@ -118,7 +118,7 @@ def strokes_to_rows(strokes: Strokes, depth: Tensor) -> np.ndarray:
 
 
 def rows_to_strokes(rows: np.ndarray) -> tuple[Strokes, Tensor]:
-    """Unpack strokes, including their brushes, and depths from rows (N, `NUMBERS`)."""
+    """Unpack strokes (with their brushes) and depths from rows (N, `NUMBERS`)."""
     sizes = [field.size or 1 for field in FIELDS.values()]
     *columns, brush, depth = torch.from_numpy(np.ascontiguousarray(rows)).split([*sizes, 1, 1], 1)
     values = {

@@ -33,7 +33,7 @@ SIZE = Rule(size_from)
 @register("change", "sizes")
 @dataclass(kw_only=True)
 class Sizes(Change):
-    """Bound stroke thickness by a smallest and a largest brush, in pixels or mm: ``smallest=2mm largest=20mm``.
+    """Bound stroke thickness by a smallest and a largest brush, in pixels or mm (as in ``smallest=2mm largest=20mm``).
 
     After every step, the thickness and the widening of each stroke are clamped to the bounds (projected gradient
     descent), and other strokes compensate for what a clamped stroke cannot paint. Bristles and the tips of tapered

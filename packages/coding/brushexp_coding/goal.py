@@ -18,7 +18,7 @@ OVERHEAD = 60  # approximate bytes of a file without strokes
 @register("change", "bits")
 @dataclass(kw_only=True)
 class BytesForStrokes(Change):
-    """Choose the number of strokes and their rounding so that ``strokes.bits`` has a given size: ``bits=20kB``.
+    """Choose the number of strokes and their rounding so that ``strokes.bits`` has a given size (as in ``bits=20kB``).
 
     More strokes match the picture more closely, but each stroke must then be rounded more coarsely. The decoded
     painting matches best at about 85 bits per stroke. The painting therefore has as many strokes as fit at 85 bits

@@ -27,7 +27,7 @@ LAYER = (
 class OpenRaster(PrintExporter):
     """Writes ``painting.ora``: the ground, layers of strokes from bottom to top, light and paper.
 
-    Together, the layers show the painting to within two levels of 255, and each layer can be edited or hidden. The top
+    Together, the layers show the painting to within two 8-bit levels, and each layer can be edited or hidden. The top
     layer, ``light and paper``, contains the effects that strokes alone cannot show: light, paper, and paint that is not
     mixed in RGB (``color=``). With ``background=transparent``, all layers are transparent where the picture is
     transparent. The whole painting is held in memory.

@@ -29,7 +29,7 @@ class Psd(PrintExporter):
     """Writes ``painting.psd``, the layers of ``to=ora`` for other programs; needs ``pip install 'brushexp[psd]'``.
 
     The layers are the ground, strokes from bottom to top, light and paper; together they show the painting to within
-    two levels of 255. The file has an sRGB profile, and contains the finished picture for programs that do not read
+    two 8-bit levels. The file has an sRGB profile, and contains the finished picture for programs that do not read
     layers. The whole painting is held in memory at once.
 
     Args:

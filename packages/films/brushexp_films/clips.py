@@ -125,7 +125,7 @@ def _is_rate(rate: Fraction | None) -> bool:
 
 
 def _rate_of(frames: list[Any]) -> Fraction:
-    """Estimate a film's frame rate from the intervals between its first pictures."""
+    """Estimate a film's frame rate from the intervals between its first frames."""
     times = sorted(frame.pts * frame.time_base for frame in frames if frame.pts is not None)
     steps = sorted(after - before for before, after in pairwise(times) if after > before)
     return (1 / steps[len(steps) // 2]).limit_denominator(1000) if steps else USUAL_RATE

@@ -1,4 +1,4 @@
-"""Mark functions that kernels inline, and launch kernels."""
+"""Mark functions for inlining into kernels, and launch the kernels."""
 
 from typing import Any
 
@@ -7,7 +7,10 @@ import triton
 
 
 def inline(function: Any) -> Any:
-    """Mark a function for kernels to inline; return it unmarked for the interpreter, which would have to rewrite it."""
+    """Mark a function for inlining into kernels.
+
+    For the interpreter, which would have to rewrite the function, return it unmarked.
+    """
     return function if triton.knobs.runtime.interpret else triton.jit(function)
 
 

@@ -131,7 +131,7 @@ def mode_of(mode: str) -> Any:
 
 
 def is_logged_in() -> bool:
-    """Check, without network access, whether the environment, settings or netrc file contain wandb credentials."""
+    """Check offline whether wandb credentials are present in the environment, the settings or the netrc file."""
     import wandb  # noqa: PLC0415
     from requests.utils import get_netrc_auth  # noqa: PLC0415  (wandb needs it, too)
 

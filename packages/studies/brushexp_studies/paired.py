@@ -209,12 +209,12 @@ def difference_rows(differences: Sequence[Difference]) -> list[dict[str, Any]]:
 def rule_for(unit: str) -> str:
     """State in words the rule that decides a verdict, for differences over pictures or over seeds."""
     depends = (
-        f"a difference *depends on the picture* if at least {LEAST_ODD}, and {LEAST_SHARE:.0%}, of them differ by more "
-        "than what matters, where that is known, in each direction; "
+        f"a difference *depends on the picture* if, in each direction, at least {LEAST_ODD} pictures and "
+        f"{LEAST_SHARE:.0%} of them differ by more than what matters, where that is known; "
     ) * (unit == PICTURE)
     return (
-        f"Intervals are Student's t over the {unit}s at {CONFIDENCE:.0%} for all comparisons of a study with "
-        f"its reference together (Bonferroni). In this order: {depends}there is *no difference that "
+        f"Intervals are Student's t over the {unit}s, at {CONFIDENCE:.0%} jointly for all comparisons of a study with "
+        f"its reference (Bonferroni). The first rule that applies decides: {depends}there is *no difference that "
         "matters* if the interval allows none; a setting is *better* or *worse* if the interval "
         f"excludes zero; otherwise, and with fewer than {LEAST_UNITS} {unit}s, it is *not decided*."
     )

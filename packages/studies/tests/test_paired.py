@@ -130,8 +130,9 @@ def test_a_verdict_is_told_with_its_numbers():
     odd = gap(1.0, 1.0, 1.0, -1.0, -1.0, -1.0)
     assert odd.sentence.startswith("depends on the picture: better on a, b, c; worse on d, e, f; ")
     assert gap(1.0, 1.0, 1.0, -1.0, -1.0, -1.0, unit="seed").verdict == "not decided"
-    assert "In this order: a difference *depends on the picture* if at least 3, and 20%, of them" in rule_for("picture")
-    assert "In this order: there is *no difference that matters* if the interval allows none" in rule_for("seed")
+    depends = "decides: a difference *depends on the picture* if, in each direction, at least 3 pictures and 20%"
+    assert depends in rule_for("picture")
+    assert "decides: there is *no difference that matters* if the interval allows none" in rule_for("seed")
 
 
 def test_tables_and_plot_are_written(tmp_path):

@@ -16,7 +16,7 @@ from brushexp.registry import FAMILIES
 
 @dataclass(kw_only=True)
 class Tied(Order):
-    """Give all strokes the same depth, and omit the depth of one stroke."""
+    """An order that breaks its contract: all depths are equal, and there is one depth too few."""
 
     every: int = 1
 

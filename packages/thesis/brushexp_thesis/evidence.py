@@ -17,7 +17,7 @@ RARE = 0.05  # an answer depends on the picture if more than this share of all p
 
 
 def p_of_mean(gains: Sequence[float], stated: Bounds) -> float:
-    """Compute the two-sided p-value, by Student's t-test, for the statement that the mean gain is within bounds.
+    """Compute the two-sided p-value of Student's t-test for the hypothesis that the mean gain is within bounds.
 
     The result is twice the larger of the one-sided p-values for the two bounds; with two finite bounds, this is an
     equivalence test (Schuirmann, 1987). If it is above 0.05, the 95 % confidence interval extends beyond the bounds.
@@ -32,7 +32,7 @@ def p_of_mean(gains: Sequence[float], stated: Bounds) -> float:
 
 
 def p_of_ranks(gains: Sequence[float], stated: Bounds) -> float:
-    """Compute the p-value, by the signed-rank test (Wilcoxon, 1945), for the same statement as in `p_of_mean`."""
+    """Compute the p-value of the signed-rank test (Wilcoxon, 1945) for the same hypothesis as in `p_of_mean`."""
     sample = np.array(gains, float)
     above = [sign * (sample - bound) for sign, bound in zip((1, -1), stated, strict=True) if math.isfinite(bound)]
     one_sided = [float(wilcoxon(one, alternative="greater").pvalue) if one.any() else 1.0 for one in above]
@@ -40,7 +40,7 @@ def p_of_ranks(gains: Sequence[float], stated: Bounds) -> float:
 
 
 def p_of_gains_and_losses(gains: Sequence[float], matters: float) -> float:
-    """Compute the p-value for the statement that more than 5 % (`RARE`) of all pictures gain and more than 5 % lose.
+    """Compute the p-value for the hypothesis that more than 5 % (`RARE`) of all pictures gain and more than 5 % lose.
 
     Only gains and losses greater than ``matters`` count. The result is twice the larger of the two binomial p-values
     (an intersection-union test; Berger, 1982).

@@ -144,7 +144,7 @@ class Section:
         shared = len({*figures.of.names} & {*self.stems})
         if shared == len(figures.of.names) == len(self.pictures):
             return "the same pictures"
-        return f"{figures.of.pictures} ({shared} here)"
+        return f"{figures.of.pictures} ({shared} picture{'s' * (shared != 1)} here)"
 
 
 def count_of(strokes: float | None) -> str:

@@ -23,11 +23,11 @@ BEHIND = "behind, dB"
 EQUAL_SECONDS = "The best PSNR in dB within the given seconds of optimisation; finished paintings keep their value."
 FILES = (
     "[leaderboard.csv](leaderboard.csv) has every metric and command, [pictures.csv](pictures.csv) the PSNR of each "
-    "picture, and [seconds.csv](seconds.csv) the PSNR after equal seconds for runs with curves."
+    "picture, and [seconds.csv](seconds.csv) the PSNR after equal times for runs with curves."
 )
 IN_TEXT = ("psnr", "ssim", "ms_ssim", "perceptual", "bits", "psnr_decoded", "seconds")  # metrics in the Markdown
 THESE = "these"  # name for the pictures of a measured row
-PUBLISHED = "Published figures of {}: not measured here, and not in any mean."
+PUBLISHED = "Published figures for {}: not measured here, and not in any mean."
 ELSEWHERE = "Figures published for other pictures: they are not comparable with anything above."
 
 

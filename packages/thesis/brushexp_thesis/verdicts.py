@@ -24,8 +24,9 @@ SHIPPED_PAINTINGS = Path(__file__).with_name("paintings.yaml")
 SECONDS = ("cpu_seconds", "seconds")
 NOISE_OF_SECONDS = 1.3  # ratio; on a busy machine, the same work took 0.79 and 1.12 times the CPU seconds
 WHERE_NUMBERS_ARE = (
-    "[verdicts.csv]({folder}/verdicts.csv) adds median, counts, ranks, photographs and paintings to each claim; "
-    "[settings.csv]({folder}/settings.csv) has the mean and change of every metric and setting."
+    "[verdicts.csv]({folder}/verdicts.csv) adds to each claim the median, counts, ranks, and results for photographs "
+    "and for paintings; [settings.csv]({folder}/settings.csv) has the mean and change of every metric for every "
+    "setting."
 )
 EXPLANATION = Path(__file__).with_name("templates") / "verdicts.md"
 
@@ -158,7 +159,7 @@ def _extent(study: Study, paintings: Collection[str]) -> str:
     of_all = f" of {study.n_jobs}" * (study.n_finished < study.n_jobs)
     failures = f", {study.n_runs - study.n_finished} not finished" * (study.n_runs > study.n_finished)
     painted = len({*study.units} & {*paintings})
-    kinds = f", {painted} of them paintings or prints" * (painted > 0)
+    kinds = f" ({painted} paintings or prints)" * (painted > 0)
     others = study.table.index.get_level_values(1).nunique() - len(study.units)
     more = f", {others} more with some of the settings" * (others > 0)
     return f"{len(study.units)} {kind}s{kinds}{more}; {study.n_finished}{of_all} runs{failures}; {study.cost}"

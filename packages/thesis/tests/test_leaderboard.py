@@ -119,7 +119,7 @@ def test_published_figures_stand_beside_and_say_what_they_are_of(runs, tmp_path)
     both, *_ = sections_in(runs, tmp_path / "published.yaml")
     cells = table_cells(both)
     assert [row["pictures"] for row in cells] == [
-        "these", "these", "the same pictures at 30 x 20", "all of them (2 here) at 30 x 20",
+        "these", "these", "the same pictures at 30 x 20", "all of them (2 pictures here) at 30 x 20",
     ]  # fmt: skip
     assert cells[0]["PSNR, dB"] == f"26.00 ± {stats.t.interval(0.95, 1, scale=5)[1]:.2f}"
     assert cells[2] | {"PSNR, dB": "99", "strokes": "9 blobs", "optimisation, s": "–"} == cells[2]

@@ -79,7 +79,10 @@ class Handover(L.Callback):
             painter.schedule.start()
 
     def _is_due(self, before: int) -> bool:
-        """Check whether a multiple of ``every`` was reached since ``before``, and ``every_seconds`` have passed."""
+        """Check whether a state is due.
+
+        A multiple of ``every`` must have been reached since ``before``, and ``every_seconds`` must have passed.
+        """
         is_next = self.step // self.every > before // self.every
         return is_next and time.monotonic() - self.last >= self.every_seconds
 

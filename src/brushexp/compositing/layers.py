@@ -68,7 +68,7 @@ class KernelInput:
 
 
 class Layers(ABC):
-    """Base class of stroke layers: the curves and reach of N strokes, and their alpha and colour at any point."""
+    """Base class for stroke layers: the curves and reach of N strokes, and their alpha and colour at any point."""
 
     curve: Tensor  # (N, 3, 2) control points in pixels; a stroke lies entirely within ``reach`` of its curve
     reach: Tensor  # (N,) pixels beyond which alpha is exactly 0; 0 or less for a stroke that covers nothing

@@ -79,7 +79,10 @@ def of_color(own, buf, q, c):
 
 @inline
 def _lay(look, own, buf, opaque):
-    """Composite a stroke beneath those above it; return how many pixels transmit ``opaque`` of the light or more."""
+    """Composite a stroke beneath the strokes already laid.
+
+    Returns how many pixels still transmit at least the fraction ``opaque`` of the light.
+    """
     bright = F(0)
     for q in range(AREA):
         seen, light = shade(look, own, q), buf[LIGHT * AREA + q]

@@ -193,7 +193,7 @@ def _gather_kernel(channels: int) -> Compiled:
 
 @function
 def _over_strokes(begin, end, places, images, order, row, there, left, grad_image, grad_places, grad_images):
-    """Sum the gradients of a range of strokes from the numbers that `_pull` stored in ``left``, in a fixed order.
+    """Using the values that `_pull` stored in ``left``, sum the gradients of a range of strokes in a fixed order.
 
     ``places`` (N, 4) holds the centre (x, y), side and opacity for each of the ``images`` (N, C + 1, S, S). Writes
     ``grad_places`` and ``grad_images``, which have the same shapes and are initially 0.

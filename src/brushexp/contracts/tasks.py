@@ -1,4 +1,4 @@
-"""Declare the keys of a task (type, default, bounds and description in one line) and rules between keys."""
+"""Declare each key of a task on one line (type, default, bounds and description), and rules that relate keys."""
 
 from brushexp.config.changes import as_typed_word
 from brushexp.config.keys import key, keys_of

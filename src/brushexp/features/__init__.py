@@ -1,4 +1,4 @@
-"""Feature networks for losses and metrics, which map pictures to named activations without internet access."""
+"""Feature networks for losses and metrics; they map pictures to named activations and work offline."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Base class of feature networks (frozen convolutions with named activations), and functions to read their weights."""
+"""Base class for feature networks (frozen convolutions with named activations), and functions to read their weights."""
 
 import math
 from abc import ABC, abstractmethod

@@ -43,7 +43,7 @@ def _places(file: IO[bytes], size: int) -> Iterator[tuple[bytes, int, int | None
 
 
 def properties_of_picture(file: IO[bytes], size: int) -> list[Property]:
-    """List the properties that a HEIF or AVIF file declares for its visible picture, in the order of application.
+    """List the properties that a HEIF or AVIF file declares for its visible picture, in the order in which they apply.
 
     The picture is the primary item or, in an animated file (brand ``avis``), the picture track.
     """

@@ -135,9 +135,10 @@ def background_color(spec: str, target: Tensor) -> Tensor:
 
 
 def named_color(spec: str, key: str) -> bytes | None:
-    """Convert a CSS colour, such as ``ivory`` or ``#rrggbb``, to bytes; raise a UserError for anything else.
+    """Convert a CSS colour, such as ``ivory`` or ``#rrggbb``, to bytes.
 
-    Returns None for ``mean`` and ``transparent``, both of which mean the target's mean colour here.
+    Returns None for ``mean`` and ``transparent``, which both stand for the target's average colour here. Raises a
+    UserError for anything else.
     """
     if spec in ("mean", TRANSPARENT):
         return None

@@ -246,7 +246,7 @@ def _float(text: str | None) -> float:
 
 
 def _value(value: Any) -> Any:
-    """Replace a number with None if it is not finite or too large."""
+    """Replace a number with None if it is too large or not finite."""
     return None if isinstance(value, int | float) and not abs(value) < LARGEST_NUMBER else value
 
 

@@ -91,8 +91,8 @@ def take_name(cfg: DictConfig, folder: Path) -> Path:
 def take_folder(folder: Path, cfg: DictConfig, goes_on: bool = False) -> None:
     """Lock a folder until this process ends, remove the files of an aborted or replaced run, and record new files.
 
-    Raises a UserError if another run is at work in the folder. Also raises a UserError if the folder holds a run that
-    is finished or can be resumed, unless the new run continues that run (``goes_on``, ``resume``, or a task that
+    Raises a UserError if another run is using the folder. Also raises a UserError if the folder holds a run that is
+    finished or can be resumed, unless the new run continues that run (``goes_on``, ``resume``, or a task that
     ``grows``) or replaces it (``overwrite``).
     """
     lock(folder)

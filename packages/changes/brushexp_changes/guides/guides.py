@@ -17,7 +17,7 @@ from brushexp_changes.steps import check_steps
 @register("change", "guides")
 @dataclass(kw_only=True)
 class Guides(Change):
-    """Align the initial strokes with nearby hand-drawn lines: ``guides=lines.png``.
+    """Align the initial strokes with nearby hand-drawn lines (for example ``guides=lines.png``).
 
     The strokes keep their centres, lengths, widths and colours. Optimisation starts from the aligned strokes.
 

@@ -24,7 +24,7 @@ MASK_THRESHOLD = 0.5  # brightness at which a pixel counts as inside the mask
 @register("change", "region")
 @dataclass(kw_only=True, eq=False)
 class Region(Change):
-    """Repaint one region of a painting; the rest stays bit-identical: ``region=mask.png catalogue=outputs/x``.
+    """Repaint one region of a painting; the rest stays bit-identical (as in ``region=mask.png catalogue=outputs/x``).
 
     Only strokes that are wholly inside the region move and change colour. The renderer, blend, colour space, paper,
     light, order and ground are taken from the painting. Strokes are optimised at the same size as before, unless

@@ -31,7 +31,7 @@ AUTO = "auto"  # value of working_resolution that depends on the number of strok
 @register("change", "tubes")
 @dataclass(kw_only=True, eq=False)
 class OfTubes(Change):
-    """Paint with given tubes and brushes, for painting by hand: ``tubes=zorn brushes=[25,12,6] width_cm=40``.
+    """Paint with given tubes and brushes, for painting by hand (as in ``tubes=zorn brushes=[25,12,6] width_cm=40``).
 
     From the beginning, strokes are opaque, as wide as one of the brushes, and no longer than a load of paint lasts.
     After two fifths of the steps, each stroke gets the colour of a mixture. Mixtures are reassigned every few steps,

@@ -17,7 +17,7 @@ from brushexp_changes.wet.dragging import drag_paint
 @register("change", "wet")
 @dataclass(kw_only=True)
 class Wet(Change):
-    """Wet-on-wet: strokes pick up the paint under their starts, and drag it along until it runs out: ``wet=0.5``.
+    """Wet-on-wet: strokes pick up the paint under their starts and drag it until it runs out (for example ``wet=0.5``).
 
     With ``every``, strokes are optimised for the wet painting. Every few steps, paint is dragged as a trial, and the
     dry strokes are then optimised to match target + dry - wet. This results in the gradient of the wet painting if
@@ -26,7 +26,7 @@ class Wet(Change):
 
     Args:
         amount: fraction of the underlying colour that a stroke drags along, 0 to 1.
-        every: steps between two updates of the wet painting; null = optimise dry paint only.
+        every: number of steps between updates of the wet painting; null = optimise dry paint only.
         after: fraction of the steps before the first update, during which strokes settle.
     """
 

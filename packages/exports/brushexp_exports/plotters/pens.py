@@ -1,4 +1,4 @@
-"""Base class of exporters for plotters and painting robots, with their options, paper and stroke plan."""
+"""Base class for exporters to plotters and painting robots, with their options, paper and stroke plan."""
 
 import io
 import logging
@@ -84,7 +84,7 @@ class PenPlan:
 
 @dataclass(kw_only=True)
 class PenExporter(Exporter):
-    """Base class of exporters for machines that draw with pens or brushes; its fields are their options.
+    """Base class for exporters to machines that draw with pens or brushes; its fields are their options.
 
     Args:
         paper: size of the paper: a3, a4, letter, ... or a size such as 300x200mm.

@@ -27,7 +27,7 @@ TITLES = {
 
 
 def certainty_of(brushwork: SampledBrushwork, name: str) -> Array:
-    """Compute half the width (rows, columns) of each interval: degrees for directions, a factor >= 1 for sizes."""
+    """Compute each interval's half-width (rows, columns), in degrees for directions and as a factor >= 1 for sizes."""
     one = brushwork.strokes[name]
     half: Array = 0.5 * (one.high - one.low) if name == "direction" else np.sqrt(one.high / one.low)
     return half

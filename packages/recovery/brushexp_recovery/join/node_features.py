@@ -32,7 +32,7 @@ def node_features(tree: MergeTree) -> Array:
 
 
 def _write_merges(tree: MergeTree, table: Array) -> None:
-    """Write each node's merge probabilities, and its affinities internally and to other regions, to ``table``."""
+    """Write each node's merge probabilities, and its affinities within itself and to other regions, to ``table``."""
     prior = PRIOR_PAIRS_INSIDE
     table[:, INSIDE] = (tree.within[:, SUMS] + 0.5 * prior) / (tree.within[:, PAIRS] + prior)
     prior = PRIOR_PAIRS_OUTSIDE

@@ -12,8 +12,8 @@ Figures = Mapping[str, Mapping[str, Interval]]  # by area or painting, and by `M
 DIRECTIONS = "Directions run clockwise from horizontal: 45° falls to the right."
 MEANING = (
     "Each figure is the median over the photograph and small changes of it (scale, rotation, compression, tone). In "
-    "each view, strokes are sampled by their confidence, and each sample is combined with the errors that recovery "
-    "makes on known paintings, unless correct=false. 90 % of these samples lie between low and high, so the interval "
+    "each view, strokes are sampled by their confidence. Unless correct=false, the errors that recovery makes on "
+    "known paintings are added to each sample. 90 % of these samples lie between low and high, so the interval "
     "includes the error of recovery. Found is the figure without these errors."
 )
 APART = "The first painting minus the second: a figure is apart if the interval of its difference excludes 0."

@@ -1,9 +1,9 @@
 """Compute intervals for the measures of a painting's brushwork.
 
 Strokes are recovered from the photograph and from slightly altered copies of it (`views`). In each view, strokes are
-sampled many times, each with a probability equal to its confidence (`draws`), and the measures of each sample are
-combined with the errors that recovery makes in every view (`recovery_error`). The reported value is the median of the
-combined samples, and its interval contains 90 % of them.
+sampled many times, each with a probability equal to its confidence (`draws`). To the measures of each sample, 100
+equally probable errors of recovery are added in turn, estimated from paintings with known strokes (`recovery_error`).
+The reported value is the median of the resulting samples, and its interval contains 90 % of them.
 """
 
 from dataclasses import dataclass, replace

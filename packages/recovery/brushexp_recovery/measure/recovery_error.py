@@ -2,9 +2,9 @@
 
 Recovery misses short strokes, cuts off hidden ends and distorts widths, similarly in every view. `RecoveryError` stores
 the differences between true and measured values for paintings with known strokes. Two predictors explain part of these
-errors: the mean confidence of the recovered strokes and their median elongatedness. Each sample of a measure is
-combined with the errors in the known paintings, so that the median of the samples is corrected for the mean error, and
-their spread includes the variation between these errors.
+errors: the mean confidence of the recovered strokes and their median elongatedness. Equally probable errors, derived
+from the known paintings, are added to each sample of a measure, so that the median of the samples is corrected for the
+mean error, and their spread includes the variation between these errors.
 
 `brushexp_recovery.train.errors_of_measures` fits the errors.
 """
@@ -26,7 +26,7 @@ Array = NDArray[Any]
 
 FILE = Path(__file__).parents[1] / "weights" / "strokes.errors.json"
 SURE = 0.02, 0.98  # range to which mean confidences are clamped
-SAMPLES = 100  # number of errors with which each draw is combined
+SAMPLES = 100  # number of errors added to each draw
 
 
 @dataclass(frozen=True)

@@ -119,7 +119,7 @@ def read_strokes_of_others(folder: Path, case: Case) -> Prediction:
 def score_case(
     case: Case, method: str, prediction: Prediction, seconds: float, folder: Path, seen: Collection[str]
 ) -> Row:
-    """Score a method's strokes, and store their regions in a folder; ``seen`` lists the kinds used in training."""
+    """Score a method's strokes, and store their regions; ``seen`` lists the kinds of paintings used in training."""
     figures = score(case.truth, prediction)
     write_npz(folder / f"{case.name}-{method}.npz", labels=prediction.labels)
     log.info("%s, %s: F1 %.3f in %.1f s", case.name, method, figures["f1"], seconds)

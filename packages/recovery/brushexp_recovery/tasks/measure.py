@@ -1,4 +1,4 @@
-"""``task=measure``: recover the strokes of a photograph, and compute their measures with intervals."""
+"""``task=measure``: recover the strokes of a photograph, and compute their measures with 90 % intervals."""
 
 import logging
 import time

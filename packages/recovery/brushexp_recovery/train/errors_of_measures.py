@@ -32,7 +32,7 @@ def fit_errors(
     paintings: Sequence[str],
     weights: str,
 ) -> RecoveryError:
-    """Fit the errors of all measures on P paintings.
+    """Estimate the errors of all measures from P paintings.
 
     Args:
         true: the true values (P,), keyed by the names in `MEASURES`.

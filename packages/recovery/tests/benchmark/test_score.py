@@ -1,4 +1,4 @@
-"""Test that scores of small scenes agree with hand calculations, and that stroke and ground-truth files are read."""
+"""Test that the scores for small scenes agree with hand calculations, and that files of strokes and truth are read."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Simulate a brush's bristles by position-based dynamics (Mueller et al., 2007), in compiled code.
+"""Simulate a brush's bristles with position-based dynamics (Mueller et al., 2007), in compiled code.
 
 Arrays of vertices have the shape (V, N): each row holds the same vertex of all bristles, so that loops over bristles
 become SIMD code. A window is `UNITS` units of length wide; z points up from the canvas; the time step is one frame.

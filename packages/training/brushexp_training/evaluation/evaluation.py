@@ -164,8 +164,8 @@ class FeatureDistance:
     def by_number(self) -> list[dict[str, object]]:
         """Tabulate FID and KID for sets of 64, 128, 256, ... strokes.
 
-        A row has ``n``, the number of disjoint ``sets`` of n strokes, the mean and standard deviation of the distances
-        over these sets, and the bias, which is the mean FID between successive sets of true strokes.
+        A row has ``n``; the number of disjoint ``sets`` of n strokes; the mean and standard deviation of the distances
+        over these sets; and the bias, which is the mean FID between successive sets of true strokes.
         """
         drawn, true = torch.cat(self.kid.fake_features), torch.cat(self.kid.real_features)
         rows: list[dict[str, object]] = []

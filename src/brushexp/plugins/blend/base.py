@@ -1,4 +1,4 @@
-"""Base class of blends, which composite strokes."""
+"""Base class for blends, which composite strokes."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Base class of callbacks, which act while a picture is painted or a network is trained."""
+"""Base class for callbacks, which act while a picture is painted or a network is trained."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Base class of changes, which modify how a painting is made."""
+"""Base class for changes, which modify how a painting is made."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -115,7 +115,7 @@ class Change:
         return strokes, front_to_back
 
     def enlarge(self, strokes: Strokes) -> Strokes:
-        """Return the N finished strokes, corrected after they were scaled from the target to the painting's pixels."""
+        """Return the N finished strokes, corrected after scaling from the target's pixels to the painting's."""
         return strokes
 
     def state_dict(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Base class of colour spaces, in which paint is composited."""
+"""Base class for colour spaces, in which paint is composited."""
 
 from abc import ABC, abstractmethod
 from typing import ClassVar

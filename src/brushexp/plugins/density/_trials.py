@@ -17,7 +17,7 @@ MOST_FAILURES = 4  # largest number of consecutive trials that may fail
 
 @dataclass
 class Trials:
-    """Removes strokes on trial, and restores the best painting so far if the other strokes cannot replace them.
+    """Tentatively removes strokes, and restores the best painting so far if the others cannot make up for them.
 
     The best painting is the one that is good enough with the fewest strokes. It is stored as ``strokes`` (N,), bottom
     stroke first, and the ``importance`` (N,) of each stroke; both are None until a painting is good enough.
@@ -53,7 +53,7 @@ class Trials:
         )
 
     def _from_best(self, state: DensificationState, slack: float, steps: int | None) -> DensificationUpdate | None:
-        """Store a painting that is good enough, and remove its least important strokes on trial."""
+        """Store a painting that is good enough, and tentatively remove its least important strokes."""
         importance, n = state.importance(), len(state.strokes)
         upward = torch.arange(n) if state.front_to_back is None else state.front_to_back.flip(0)
         self.strokes, self.importance = state.strokes[upward].map(Tensor.clone), importance[upward]

@@ -1,4 +1,4 @@
-"""Base class of density policies, which add and remove strokes."""
+"""Base class for density policies, which add and remove strokes."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Base class of brush simulators, which paint single strokes."""
+"""Base class for brush simulators, which paint single strokes."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass

@@ -30,7 +30,7 @@ SUB, UP = 1, 2  # numbers of the PNG filters that store differences from the pre
 
 @dataclass(kw_only=True)
 class PrintExporter(Exporter):
-    """Base class of exporters that write pictures at a print size; its fields are options of these exporters.
+    """Base class for exporters that write pictures at a print size; its fields are options of these exporters.
 
     Args:
         size_cm: maximum width and height in cm, such as 60x40; the picture is as large as possible; null = as many
@@ -85,7 +85,7 @@ class Sheet:
 
 @dataclass(kw_only=True)
 class SheetExporter(PrintExporter):
-    """Base class of exporters that write a picture on a sheet of paper; its fields are options of these exporters.
+    """Base class for exporters that write a picture on a sheet of paper; its fields are options of these exporters.
 
     Args:
         fill: whether the picture fills ``size_cm`` and is cropped on two sides; false = the whole picture, as large as

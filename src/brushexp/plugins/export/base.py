@@ -1,4 +1,4 @@
-"""Base class of exporters, which write a painting to files."""
+"""Base class for exporters, which write a painting to files."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator

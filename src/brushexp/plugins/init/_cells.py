@@ -24,7 +24,7 @@ Array = np.ndarray
 
 @dataclass(kw_only=True)
 class CellInitializer(Initializer):
-    """Base class of initialisers that place one stroke in each cell and give it the cell's centre, colour and size.
+    """Base class for initialisers that place one stroke in each cell and give it the cell's centre, colour and size.
 
     Args:
         orient: structure (strokes follow the picture's edges and fill their cells) or random (following the thesis:

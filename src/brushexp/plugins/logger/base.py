@@ -1,4 +1,4 @@
-"""Base class of loggers, which record runs."""
+"""Base class for loggers, which record runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Base class of losses, which reduce a painting to a number to minimise."""
+"""Base class for losses, which reduce a painting to a number to minimise."""
 
 from __future__ import annotations
 

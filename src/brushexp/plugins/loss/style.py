@@ -48,7 +48,7 @@ def waves_for(sample: Tensor) -> Embedding:
 
 
 class FeatureKernel(NamedTuple):
-    """A kernel on features (C, P): its embedding, based on a style sample, and the sum of k(f, f) over positions."""
+    """A kernel on features (C, P): an embedding built from a style sample, and the sum of k(f, f) over positions."""
 
     embedding: Callable[[Tensor], Embedding]
     power: Callable[[Tensor], Tensor] = lambda features: features.square().sum()

@@ -1,4 +1,4 @@
-"""Base class of metrics, which measure the quality of a finished painting."""
+"""Base class for metrics, which measure the quality of a finished painting."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -32,7 +32,7 @@ class Metric(ABC):
 
     >>> import torch
     >>> class Brightness(Metric):
-    ...     '''Difference of the mean brightness.'''
+    ...     '''Difference in mean brightness.'''
     ...     title, higher_is_better = "brightness", False
     ...     def __call__(self, comparison):
     ...         return float((comparison.image.mean() - comparison.target.mean()).abs())

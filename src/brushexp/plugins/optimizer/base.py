@@ -1,4 +1,4 @@
-"""Base class of optimisers, which move the strokes."""
+"""Base class for optimisers, which move the strokes."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping

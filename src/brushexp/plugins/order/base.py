@@ -1,4 +1,4 @@
-"""Base class of orders, which decide which strokes are on top of others."""
+"""Base class for orders, which decide which strokes are on top of others."""
 
 from abc import ABC, abstractmethod
 

@@ -1,4 +1,4 @@
-"""Base class of painters, which approximate a target with strokes."""
+"""Base class for painters, which approximate a target with strokes."""
 
 from __future__ import annotations
 

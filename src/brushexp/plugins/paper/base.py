@@ -1,4 +1,4 @@
-"""Base class of papers and canvases, on which the strokes are painted."""
+"""Base class for papers and canvases, on which the strokes are painted."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Base class of renderers, which compute the area covered by each stroke (`Layers`)."""
+"""Base class for renderers, which compute the area covered by each stroke (`Layers`)."""
 
 import time
 from abc import ABC, abstractmethod

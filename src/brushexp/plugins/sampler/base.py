@@ -1,4 +1,4 @@
-"""Base class of samplers, which choose the part of the canvas and the strokes for a step."""
+"""Base class for samplers, which choose the part of the canvas and the strokes for a step."""
 
 from __future__ import annotations
 

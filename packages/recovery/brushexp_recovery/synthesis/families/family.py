@@ -1,4 +1,4 @@
-"""Define the base class of paint families, and find all families."""
+"""Define the base class for paint families, and find all families."""
 
 import importlib
 import pkgutil
