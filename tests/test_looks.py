@@ -92,7 +92,7 @@ TYPED = [  # words typed with a look, what they keep, and what they change
 @pytest.mark.parametrize(("text", "message"), [
     ("init:\n  shifted: true\ndefaults:\n  - override /init: grid\n", "init=grid"),
     ("loss:\n  kl:\n    weight: much\n", "loss=kl"),
-    ("init:\n  shifted: true\n", r"init\.shifted is not an option of init=slic; its options, nearest first: "),
+    ("init:\n  shifted: true\n", r"init\.shifted is not an option of init=slic; see all: brushexp init=slic --help"),
     ("- steps\n", "not a YAML mapping"),
     ("defaults: [oil, _self_]\n", "oil in its defaults does not choose a plugin; write '- override /init: slic'"),
     ("defaults:\n  - init: slic\n", "{'init': 'slic'} in its defaults does not choose a plugin"),
