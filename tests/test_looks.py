@@ -174,7 +174,7 @@ def test_a_wrong_file_is_told_and_left_out_and_presets_of_another_folder_are_lis
     shutil.rmtree(tmp_path / "conf")
     code, output = ended(tmp_path, "--config-dir", "mine", "look=smoth")
     assert code == 1
-    assert "look=smoth does not exist; choose one of smooth, " in output
+    assert "look=smoth does not exist; did you mean smooth? (see" in output
     refuses("--config-dir none: there is no such folder", folders_of, tmp_path, ["--config-dir", "none"])
     code, output = ended(tmp_path, "--config-dir", "mine", "--cfg", "job", "--package", "order", "order=area")
     assert (code, "every: 50" in output) == (0, True), "flags stand anywhere"
