@@ -21,7 +21,7 @@ from brushexp.cli.many_pictures import expand_pictures
 from brushexp.compat.hidden_packages import REMARKS
 from brushexp.compat.hydra import parse_arguments, shared_store, skip_sweep_check
 from brushexp.config.changes import expand_changes
-from brushexp.config.compose import compose_config, folders_of, search_path, without_folder
+from brushexp.config.compose import CHOSEN_GROUPS, compose_config, folders_of, search_path, without_folder
 from brushexp.config.key_types import is_key, type_of_key
 from brushexp.config.keys import keys_of
 from brushexp.config.mistakes import explanation
@@ -145,9 +145,10 @@ def drop_implied(words: Sequence[str]) -> list[str]:
 
 
 def check_duplicates(typed: Sequence[str], meant: Sequence[str], alone: str) -> None:
-    """Raise a UserError if two arguments give a key different values, such as finer and bolder, or ink and look=oil.
+    """Raise a UserError if two words set a key differently, such as finer and bolder, or if a group is chosen twice.
 
-    ``alone`` is the key of a task's paths, which may be repeated, like sets of pictures.
+    Of two plain values of a key, such as ``steps=30 steps=40``, the last one counts, as always in Hydra. ``alone`` is
+    the key of a task's paths, which may be repeated, like sets of pictures.
     """
     first: dict[str, tuple[str, str]] = {}
     for word, setting in zip(typed, meant, strict=True):
@@ -156,9 +157,10 @@ def check_duplicates(typed: Sequence[str], meant: Sequence[str], alone: str) -> 
         if not equal or key in (alone, "pictures") or word.startswith("-"):
             continue
         other, before = first.setdefault(key, (word, value))
-        if before == value:
+        is_typed = {other.partition("=")[0], word.partition("=")[0]} == {key}
+        if before == value or (is_typed and key not in CHOSEN_GROUPS):
             continue
-        if {other.partition("=")[0], word.partition("=")[0]} == {key}:
+        if is_typed:
             raise UserError(f"{key} is given twice: {before} and {value}; keep one{both_of(key, before, value)}")
         raise UserError(f"{other} and {word} both set {key}; keep one{both_of(key, before, value)}")
 
