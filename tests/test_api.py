@@ -295,7 +295,7 @@ def closed_picture() -> Image.Image:
 
 
 @pytest.mark.parametrize(("picture", "options", "words"), [
-    ("astronaut", {"stepz": 3}, "stepz is not a key of task=paint; nearest first: steps"),
+    ("astronaut", {"stepz": 3}, "stepz is not a key of task=paint; did you mean steps"),
     ("astronaut", {"steps": "many"}, "steps=many is not a whole number; try steps=500"),
     ("astronaut", {"resume": "x"}, "resume=x does not work in Python"),
     ("astronaut", {"callbacks": ["timer"]}, "say where with output="),

@@ -120,14 +120,31 @@ def test_what_can_be_no_name_is_refused_before_hydra_sees_it(group, value):
 
 
 @pytest.mark.parametrize(("words", "cure"), [
-    ("finer bolder", "finer and bolder both set detail; type one of them, or both as a sweep: -m detail=2,0.25"),
-    ("oil moon watercolor", "oil and watercolor both set look; type one of them, or both as a sweep: -m look=oil,wat"),
-    ("moon look=ink oil", "oil and look=ink both set look; type one of them, or both as a sweep: -m look=oil,ink"),
-    ("detail=1 finer", "finer and detail=1 both set detail; type one of them, or both as a sweep: -m detail=2,1"),
+    ("finer bolder", "finer and bolder both set detail; keep one, or try both: -m detail=2,0.25"),
+    ("oil moon watercolor", "oil and watercolor both set look; keep one, or try both: -m look=oil,watercolour"),
+    ("moon look=ink oil", "look=ink and oil both set look; keep one, or try both: -m look=ink,oil"),
+    ("detail=1 finer", "detail=1 and finer both set detail; keep one, or try both: -m detail=1,2"),
+    ("coffee look=ink look=oil", "look is given twice: ink and oil; keep one, or try both: -m look=ink,oil"),
+    ("loss=mse loss=l1", "loss is given twice: mse and l1; keep one, or type both: 'loss=[mse,l1]'"),
 ])  # fmt: skip
 def test_two_words_of_a_kind_are_no_order(words, cure):
     refuses(re.escape(cure), expand_arguments, words.split())
     assert expand_arguments(["oil", "finer", "fine", "look=oil"])[:2] == ["look=oil", "detail=2"]
+
+
+@pytest.mark.parametrize("words", [
+    "strokes=10 strokes=20",
+    "look=watercolor look=watercolour",
+    "ink look=ink",
+    "-m look=ink,oil look=ink,oil",
+    "image=coffee image=moon",
+    "pictures=p pictures=q",
+    "view coffee.h5",
+    "+change=[wet] wet=0.5",
+])  # fmt: skip
+def test_equal_repeats_and_keys_that_take_several_words_are_no_mistake(words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert expand_arguments(words.split())
 
 
 @pytest.mark.parametrize("task", TASKS)

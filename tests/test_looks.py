@@ -92,7 +92,7 @@ TYPED = [  # words typed with a look, what they keep, and what they change
 @pytest.mark.parametrize(("text", "message"), [
     ("init:\n  shifted: true\ndefaults:\n  - override /init: grid\n", "init=grid"),
     ("loss:\n  kl:\n    weight: much\n", "loss=kl"),
-    ("init:\n  shifted: true\n", r"init\.shifted is not an option of init=slic; its options, nearest first: "),
+    ("init:\n  shifted: true\n", r"init\.shifted is not an option of init=slic; see all: brushexp init=slic --help"),
     ("- steps\n", "not a YAML mapping"),
     ("defaults: [oil, _self_]\n", "oil in its defaults does not choose a plugin; write '- override /init: slic'"),
     ("defaults:\n  - init: slic\n", "{'init': 'slic'} in its defaults does not choose a plugin"),
@@ -174,7 +174,7 @@ def test_a_wrong_file_is_told_and_left_out_and_presets_of_another_folder_are_lis
     shutil.rmtree(tmp_path / "conf")
     code, output = ended(tmp_path, "--config-dir", "mine", "look=smoth")
     assert code == 1
-    assert "look=smoth does not exist; choose one of smooth, " in output
+    assert "look=smoth does not exist; did you mean smooth? (see" in output
     refuses("--config-dir none: there is no such folder", folders_of, tmp_path, ["--config-dir", "none"])
     code, output = ended(tmp_path, "--config-dir", "mine", "--cfg", "job", "--package", "order", "order=area")
     assert (code, "every: 50" in output) == (0, True), "flags stand anywhere"

@@ -14,10 +14,11 @@ from program import ended
 from refusals import refuses
 
 from brushexp.bounds import above, at_least, between, multiple_of, one_of
-from brushexp.cli.help import help_text
+from brushexp.cli.help import help_text, words_and_topic
 from brushexp.cli.opening import open_with, opening_line
 from brushexp.cli.program import expand_arguments, settings_first
 from brushexp.config.check import check
+from brushexp.config.key_types import type_of_key
 from brushexp.config.keys import keys_of
 from brushexp.config.mistakes import explanation
 from brushexp.config.tasks import TASKS
@@ -31,19 +32,19 @@ ROOT = Path(__file__).parents[1]
 MISTAKES = {
     # words, keys and choices
     "outputs/x/catalogue.h5": "or PICTURE catalogue=outputs/x/catalogue.h5 to continue from its strokes",
-    "nonsense": "--help lists the keys",
+    "nonsense": "is not a file, a task or key=value; brushexp --help lists looks, tasks and keys",
     "watercolur": "is not a file, a task or key=value; did you mean watercolour",
     "docs/image/": "docs/image/ is not a file, a task or key=value; did you mean docs/images/?",
     "nofolder/": "nofolder/ is not a file, a task or key=value; correct the path",
     "WaterColor": "did you mean watercolour",
-    "overwrite": "overwrite is a key; type overwrite=..., without spaces",
+    "overwrite": "overwrite is a key; type overwrite=true, without spaces (whether",
     "-o": "-o is not a flag; --help lists the keys, which have no dashes",
     "~/not/there.jpg": "image=~/not/there.jpg is not there",
     "docs/images/BRUSHIFY.JPG": "is not there; did you mean docs/images/brushify.jpg",
     "https://example.com/a.jpg": "is a web address; download the picture and give the path of the file",
     "light=off": "try light=315,45, or light.depth=0 for none",
     "to=pdf": "drop to=pdf, and after painting, type: brushexp export FOLDER to=pdf",
-    "image=clip.mp4 to=gif": "after painting, type: brushexp export FOLDER/frames/000000.h5 to=gif",
+    "image=clip.mp4 to=gif": "after painting, type: brushexp export FOLDER/frames/000000.h5 to=process",
     "look=tubes to=plan": "after painting, type: brushexp export FOLDER to=plan",
     "background=255,128,0": "background=255,128,0 are several values; type background='#ff8000'",
     "resolution=1e3": "is not a whole number; try resolution=1000",
@@ -65,7 +66,7 @@ MISTAKES = {
     "output=": "output= is empty; type output=FOLDER",
     "~strokes": "~strokes would delete a key that every run needs; drop it, or type strokes=...",
     "tasks": "type task= and one of analyse, ",
-    "look=": "look= does not exist; choose one of ",
+    "look=": "look= does not exist; see all: brushexp look --help",
     "looks": "type look= and one of even, gouache, impasto, ink, oil, ",
     "train src": "task=train takes no path alone; type a key before it, KEY=src",
     "train coffee": "task=train takes no path alone; type a key before it, KEY=coffee",
@@ -82,13 +83,13 @@ MISTAKES = {
     "colours=5": "colours is not a key of task=paint; type palette=toned palette.values=5 for few tones, or",
     "fps=30": "type timelapse_seconds=10, in which frames=60 pictures are shown",
     "task=film fps=12": "fps is not a key of task=film; type film.every=... (interval between painted frames",
-    "task=train brush_size=3": "brush_size is not a key of task=train; nearest first: ",
+    "task=train brush_size=3": "did you mean batch_size? (see all: brushexp train --help)",
     "speed=fast": "type quality=draft, or seconds=10",
-    "task=simulate size=3": "size is not a key of task=simulate; nearest first: ",
-    "task=simulate brush_size=3": "brush_size is not a key of task=simulate; nearest first: ",
-    "quality=low": "quality=low does not exist; choose one of draft, ",
-    "look=van_gogh": "look=van_gogh does not exist; choose one of vangogh, ",
-    "task=export catalogue=a.h5 to=mp4": "to=mp4 does not exist; choose one of process, ",
+    "task=simulate size=3": "size is not a key of task=simulate; see all: brushexp simulate --help",
+    "task=simulate brush_size=3": "brush_size is not a key of task=simulate; see all: brushexp simulate --help",
+    "quality=low": "quality=low does not exist; did you mean draft? (see all: brushexp quality --help)",
+    "look=van_gogh": "look=van_gogh does not exist; did you mean vangogh? (see all: brushexp look --help)",
+    "task=export catalogue=a.h5 to=mp4": "to=mp4 does not exist; did you mean process? (see all: brushexp to --help)",
     "pencil": "did you mean ink?",
     "1920x1080": "type resolution=1920",
     "1000": "type resolution=1000 or strokes=1000",
@@ -104,7 +105,7 @@ MISTAKES = {
     "seconds=2min": "seconds=2min is not a number; try seconds=120",
     "threads=all": "try threads=null (number of processor cores",
     "frames=none": "try frames=0 (number of frames of the timelapse",
-    "stroke=100": "nearest first: strokes, max_strokes, steps_per_stroke (all: --help)",
+    "stroke=100": "did you mean strokes? (see all: brushexp --help=all)",
     "psnr=30,5": "psnr=30,5 are several values; type psnr=30.5, or add -m for a sweep",
     "detail=1,5": "type detail=1.5,",
     "seconds=0,125": "type seconds=0.125, o",
@@ -118,11 +119,11 @@ MISTAKES = {
     "strokes=30,5": "strokes=30,5 are several values; add -m for a sweep",
     "seed=1,2": "seed=1,2 are several values; add -m for a sweep",
     "strokes=1,000": "is read as several values; type strokes=1000",
-    "strokes=many": "try strokes=100 (number of strokes",
+    "strokes=many": "try strokes=1000 (number of strokes",
     "seed=range(3)": "seed=range(3) are several values; add -m for a sweep",
     "detail=0": "detail=0 is not above 0",
     "detail=nan": "detail=nan is not above 0",
-    "seconds=-1": "seconds=-1 is not above 0; try seconds=1",
+    "seconds=-1": "seconds=-1 is not above 0; try seconds=60",
     "~logger": "~logger deletes nothing; type logger=[]",
     "~coffee": "~coffee deletes nothing; there is no such key, so drop it",
     "trainer.accelerator=cpu": "is not a key of task=paint; type device=cpu",
@@ -131,34 +132,34 @@ MISTAKES = {
     "trainer.accumulate_grad_batches=2": "is not a key of task=paint; type sampler=whole",
     "timelapse=both": "timelapse=both is not one of mp4, gif",
     "lpips_weights=x.pth": r"type +metric=lpips metric.lpips.backbone=alexnet metric.lpips.weights=FILE",
-    "logger=none": "or logger=[] for none",
+    "logger=none": "logger=none does not exist; type logger=[] for none",
     "learning_rate=0.1": "learning_rate is not a key of task=paint; type painter.lr or optimizer.lr",
     "svg": "svg is not a file, a task or key=value; did you mean to=svg",
     "lr=0.1": "lr is not a key of task=paint; type painter.lr or optimizer.lr",
     "logger.offline=true": "options go below a member, logger.<name>.offline=...",
     "logger.tags=[a]": "is not a key but an option of one logger; type logger.wandb.tags",
     "callbacks=rich_progress_bar": "a plugin can wrap any other callback of Lightning",
-    "stepz=3": "stepz is not a key of task=paint; nearest first: steps, ",
-    "SEEDS=3": "SEEDS is not a key of task=paint; nearest first: seed, ",
+    "stepz=3": "stepz is not a key of task=paint; did you mean steps? (see",
+    "SEEDS=3": "SEEDS is not a key of task=paint; did you mean seed? (see",
     "n=3": "It is one of task=evaluate, task=prune, task=simulate",
-    "film.steps=3": "(all: --help). It is one of task=film",
+    "film.steps=3": "film is not a key of task=paint; see all: brushexp --help=all. It is one of task=film",
     "experiment=renderer_noise steps=3": "steps is not a key of task=train",
-    "style.imag=a.jpg": "style.imag is not a key of task=paint; nearest first: style.image, ",
-    "+foo=1": "foo is not a key of task=paint; nearest first: look, focus, ",
-    "task=pant": "task=pant does not exist; choose one of paint, ",
-    "loss=[ms]": "loss=ms does not exist; choose one of mse, ",
+    "style.imag=a.jpg": "style.imag is not a key of task=paint; did you mean style.image? (see",
+    "+foo=1": "foo is not a key of task=paint; see all: brushexp --help=all",
+    "task=pant": "task=pant does not exist; did you mean paint? (see all: brushexp --help=tasks)",
+    "loss=[ms]": "loss=ms does not exist; did you mean mse? (see all: brushexp loss --help)",
     "task=train init=slic": "task=train has no init; it has renderer, engine, ",
     # options of plugins
-    "renderer.sof=2": "renderer.sof is not an option of renderer=analytic; its options, nearest first: soft, taper",
+    "renderer.sof=2": "renderer.sof is not an option of renderer=analytic; did you mean soft? (see all: brushexp rend",
     "order=fixed order.every=2": "order.every is not an option of order=fixed; it has none",
     "renderer.checkpoint=a": "'renderer=analytic','renderer=dual renderer.checkpoint=...'",
     "task=train renderer=analytic": "has no checkpoint, which this task sets; choose renderer=dual or renderer=inverse",
-    "+renderer.foo=1": "renderer.foo is not an option of renderer=analytic; its options, nearest first: soft, taper",
+    "+renderer.foo=1": "renderer.foo is not an option of renderer=analytic; see all: brushexp renderer=analytic --help",
     "optimizer.options={foo:1}": "type a plus: '+optimizer.options.foo=...'",
     "+optimizer.options.foo=1": "unexpected keyword argument 'foo' (optimizer.options={",
     "+loss.foo=3": "loss.foo=3 is not an option of any loss; type loss.<name>.foo=3",
     "loss.kl.weight=3": "loss.kl has options but is not chosen; add kl to the list, 'loss=[kl,...]'",
-    "loss.ms.weight=3": "loss.ms has options but is not chosen; there are: mse, ",
+    "loss.ms.weight=3": "loss.ms has options but is not chosen; did you mean mse? (see all: brushexp loss --help)",
     "loss=[mse] ++loss.kl.weight=3": "loss.kl has options but is not chosen (chosen: mse); add it with 'loss=[mse,kl]'",
     "loss=[mse] +loss=kl": "type one list: 'loss=[a,b]'",
     "loss=[]": "no loss is chosen, so nothing can be optimised; try loss=mse",
@@ -169,7 +170,7 @@ MISTAKES = {
     "report=perhaps": "report=perhaps is not true or false; try report=true",
     "renderer.soft=wide": "renderer.soft=wide is not a number; try renderer.soft=2.0",
     "optimizer.options=3": "optimizer.options",
-    "steps=-1": "steps=-1 is not at least 0; try steps=0",
+    "steps=-1": "steps=-1 is not at least 0; try steps=500",
     "task=prune ratios=[]": "ratios=[] prunes nothing; try 'ratios=",
     "task=train epochs=null minutes=null": "training would never end; set minutes=60",
     "task=prune renderer.checkpoint=null": "there are no trained weights to prune; give those of task=train",
@@ -180,7 +181,7 @@ MISTAKES = {
     "callbacks=early_stopping callbacks.early_stopping.monitor=foo": "monitor=foo is not a curve of task=paint; try ",
     "callbacks=model_checkpoint callbacks.model_checkpoint.save_top_k=3": "try callbacks.model_checkpoint.monitor=psnr",
     "loss=[perceptual] loss.perceptual.taps=[a]": "loss.perceptual.taps: 'a' names no activation",
-    "loss.mse.weight=-1": "loss.mse.weight=-1 is not at least 0; try loss.mse.weight=0",
+    "loss.mse.weight=-1": "loss.mse.weight=-1 is not at least 0; try loss.mse.weight=1",
     "warm_up=nope": "warm_up=nope is not a renderer; choose auto, null or one of analytic",
     "task=export": "task=export needs catalogue: folder of a run, its catalogue.h5",
     "task=canvas": "task=canvas needs image: picture file of any size, or an OME-Zarr image; add image=...",
@@ -193,7 +194,7 @@ MISTAKES = {
     "background=notacolor": "background=notacolor is not a colour; use background=mean, transparent, '#rrggbb' or",
     "image=nope.jpg": "image=nope.jpg is not there; give the path of a picture, or a sample such as coffee",
     "focus=nope.jpg": "focus=nope.jpg is not there; give auto, the path",
-    "catalogue=nope.h5": "there is no file nope.h5; give the catalogue.h5 of a finished run, catalogue=...",
+    "catalogue=nope.h5": "there is no file nope.h5; give the folder of a finished run, catalogue=outputs/x",
     "resume=nope": "resume=nope: there is no such folder; give the folder of an interrupted run",
     "resume=": "resume= is empty; give the folder of an interrupted run",
     "renderer=neural renderer.checkpoint=nope": "renderer.checkpoint=nope is not a shipped checkpoint (there are: ",
@@ -203,6 +204,37 @@ MISTAKES = {
     "task=compare runs=nope": "runs=nope: there is no such folder; give the folder of a run or of a sweep",
     "task=train data=nope": "there is no set of strokes at nope; make one with brushexp task=simulate path=nope",
     "task=extremes renderers=[nope]": "renderers has no 'nope'; leave renderers at null for all, or choose",
+    # what newcomers type
+    "oill": "did you mean oil?",
+    "god": "god is not a file, a task or key=value; brushexp --help lists",
+    "expotr": "did you mean export? brushexp --help lists",
+    "losses": "did you mean loss=?",
+    "quality=god": "quality=god does not exist; see all: brushexp quality --help",
+    "to=pdff": "did you mean pdf? There are annotations, bits, csv, ",
+    "to=xyz": "to=xyz does not exist; there are annotations, bits, csv, ",
+    "to=tif": "to=tif does not exist; did you mean png?",
+    "strokes": "strokes is a key; type strokes=1000, without spaces (number of strokes; ",
+    "strokes 100": "strokes 100 needs an equals sign instead of the space; type strokes=100",
+    "strokes = 100": "type strokes=100",
+    "look oil": "type look=oil",
+    "look coffee=1": "look has no meaning alone; type look= and one of ",
+    "--look oil": "--look is not a flag; type look=oil, without dashes",
+    "-look=oil": "-look=oil is not a flag; type look=oil, without dashes",
+    "--quality": "--quality is not a flag; type quality=..., without dashes",
+    "Look=Oil": "Look is not a key of task=paint; did you mean look? (see",
+    "look=Oil": "look=Oil does not exist; did you mean oil? (see all: brushexp look --help)",
+    "strokes=": "strokes= is empty; type strokes=1000, or drop it",
+    "report=": "report= is empty; type report=true, or drop it",
+    "azimuth=40": "azimuth is not a key of task=paint; did you mean light.azimuth? (see",
+    "resol=512": "did you mean resolution? (see",
+    "resolution=0": "resolution=0 is not 1 to 16384; try resolution=1024",
+    "resolution=20cm": "try resolution=1024 (longer side of the picture in pixels",
+    "psnr=high": "psnr=high is not a number; try psnr=30 (",
+    "strokes=abc": "strokes=abc is not a whole number; try strokes=1000 (",
+    "abstraction=70": "abstraction=70 is not 0 to 1; try abstraction=0.7",
+    "wet=yes": "wet=yes is not a number; try wet=0.5",
+    "docs/images/brushify.jpg painting.png": "image=painting.png is not there; give the path of a picture, or a sample "
+    "such as coffee; for a folder of results, type output=FOLDER",
     # combinations
     "style.image=chelsea loss=[mse,style]": "style.image=chelsea adds the loss style itself; drop style",
     "loss=brushwork": "set loss.brushwork.catalogue=catalogue.h5",
@@ -210,7 +242,7 @@ MISTAKES = {
     "focus=chelsea": "focus=chelsea has 451 x 300 pixels, the picture 512 x 512; give one with",
     "timelapse_seconds=0.01": "timelapse_seconds=0.01 does not fit; choose 1.2 to ",
     "task=train simulate=null limit=9": "limit=9 is for stored sets",
-    "task=train_discriminator simulate=300": "simulate is not a key of task=train_discriminator; nearest first:",
+    "task=train_discriminator simulate=300": "simulate is not a key of task=train_discriminator; see all: brushexp",
     "task=train renderer.window=128": "renderer.window=128, but the strokes have 64 pixels; set renderer.window=64",
     "task=prune renderer=textured": "Textured has no option for the widths of its layers; use renderer=inverse_vgg",
 }
@@ -271,7 +303,10 @@ def test_a_flag_that_cannot_be_is_told_in_a_line_and_the_home_folder_is_found_be
 
 
 @pytest.mark.parametrize(("bounds", "fine", "wrong", "message"), [
-    (at_least(1), [1, 7], 0, "x=0 is not at least 1; try x=1"),
+    (at_least(1), [1, 7], 0, "x=0 is not at least 1; try x=3"),
+    (at_least(1, typical=9), [1, 7], 0, "x=0 is not at least 1; try x=9"),
+    (at_least(5), [5], 0, "x=0 is not at least 5; try x=5"),
+    (between(0, 1), [1], 70, "x=70 is not 0 to 1; try x=0.7"),
     (between(0, 1), [0, 0.5, 1.0, None], 1.5, "x=1.5 is not 0 to 1; try x=1"),
     (above(0), [1e-9, 5], 0.0, "x=0 is not above 0; try x=3"),
     (above(0, 10), [10], 11, "x=11 is not above 0 and at most 10; try x=10"),
@@ -282,16 +317,25 @@ def test_a_flag_that_cannot_be_is_told_in_a_line_and_the_home_folder_is_found_be
     (between(0, 9), [[], [0, 9], {"a": 3}], [3, -1], "x=-1 is not 0 to 9; try x=0"),
     (between(0, 9), [], {"a": 10}, "x=10 is not 0 to 9; try x=9"),
 ])  # fmt: skip
-def test_bounds_hold_and_propose_the_nearest_value(bounds, fine, wrong, message):
+def test_bounds_hold_and_propose_a_value_that_a_user_may_want(bounds, fine, wrong, message):
     for value in fine:
         bounds.check("x", value)
     refuses(f"^{re.escape(message)}$", bounds.check, "x", wrong, 3)
 
 
 @pytest.mark.parametrize("task", TASKS)
+def test_every_number_has_a_value_to_propose_within_its_bounds(task):
+    for name, key in keys_of(TASKS[task]).items():
+        if type_of_key(name, task)[0] in (int, float) and key.default != "???":
+            assert key.example() != "...", f"{name} needs a typical value beside its bounds"
+            key.bounds.check(name, key.example())
+
+
+@pytest.mark.parametrize("task", TASKS)
 def test_every_key_has_a_meaning_in_the_help_and_a_default_within_its_bounds(config, task):
     text = help_text(config(f"task={task}", "seed=77"), [], conf_folders(), "all")
     assert "  seed=77 " in text
+    assert "``" not in text, "markup of docstrings"
     for name, key in keys_of(TASKS[task]).items():
         assert f"  {name}=" in text
         assert 3 <= len(key.meaning) <= 110, name
@@ -409,6 +453,37 @@ def test_a_launcher_of_a_single_run_is_told(typed, said, caplog):
     warn_of_launcher(OmegaConf.create({"hydra": {"overrides": {"hydra": typed}}}))
     told = "has no effect on a single run; use it for several pictures or a sweep: -m seed=0,1"
     assert caplog.messages == [f"{word} {told}" for word in said]
+
+
+def test_a_name_with_a_space_needs_quotes(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("my photo.jpg").touch()
+    refuses(
+        "the name my photo.jpg has a space; type it in quotes: 'my photo.jpg'", expand_arguments, ["my", "photo.jpg"]
+    )
+    assert expand_arguments(["my photo.jpg"]) == ["image=my photo.jpg"]
+
+
+@pytest.mark.parametrize(("typed", "meant"), [
+    ("look --help", (["look=", "--help"], "")),
+    ("losses loss --help", (["losses", "loss=", "--help"], "")),
+    ("--help=looks", (["--help", "look="], "")),
+    ("train renderer -h", (["train", "renderer=", "-h"], "")),
+    ("export --help=all", (["export", "--help"], "all")),
+    ("look", (["look"], "")),
+])  # fmt: skip
+def test_a_family_alone_asks_for_the_help_of_its_members(typed, meant):
+    assert words_and_topic(typed.split()) == meant
+
+
+def test_the_help_of_a_family_has_no_markup_and_tells_qualities_apart(config):
+    text = help_text(config(), ["loss="], conf_folders())
+    assert "less sensitive to outliers than mse" in " ".join(text.split())
+    assert "``" not in text
+    lines = help_text(config(), ["quality="], conf_folders()).split("\n  ")
+    figures = [re.findall(r"\(.*dB in .* s\)", " ".join(line.split())) for line in lines]
+    shown = [one for found in figures for one in found]
+    assert len({*shown}) == len(shown) > 2
 
 
 def test_runs_of_one_second_have_folders_of_their_own(config, tmp_path, monkeypatch):

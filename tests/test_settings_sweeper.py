@@ -112,7 +112,7 @@ def test_jobs_have_folders_of_their_own_where_they_go_on_and_no_run_is_moved_awa
 
 
 @pytest.mark.parametrize(("override", "message"), [
-    ("steps=5,-3", "job 1 of the sweep.*steps=-3 is not at least 0; try steps=0"),
+    ("steps=5,-3", "job 1 of the sweep.*steps=-3 is not at least 0; try steps=500"),
     ("task=paint,export", "task=export needs catalogue"),
     ("optimizer.lr=0.1,wide", "wide"),
     ("init=grid,nope", "nope"),

@@ -200,7 +200,7 @@ def test_help_is_one_page_that_leads_to_everything_and_a_mistake_ends_a_run_in_o
     first = run("--help", cwd=tmp_path).stdout
     lines = [line.strip() for line in first.splitlines()]
     assert len(lines) <= 100
-    assert {"brushexp photo.jpg", "brushexp --help=all", "brushexp --help=tasks", "brushexp renderer= --help"} <= {
+    assert {"brushexp photo.jpg", "brushexp --help=all", "brushexp --help=tasks", "brushexp renderer --help"} <= {
         line.partition("   ")[0] for line in lines
     }
     every = [line.strip() for line in run("--help=all", cwd=tmp_path).stdout.splitlines()]
@@ -217,10 +217,9 @@ def test_help_is_one_page_that_leads_to_everything_and_a_mistake_ends_a_run_in_o
     export = run("export", "--help", cwd=tmp_path).stdout
     assert export.startswith("brushexp export outputs/x [key=value ...]\n\nExport a finished painting")
     unknown = run("--help=everything", cwd=tmp_path).stderr
-    assert (
-        unknown
-        == "brushexp: --help=everything is not a topic; type --help, or --help= and one of all, tasks, research\n"
-    )
+    cure = "type --help, or --help= and a family such as look, or one of all, tasks, research"
+    assert unknown == f"brushexp: --help=everything is not a topic; {cure}\n"
+    assert run("look", "--help", cwd=tmp_path).stdout.startswith("look: medium or style of a painting\n  even ")
     assert run("--version", cwd=tmp_path).stdout == f"brushexp {__version__}\n"
     for path in (SHIPPED / "quality").glob("*.yaml"):
         measured = path.read_text().splitlines()[1].removeprefix("# ")

@@ -1,14 +1,14 @@
 """Declare the allowed values of an option: ``width: Annotated[int, at_least(1)] = 64``."""
 
-import difflib
 import os
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, get_args
 
-from brushexp.errors import UserError
+from brushexp.errors import UserError, similar_words
 
+PERCENT = 10, 100  # values of a fraction from 0 to 1 that are probably meant as a percentage
 LARGEST = 1e9  # the default limit of any number: sums of such numbers do not overflow 32 bits
 
 
@@ -27,6 +27,7 @@ class Bounds:
     above: bool = False  # whether ``low`` itself is excluded
     step: int = 1  # whole numbers must be multiples of this
     names: tuple[str | int, ...] = ()  # the allowed values; empty if any number between the limits is allowed
+    typical: float | None = None  # a value that messages propose if the default is null or means "off"
 
     def __str__(self) -> str:
         if self.names:
@@ -42,8 +43,8 @@ class Bounds:
     def check(self, option: str, value: Any, default: Any = None) -> None:
         """Raise a UserError for a value outside the bounds; None is always accepted.
 
-        Lists and mappings are checked element by element. The error message suggests the nearest allowed value, or the
-        default if there is none.
+        Lists and mappings are checked element by element. The error message proposes a value: the upper limit to
+        larger values, otherwise a typical value or the default, or else the nearest allowed value.
         """
         if isinstance(value, dict | list | tuple):
             for element in value.values() if isinstance(value, dict) else value:
@@ -52,7 +53,7 @@ class Bounds:
                 self.check(option, element)
         elif value is not None and not self._holds(value):
             limits = f"at most {_plain(LARGEST)}" if _is_number(value) and value > self.high == LARGEST else self
-            raise UserError(f"{option}={_plain(value)} is not {limits}; try {option}={self._nearest(value, default)}")
+            raise UserError(f"{option}={_plain(value)} is not {limits}; try {option}={self._proposal(value, default)}")
 
     def _holds(self, value: Any) -> bool:
         if self.names:
@@ -62,16 +63,26 @@ class Bounds:
         inside = self.low < value <= self.high if self.above else self.low <= value <= self.high
         return inside and (self.step == 1 or value % self.step == 0)
 
-    def _nearest(self, value: Any, default: Any) -> Any:
+    def example(self, default: Any = None) -> Any:
+        """Return the typical value or, if none is declared, the default."""
+        return default if self.typical is None else self.typical
+
+    def _proposal(self, value: Any, default: Any) -> Any:
         if self.names:
             if isinstance(value, int | float):
                 return min(self.names, key=lambda name: abs(float(name) - value))
-            return (difflib.get_close_matches(str(value), map(str, self.names), 1) or self.names)[0]
-        if (self.above and value <= self.low) or not abs(value) <= LARGEST:
-            fallback = self.high if self.high < LARGEST else max(self.low, 0) + 1
-            return _plain(default if _is_number(default) else fallback)
-        nearest = min(max(value, self.low), self.high)
-        return _plain(max(nearest // self.step, 1) * self.step if self.step > 1 else nearest)
+            usual = default if default in self.names else self.names[0]
+            return (similar_words(str(value), map(str, self.names)) or [str(usual)])[0]
+        if self.high == 1 and PERCENT[0] <= value <= PERCENT[1]:
+            return _plain(value / 100)
+        if self.step > 1 or self.high < value <= LARGEST or (value > LARGEST and self.high < LARGEST):
+            nearest = min(max(value, self.low), self.high)
+            return _plain(max(nearest // self.step, 1) * self.step if self.step > 1 else nearest)
+        usual = self.example(default)
+        if _is_number(usual) and self._holds(usual):
+            return _plain(usual)
+        fallback = self.high if self.high < LARGEST else max(self.low, 0) + 1
+        return _plain(fallback if self.above or not value < self.low else self.low)
 
 
 ANY = Bounds()  # limits of options that declare none
@@ -85,19 +96,19 @@ def _plain(value: Any) -> str:
     return f"{value:.12g}" if isinstance(value, float) else str(value)
 
 
-def at_least(low: float) -> Bounds:
-    """Require a number of at least ``low``."""
-    return Bounds(low)
+def at_least(low: float, *, typical: float | None = None) -> Bounds:
+    """Require a number of at least ``low``; error messages propose the ``typical`` value."""
+    return Bounds(low, typical=typical)
 
 
-def above(low: float, high: float = LARGEST) -> Bounds:
+def above(low: float, high: float = LARGEST, *, typical: float | None = None) -> Bounds:
     """Require a number greater than ``low`` and at most ``high``."""
-    return Bounds(low, high, above=True)
+    return Bounds(low, high, above=True, typical=typical)
 
 
-def between(low: float, high: float) -> Bounds:
+def between(low: float, high: float, *, typical: float | None = None) -> Bounds:
     """Require a number from ``low`` to ``high``, inclusive."""
-    return Bounds(low, high)
+    return Bounds(low, high, typical=typical)
 
 
 def multiple_of(step: int, high: float = LARGEST) -> Bounds:

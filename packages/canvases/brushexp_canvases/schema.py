@@ -42,7 +42,7 @@ class CanvasTask(PaintTask):
         64, "width of the margin painted together with a tile, in pixels; at most half a tile", at_least(8)
     )
     workers: int | None = key(
-        None, "number of painting processes or jobs, with one thread each; null = one per core", at_least(1)
+        None, "number of painting processes or jobs, with one thread each; null = one per core", at_least(1, typical=2)
     )
     cluster: str | None = key(
         None, "cluster to use: slurm, or a Dask scheduler's address, tcp://host:8786; null = workers on this machine"

@@ -27,7 +27,7 @@ class GeoJson(Exporter):
         width_cm: width of the canvas in cm; null = coordinates in pixels.
     """
 
-    width_cm: Annotated[float, above(0, 100_000)] | None = None
+    width_cm: Annotated[float, above(0, 100_000, typical=60)] | None = None
 
     def write(self, job: ExportJob, folder: Path) -> list[Path]:
         path = folder / "strokes.geojson"

@@ -105,7 +105,7 @@ def test_the_picture_lies_in_the_middle_of_the_paper(paper, landscape, width, ex
     ("gcode", {"paper": "tight"}, "is not a paper"),
     ("gcode", {"paper": "300x200"}, "such as to.gcode.paper=300x200mm"),
     ("hpgl", {"margin_mm": 200.0}, "leave no room on 210 x 297 mm; choose a larger paper"),
-    ("gcode", {"colors": 0}, "to.gcode.colors=0 is not 1 to 64; try to.gcode.colors=1"),
+    ("gcode", {"colors": 0}, "to.gcode.colors=0 is not 1 to 64; try to.gcode.colors=8"),
     ("gcode", {"pens": ["reddish"]}, "'reddish'; write 'to.gcode.pens=[black"),
     ("gcode", {"pens": []}, "give 1 to 256 colours"),
     ("gcode", {"up": "G0 Z5\nM30"}, "is not one line"),

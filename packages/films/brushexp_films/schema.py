@@ -29,7 +29,7 @@ class FilmOptions:
 
     every: int = key(1, "interval between painted frames, in frames of the film", at_least(1))
     start: float = key(0, "start time in seconds", at_least(0))
-    stop: float | None = key(None, "end time in seconds; null = end of the film", above(0))
+    stop: float | None = key(None, "end time in seconds; null = end of the film", above(0, typical=10))
     steps: int = key(8, "gradient steps per frame, starting from the previous frame's strokes", at_least(0))
     change: float = key(0.04, "minimum difference between frames that counts as a change, 0 to 1", between(0.001, 1))
 

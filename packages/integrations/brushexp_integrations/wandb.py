@@ -46,7 +46,7 @@ class WeightsAndBiases(Logger):
         mode: logging mode: online, offline, disabled (nothing is kept) or auto, which is online if you are logged in
             by WANDB_API_KEY or ``wandb login`` and offline if you are not, unless WANDB_MODE selects another mode.
         group: group in which runs are shown together; null = name of the sweep's folder.
-        tags: tags for finding runs.
+        tags: labels by which runs can be found.
     """
 
     def __init__(

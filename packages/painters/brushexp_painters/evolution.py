@@ -73,7 +73,7 @@ class Evolution(Painter):
         children: number of children evaluated per stroke.
         crossover: fraction of the children that inherit genes from another stroke.
         renewal: fraction of the generations whose children are new strokes.
-        opacity: opacity of the paint.
+        opacity: fraction of the paint below that a stroke hides, up to 1.
     """
 
     kind = "trial and error"

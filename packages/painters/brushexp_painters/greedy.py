@@ -39,7 +39,7 @@ class Greedy(Painter):
         candidates: number of random candidates per stroke.
         climbs: number of hill-climbing rounds per stroke.
         mutations: number of mutations of the best stroke tried per round.
-        opacity: opacity of the paint.
+        opacity: fraction of the paint below that a stroke hides, up to 1.
     """
 
     kind = "trial and error"

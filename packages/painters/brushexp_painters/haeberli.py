@@ -31,7 +31,7 @@ class Haeberli(Painter):
         smallest: thickness of the last strokes, in stroke spacings.
         length: length of a stroke, in units of its thickness.
         stray: standard deviation of the angle between a stroke's direction and the picture's, in degrees.
-        opacity: opacity of the paint, 0 to 1.
+        opacity: fraction of the paint below that a stroke hides, 0 to 1.
     """
 
     kind = "local rules"

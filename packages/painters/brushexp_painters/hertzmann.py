@@ -45,7 +45,7 @@ class Hertzmann(Painter):
         curvature: smoothing of the direction (f_c); values below 1 straighten strokes.
         min_length: minimum number of steps per stroke.
         max_length: maximum number of steps per stroke.
-        opacity: opacity of the paint.
+        opacity: fraction of the paint below that a stroke hides, up to 1.
         jitter_rgb: random change in red, green and blue, as a fraction of their range.
         jitter_hsv: random change in hue, saturation and value.
         tolerance: maximum distance between a stroke and its Bezier curves, in radii.
@@ -55,8 +55,8 @@ class Hertzmann(Painter):
     author = "Hertzmann"
 
     radii: Annotated[tuple[float, ...], above(0, 1e4)] = (8.0, 4.0, 2.0, 1.0)
-    scale: Annotated[float | None, above(0, 1e4)] = None
-    threshold: Annotated[float | None, at_least(0)] = None
+    scale: Annotated[float | None, above(0, 1e4, typical=1)] = None
+    threshold: Annotated[float | None, at_least(0, typical=100)] = None
     blur: Annotated[float, between(0, 100)] = 0.5
     grid: Annotated[float, above(0, 100)] = 1.0
     curvature: Annotated[float, between(0, 1)] = 1.0

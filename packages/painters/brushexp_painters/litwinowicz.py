@@ -40,7 +40,7 @@ class Litwinowicz(Painter):
         stray: maximum random change in direction, in degrees.
         stray_color: maximum random change in red, green and blue, in 8-bit levels.
         stray_intensity: maximum random change in all three channels together, as a fraction.
-        opacity: opacity of the paint.
+        opacity: fraction of the paint below that a stroke hides, up to 1.
     """
 
     kind = "local rules"

@@ -50,7 +50,7 @@ class ProgressiveBlocks(Painter):
     author = "Zou et al."
     differentiates = True
 
-    levels: Annotated[int | None, between(1, 1000)] = None
+    levels: Annotated[int | None, between(1, 1000, typical=4)] = None
     iterations: Annotated[int, at_least(1)] = 60
     lr: Annotated[float, above(0, 10)] = 0.01
     transport: Annotated[float, at_least(0)] = 0.1

@@ -45,7 +45,9 @@ class SampleTask(Task):
     image: str = key(MISSING, "picture file, or the name of a sample", PICTURE)
     samples: int = key(32, "number of paintings of the picture", between(2, 10_000))
     resolution: int | None = key(512, "longer side of the picture in pixels; null = its own", between(16, 16384))
-    strokes: int | None = key(None, "approximate number of strokes; null = one per 100 pixels", at_least(1))
+    strokes: int | None = key(
+        None, "approximate number of strokes; null = one per 100 pixels", at_least(1, typical=1000)
+    )
     checkpoint: str = key("plain", WEIGHTS)
     temperature: float = key(1.0, TEMPERATURE, between(0, 10))
     intervals: str | None = key(None, "file of intervals from task=calibrate; null = the file beside the weights", FILE)

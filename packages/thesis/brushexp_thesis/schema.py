@@ -48,8 +48,10 @@ class LeaderboardTask(Task):
     add: str | None = key(None, "painting by others: a picture, a catalogue, or a folder of these; null = none")
     target: str | None = key(None, "picture painted by add; if add is a folder, a folder with files of the same names")
     name: str | None = key(None, "name of the painter of add; null = the file's name")
-    strokes: int | None = key(None, "number of strokes of add; null = from its catalogue, or unknown", at_least(1))
-    seconds: float | None = key(None, "seconds that add took; null = unknown", at_least(0))
+    strokes: int | None = key(
+        None, "number of strokes of add; null = from its catalogue, or unknown", at_least(1, typical=1000)
+    )
+    seconds: float | None = key(None, "seconds that add took; null = unknown", at_least(0, typical=60))
     note: str | None = key(
         None, "remark at the top of the page and tables, such as the machine and its load; null = none"
     )

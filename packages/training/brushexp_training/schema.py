@@ -25,21 +25,21 @@ class NetworkTrainerOptions(TrainerOptions):
     """Config keys below ``trainer`` for tasks that train networks and therefore have epochs and validations."""
 
     max_epochs: int | None = key(
-        -1, "maximum number of epochs; -1 = no limit (tasks have their own limits)", at_least(-1)
+        -1, "maximum number of epochs; -1 = no limit (tasks have their own limits)", at_least(-1, typical=10)
     )
-    min_epochs: int | None = key(None, "minimum number of epochs", at_least(0))
-    min_steps: int | None = key(None, "minimum number of gradient steps", at_least(0))
+    min_epochs: int | None = key(None, "minimum number of epochs", at_least(0, typical=1))
+    min_steps: int | None = key(None, "minimum number of gradient steps", at_least(0, typical=100))
     limit_train_batches: int | float | None = key(
-        None, "batches per epoch: a number, or a fraction such as 0.5", at_least(0)
+        None, "batches per epoch: a number, or a fraction such as 0.5", at_least(0, typical=0.5)
     )
     limit_val_batches: int | float | None = key(
-        None, "batches per validation: a number, or a fraction such as 0.5", at_least(0)
+        None, "batches per validation: a number, or a fraction such as 0.5", at_least(0, typical=0.5)
     )
     val_check_interval: int | float | None = key(
-        None, "batches between validations: a number, or a fraction such as 0.5", above(0)
+        None, "batches between validations: a number, or a fraction such as 0.5", above(0, typical=0.5)
     )
-    check_val_every_n_epoch: int | None = key(None, "epochs between validations", at_least(1))
-    accumulate_grad_batches: int | None = key(None, "batches accumulated into a gradient step", at_least(1))
+    check_val_every_n_epoch: int | None = key(None, "epochs between validations", at_least(1, typical=1))
+    accumulate_grad_batches: int | None = key(None, "batches accumulated into a gradient step", at_least(1, typical=2))
 
 
 @dataclass
@@ -51,7 +51,11 @@ class SimulateTask(Task):
     check = staticmethod(rules.check_simulate)
     groups: ClassVar[dict[str, Any]] = {"engine": "fluid"}
 
-    seed: int = key(0, "seed of all random numbers", between(0, LARGEST_SEED_SIMULATED))
+    seed: int = key(
+        0,
+        "number from which all random choices follow; the same seed gives the same result",
+        between(0, LARGEST_SEED_SIMULATED),
+    )
     n: int = key(10000, "number of strokes (the thesis: 100,000); a larger n continues a finished set", at_least(1))
     path: str | None = key(None, "folder of the set; an unfinished set there is continued; null = strokes/ in output")
 
@@ -77,11 +81,11 @@ class TrainTask(Task):
     )
     sets: str = key("data", "folder for simulated sets")
     batch_size: int = key(64, "strokes per gradient step", at_least(1))
-    epochs: int | None = key(None, "passes through the data; null = no limit; 0 = no training", at_least(0))
+    epochs: int | None = key(None, "passes through the data; null = no limit; 0 = no training", at_least(0, typical=10))
     minutes: float | None = key(60, "wall time limit, over which the learning rate decays; null = none", at_least(0))
     lr: float = key(5.0e-4, "peak learning rate; at 1e-3 and above, some runs collapse to blank pictures", above(0, 1))
     ema: float = key(0.999, EMA, between(0, 1))
-    limit: int | None = key(None, LIMIT, at_least(1))
+    limit: int | None = key(None, LIMIT, at_least(1, typical=10000))
     fresh_starts: int = key(3, "restarts of a network that draws all strokes alike", between(0, 100))
     detail: float = key(1.0, "weight of the loss on the finest details (high frequencies)", at_least(0))
     tone: float = key(4.0, "weight of the loss on colour where there is paint", at_least(0))
@@ -109,7 +113,7 @@ class NetworkTask(Task):
     is_research = True
     groups: ClassVar[dict[str, Any]] = NETWORK_FIT
 
-    epochs: int | None = key(None, "number of epochs of 500 steps; null = no limit", at_least(0))
+    epochs: int | None = key(None, "number of epochs of 500 steps; null = no limit", at_least(0, typical=8))
     minutes: float | None = key(60, "wall time limit, over which the learning rate decays; null = none", at_least(0))
     checkpoint_every: float | None = key(120, "seconds between checkpoints; null = only when interrupted", at_least(0))
     resume: str | None = key(None, RESUME, INTERRUPTED_RUN)
@@ -131,6 +135,8 @@ class EvaluateTask(Task):
 
     data: list[str] | None = key(None, DATA, STROKES)
     split: str = key("test", "part of the data to evaluate on", one_of("test", "validation"))
-    n: int | None = key(None, "number of strokes to evaluate on; null = all, or 1000 simulated ones", at_least(1))
+    n: int | None = key(
+        None, "number of strokes to evaluate on; null = all, or 1000 simulated ones", at_least(1, typical=1000)
+    )
     other_data: bool = key(False, "whether to allow strokes of a brush not used in training")
     inception: str | None = key(None, "file inception-2015-12-05.pt (TorchScript) for the published FID", FILE)

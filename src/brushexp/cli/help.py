@@ -16,6 +16,7 @@ from brushexp.config.keys import Key, groups_of, keys_of
 from brushexp.config.output_folders import BESIDE_PAINTING, BY_TIME
 from brushexp.config.schema import PaintTask
 from brushexp.config.tasks import TASKS
+from brushexp.config.vocabulary import is_path, plain
 from brushexp.config.words import as_typed
 from brushexp.errors import UserError
 from brushexp.pictures.load import samples
@@ -28,6 +29,12 @@ TOPICS = {  # --help=topic
     "tasks": "all other tasks",
     "research": "tasks and studies for researchers: training, benchmarks, evidence",
 }
+PRESETS = {  # groups of presets, which set several keys
+    "look": "medium or style of a painting",
+    "quality": "number of strokes and steps, against time",
+    "trainer": "options of Lightning's Trainer",
+    "experiment": "named study",
+}
 UNTYPED = {BY_TIME: "outputs/DATE_TIME", BESIDE_PAINTING: "outputs/x"}  # default values as the help shows them
 PATHS = {"image": "photo.jpg", "catalogue": "outputs/x", "runs": "outputs"}  # example of the path that a task takes
 MORE = "Documentation: README.md and docs/. --cfg job prints the whole config, --hydra-help lists Hydra's own flags."
@@ -37,12 +44,34 @@ EXAMPLE_COLUMN = 52  # column at which explanations of examples start
 TRAINER = "trainer."  # keys of Lightning's Trainer, which few people need
 
 
-def topic_of(words: Sequence[str]) -> str:
-    """Return the topic in ``--help=topic``, or "" for plain ``--help``; raise a UserError for an unknown topic."""
+def words_and_topic(words: Sequence[str]) -> tuple[list[str], str]:
+    """Separate the topic in ``--help=topic`` from a command line; it is "" if there is none.
+
+    In a request for help, a family alone means its members: ``look --help`` and ``--help=look`` become
+    ``look= --help``. Raises a UserError for an unknown topic.
+    """
     topics = [word.removeprefix("--help=") for word in words if word.startswith("--help=")]
-    if topics and topics[-1] not in TOPICS:
-        raise UserError(f"--help={topics[-1]} is not a topic; type --help, or --help= and one of {', '.join(TOPICS)}")
-    return topics[-1] if topics else ""
+    plain_words = ["--help" if word.startswith("--help=") else word for word in words]
+    if not {"--help", "-h"} & {*plain_words}:
+        return plain_words, ""
+    topic = topics[-1] if topics else ""
+    plain_words = [f"{family}=" if (family := family_in(word)) else word for word in plain_words]
+    if family := family_in(topic):
+        return [*plain_words, f"{family}="], ""
+    if topic and topic not in TOPICS:
+        cure = f"type --help, or --help= and a family such as look, or one of {', '.join(TOPICS)}"
+        raise UserError(f"--help={topic} is not a topic; {cure}")
+    return plain_words, topic
+
+
+def family_in(word: str) -> str:
+    """Return the family that a word names, also in the plural, or "" if it names none or a file.
+
+    >>> family_in("look"), family_in("looks"), family_in("coffee")
+    ('look', 'look', '')
+    """
+    names = [name for name in (word, word.removesuffix("s")) if name in CHOSEN_GROUPS - {"task"}]
+    return names[0] if names and not is_path(word) else ""
 
 
 def help_text(cfg: DictConfig, overrides: Sequence[str], folders: Sequence[Path], topic: str = "") -> str:
@@ -80,7 +109,7 @@ def _start(cfg: DictConfig, folders: Sequence[Path]) -> list[str]:
     for topic, about in TOPICS.items():
         lines += two_columns(f"brushexp --help={topic}", about, EXAMPLE_COLUMN)
     families = ", ".join(family for family in FAMILIES if family in groups_of(schema) or family == "to")
-    lines += two_columns("brushexp renderer= --help", f"members and options of a family: {families}", EXAMPLE_COLUMN)
+    lines += two_columns("brushexp renderer --help", f"members and options of a family: {families}", EXAMPLE_COLUMN)
     lines += two_columns("brushexp export --help", "the keys of another task", EXAMPLE_COLUMN)
     lines += two_columns("brushexp doctor", "what is installed and what is broken, for a bug report", EXAMPLE_COLUMN)
     return [*lines, "", MORE]
@@ -89,11 +118,11 @@ def _start(cfg: DictConfig, folders: Sequence[Path]) -> list[str]:
 def _task(cfg: DictConfig, folders: Sequence[Path]) -> list[str]:
     """Compose the help page of a task: its description, keys and plugins."""
     schema = TASKS[cfg.task]
-    lines = [usage_of(cfg.task, schema.alone), schema.__doc__ or "", "", "Keys and their current values"]
+    lines = [usage_of(cfg.task, schema.alone), plain(schema.__doc__ or ""), "", "Keys and their current values"]
     keys = keys_of(schema)
     lines += _keys(cfg, [key for name, key in keys.items() if not name.startswith(TRAINER)])
     if groups := [group for group in groups_of(schema) if _names(group, folders)]:
-        lines += ["", "Plugins and presets; for details type, for example, renderer= --help"]
+        lines += ["", "Plugins and presets; for details type, for example, brushexp renderer --help"]
         for group in groups:
             lines += two_columns(group, ", ".join(_names(group, folders)))
     more = f"brushexp {cfg.task} --help=all shows all of them" + (
@@ -105,7 +134,7 @@ def _task(cfg: DictConfig, folders: Sequence[Path]) -> list[str]:
 def _all_of(cfg: DictConfig, folders: Sequence[Path], families: Sequence[str]) -> list[str]:
     """List every key of a task with its description, and every plugin and preset that the task can use."""
     schema = TASKS[cfg.task]
-    lines = [usage_of(cfg.task, schema.alone), schema.__doc__ or "", "", "Keys and their current values"]
+    lines = [usage_of(cfg.task, schema.alone), plain(schema.__doc__ or ""), "", "Keys and their current values"]
     lines += _keys(cfg, list(keys_of(schema).values()))
     lines += _words_of_changes(cfg)
     for group in groups_of(schema):
@@ -186,7 +215,7 @@ def _group(group: str, cfg: DictConfig, folders: Sequence[Path], with_options: b
     rows = {plugin.name: plugin.summary for plugin in plugins(group)}
     for folder in folders:
         rows |= presets_of(folder / group)
-    lines = [f"{group}: {FAMILIES.get(group, 'presets of keys')}"]
+    lines = [f"{group}: {FAMILIES.get(group) or PRESETS[group]}"]
     facts = {plugin.name: plugin.facts for plugin in plugins(group) if with_options}
     for name, summary in sorted(rows.items()):
         lines += two_columns(name, summary)
@@ -204,6 +233,7 @@ def _group(group: str, cfg: DictConfig, folders: Sequence[Path], with_options: b
 
 def two_columns(name: str, meaning: str, column: int = COLUMN) -> list[str]:
     """Format a name and its description in two columns, or on separate lines if the name is too long."""
+    meaning = plain(meaning)
     head = f"  {name:<{column - 3}} "
     if len(head) > column:
         indent = " " * column

@@ -11,9 +11,11 @@ from itertools import chain, count
 from pathlib import Path
 
 from brushexp.config.compose import files_of, quote
+from brushexp.config.vocabulary import is_path
 from brushexp.config.words import verbatim
 from brushexp.errors import UserError
 from brushexp.pictures.folders import is_several, pictures_in, skipped_files
+from brushexp.pictures.load import PICTURE as READABLE
 from brushexp.pictures.load import samples
 from brushexp.registry import literal
 from brushexp.results.runs import JOBS
@@ -69,6 +71,9 @@ def expand_pictures(words: Sequence[str], is_sweep: bool) -> list[str]:
     sets = [_without_brackets(word.removeprefix(SETS)) for word in words if word.startswith(SETS)]
     if not sets and len(named) < 2 and not any(map(is_several, named)):
         return expand_jobs(words)
+    for image in named:
+        if not is_sweep and not is_several(image) and not is_path(image):
+            refuse_missing(image)
     counts = [len(pictures_in(image)) if is_several(image) else 1 for image in named]  # UserError if there are none
     pictures = 0 if sets or is_sweep else sum(counts)
     others = expand_jobs([word for word in words if not word.startswith((PICTURE, SETS))], pictures)
@@ -87,6 +92,14 @@ def expand_pictures(words: Sequence[str], is_sweep: bool) -> list[str]:
         "hydra.sweeper.lenient=true",
         *(["hydra.sweeper.resume=true"] if goes_on else []),
     ]
+
+
+def refuse_missing(image: str) -> None:
+    """Raise a UserError for a picture that is neither a file nor a sample; it may be meant as the place of results."""
+    try:
+        READABLE.check("image", image)
+    except UserError as error:
+        raise UserError(f"{error}; for a folder of results, type output=FOLDER") from error
 
 
 def _without_brackets(text: str) -> str:

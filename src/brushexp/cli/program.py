@@ -2,34 +2,44 @@
 
 import logging
 import os
+import re
 import sys
 import time
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import get_origin
 
 import hydra
 from hydra.errors import CompactHydraException
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from brushexp.cli.help import help_text, topic_of
+from brushexp.cli.help import help_text, words_and_topic
 from brushexp.cli.many_pictures import expand_pictures
 from brushexp.compat.hidden_packages import REMARKS
 from brushexp.compat.hydra import parse_arguments, shared_store, skip_sweep_check
 from brushexp.config.changes import expand_changes
-from brushexp.config.compose import compose_config, folders_of, search_path, without_folder
-from brushexp.config.key_types import type_of_key
+from brushexp.config.compose import CHOSEN_GROUPS, compose_config, folders_of, search_path, without_folder
+from brushexp.config.key_types import is_key, type_of_key
 from brushexp.config.keys import keys_of
 from brushexp.config.mistakes import explanation
 from brushexp.config.publish import prepare
 from brushexp.config.schema import Task
 from brushexp.config.stands_for import spell_out
 from brushexp.config.tasks import TASKS, add_task
-from brushexp.config.vocabulary import is_path, meaning_of
-from brushexp.config.words import ALL_PIXELS, RESUME_SWEEP, expand_home, expand_positional, expand_shorthand
+from brushexp.config.vocabulary import is_path
+from brushexp.config.words import (
+    ALL_PIXELS,
+    RESUME_SWEEP,
+    expand_home,
+    expand_positional,
+    expand_shorthand,
+    respell,
+)
 from brushexp.errors import UserError
+from brushexp.registry import MULTI_SELECT
 from brushexp.system.heartbeat import heartbeat
 from brushexp.system.runtime import end_on_signals, interrupted_code
 from brushexp.system.words import table_of_words
@@ -55,9 +65,8 @@ def run(start: float) -> None:
     """Run the program with the arguments in `sys.argv`; ``start`` is its launch time, as given by `time.monotonic`."""
     _start[0] = start
     typed_words = sys.argv[1:]
-    words = ["--help" if word.startswith("--help=") else word for word in typed_words]
-    with reporting_errors(words):
-        topic = topic_of(typed_words)
+    with reporting_errors([word for word in typed_words if not word.startswith("--help=")]):
+        words, topic = words_and_topic(typed_words)
         prepare(Path(), words)  # before Hydra composes, which reads the choices
         _prepared.add(os.getpid())
         words, folders = settings_first(expand_arguments(words)), folders_of(Path(), words)
@@ -83,16 +92,20 @@ def expand_arguments(arguments: list[str]) -> list[str]:
 
     Raises a UserError that names an argument if it is not ``key=value`` or has an invalid value.
     """
-    arguments = drop_implied(spell_out([expand_home(word) for word in arguments]))
+    arguments = drop_implied([expand_home(word) for word in arguments])
     typed, after_flags = parse_arguments(arguments)
-    refuse_flags(after_flags)
+    refuse_flags(arguments, after_flags)
     overrides = {*typed.overrides, *after_flags}
     task = next((word.removeprefix("task=") for word in arguments if word.removeprefix("task=") in TASKS), "paint")
     beside = dict(word.split("=", 1) for word in overrides if "=" in word)
-    words = [expand_positional(word, task, beside) if word in overrides else word for word in arguments]
-    check_duplicates(arguments, words)
+    words = [
+        expand_positional(word, task, beside, following) if word in overrides else word
+        for word, following in zip(arguments, following_words(arguments), strict=True)
+    ]
+    check_duplicates(arguments, words, TASKS[task].alone)
     flags = {word for word, argument in zip(words, arguments, strict=True) if argument not in overrides}
-    whole = expand_changes(add_task(resume_in_own_folder(join_paths(words, TASKS[task]))), sweep=typed.multirun)
+    words = join_paths(spell_out(words), TASKS[task])
+    whole = expand_changes(add_task(resume_in_own_folder(words)), sweep=typed.multirun)
     ours = {*whole} - flags
     plain = expand_pictures(whole, typed.multirun)
     has_study = any(word.startswith("experiment=") for word in plain)
@@ -102,12 +115,25 @@ def expand_arguments(arguments: list[str]) -> list[str]:
     return [expand_shorthand(word, typed.multirun, task) if word in ours else word for word in plain]
 
 
-def refuse_flags(words: Sequence[str]) -> None:
-    """Raise a UserError for unknown flags; it explains that keys have no dashes."""
-    for word in words:
+def following_words(words: Sequence[str]) -> list[str]:
+    """Return, for each word, the next one if it may be the word's value, otherwise "".
+
+    >>> following_words(["strokes", "=", "100", "--help", "look=ink"])
+    ['100', '100', '', '', '']
+    """
+    following = []
+    for k in range(1, len(words) + 1):
+        word = next((word for word in words[k:] if word != "="), "").removeprefix("=")
+        following.append("" if "=" in word or word.startswith("-") else word)
+    return following
+
+
+def refuse_flags(words: Sequence[str], unknown: Sequence[str]) -> None:
+    """Raise a UserError for unknown flags in a command line; it explains that keys have no dashes."""
+    for word, following in zip(words, following_words(words), strict=True):
         name, equal, value = word.lstrip("-").partition("=")
-        if word.startswith("--"):
-            cure = f"type {name}={value or '...'}, without dashes" if equal or type_of_key(name)[0] else ""
+        if word in unknown and re.match("--|-.+=", word):
+            cure = f"type {name}={value or following or '...'}, without dashes" if equal or is_key(name) else ""
             cure = f"type ./{word} for the file of that name" if is_path(word) else cure
             raise UserError(f"{word} is not a flag; {cure or '--help lists the keys, which have no dashes'}")
 
@@ -118,16 +144,39 @@ def drop_implied(words: Sequence[str]) -> list[str]:
     return [word for word in words if word not in general or not any(one.startswith(general[word]) for one in words)]
 
 
-def check_duplicates(typed: Sequence[str], meant: Sequence[str]) -> None:
-    """Raise a UserError if two arguments give a key different values, such as finer and bolder, or ink and look=oil."""
-    alone: dict[str, tuple[str, str]] = {}
-    pairs = [(word, *setting.partition("=")[::2]) for word, setting in zip(typed, meant, strict=True)]
-    for word, key, value in sorted(pairs, key=lambda pair: meaning_of(pair[0]) is None):
-        is_alone = f"{key}={value}" != word and meaning_of(word) == f"{key}={value}"
-        other, first = alone.setdefault(key, (word, value)) if is_alone else alone.get(key, (word, value))
-        if first != value:
-            cure = f"type one of them, or both as a sweep: -m {key}={first},{value}"
-            raise UserError(f"{other} and {word} both set {key}; {cure}")
+def check_duplicates(typed: Sequence[str], meant: Sequence[str], alone: str) -> None:
+    """Raise a UserError if two words set a key differently, such as finer and bolder, or if a group is chosen twice.
+
+    Of two plain values of a key, such as ``steps=30 steps=40``, the last one counts, as always in Hydra. ``alone`` is
+    the key of a task's paths, which may be repeated, like sets of pictures.
+    """
+    first: dict[str, tuple[str, str]] = {}
+    for word, setting in zip(typed, meant, strict=True):
+        key, equal, value = setting.partition("=")
+        key, value = respell(key, value)
+        if not equal or key in (alone, "pictures") or word.startswith("-"):
+            continue
+        other, before = first.setdefault(key, (word, value))
+        is_typed = {other.partition("=")[0], word.partition("=")[0]} == {key}
+        if before == value or (is_typed and key not in CHOSEN_GROUPS):
+            continue
+        if is_typed:
+            raise UserError(f"{key} is given twice: {before} and {value}; keep one{both_of(key, before, value)}")
+        raise UserError(f"{other} and {word} both set {key}; keep one{both_of(key, before, value)}")
+
+
+def both_of(key: str, first: str, second: str) -> str:
+    """Say how to use both values of a key, as a list or in a sweep; return "" if they are not single values.
+
+    >>> both_of("look", "ink", "oil"), both_of("loss", "mse", "l1"), both_of("look", "ink,oil", "even")
+    (', or try both: -m look=ink,oil', ", or type both: 'loss=[mse,l1]'", '')
+    """
+    kind = type_of_key(key)[0]
+    if "," in first + second or not is_key(key.lstrip("+")):
+        return ""
+    if key.lstrip("+") in MULTI_SELECT or get_origin(kind) is list:
+        return f", or type both: '{key}=[{first},{second}]'"
+    return f", or try both: -m {key}={first},{second}"
 
 
 def join_paths(words: Sequence[str], schema: type[Task]) -> list[str]:

@@ -3,7 +3,6 @@
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from difflib import get_close_matches
 from typing import Any, get_args, get_origin
 
 from omegaconf import DictConfig, ListConfig, OmegaConf
@@ -13,13 +12,13 @@ from brushexp.config.key_types import without_null
 from brushexp.config.keys import Key, groups_of, keys_of
 from brushexp.config.schema import Task
 from brushexp.config.tasks import TASKS, task_for
-from brushexp.config.vocabulary import plain_name, spellings, with_words_of_changes
+from brushexp.config.vocabulary import plain, plain_name, spellings, with_words_of_changes
 from brushexp.config.words import as_typed
-from brushexp.errors import UserError
+from brushexp.errors import UserError, similar_words
 from brushexp.registry import FAMILIES, MULTI_SELECT, Plugin, keep_built, options_in, plugin_of, plugins
 from brushexp.system.words import table_of_words
 
-SUGGESTIONS = 3  # largest number of names in a message
+MOST_OWNERS = 3  # largest number of options in a message that have the same name
 SCALED_BY = {  # keys whose look values are scaled by another key: that key and its power
     "steps": ("effort", 1),
     "pixels_per_stroke": ("detail", -1),
@@ -177,18 +176,36 @@ def members_of(family: str) -> str:
     return ", ".join(plugin.name for plugin in plugins(family))
 
 
-def nearest_first(word: str, names: Sequence[str]) -> str:
-    """List, for an error message, the three names most similar to a word, with known synonyms first."""
+def meant_by(word: str, names: Sequence[str]) -> list[str]:
+    """List up to three names that a word may stand for: synonyms, names with this last part, and similar names."""
     plain = plain_name(word)
     ours = [name for name in (spellings("keys").get(plain, ""), spellings("members").get(plain, "")) if name in names]
-    return ", ".join([*dict.fromkeys([*ours, *get_close_matches(word.lower(), names, SUGGESTIONS, 0)])][:SUGGESTIONS])
+    parts = [name for name in names if name.rpartition(".")[2] == plain]
+    return [*dict.fromkeys([*ours, *parts, *similar_words(word, names)])][:3]
+
+
+def cure_for(word: str, names: Sequence[str], listing: str) -> str:
+    """Say, for an error message, which names a word may stand for, and which command lists all names."""
+    meant = meant_by(word, names)
+    return f"did you mean {' or '.join(meant)}? (see all: {listing})" if meant else f"see all: {listing}"
+
+
+def listing_of(group: str, name: str = "") -> str:
+    """Return the command that lists the members of a group, and the options of a member if ``name`` is given."""
+    topics = {"task": "--help=tasks", "experiment": "--help=research"}
+    return f"brushexp {topics.get(group, f'{group}={name} --help' if name else f'{group} --help')}"
+
+
+def listing_of_keys(task: str) -> str:
+    """Return the command that lists the keys of a task."""
+    return "brushexp --help=all" if task == "paint" else f"brushexp {task} --help"
 
 
 def unknown_option(option: str, plugin: Plugin, arguments: Sequence[str] = ()) -> str:
     """Explain that a plugin lacks an option, and name the plugins that have it, starting with those the user named."""
     family, names = plugin.family, list(plugin.meanings)
     text = f"{plugin.path}.{option} is not an option of {family}={plugin.name}; "
-    text += f"its options, nearest first: {nearest_first(option, names)}" if names else "it has none"
+    text += cure_for(option, names, listing_of(family, plugin.name)) if names else "it has none"
     owners = [other.name for other in plugins(family) if option in other.meanings]
     typed = " ".join(word for word in arguments if word.startswith(f"{family}="))
     owners.sort(key=lambda name: re.search(rf"\b{name}\b", typed) is None)
@@ -210,7 +227,7 @@ def change_words_of(schema: type[Task]) -> dict[str, str]:
 def meaning_of_option(option: str) -> str:
     """Return the description of a plugin option such as ``change.wet.amount``, or "" if the option does not exist."""
     above, _, name = option.rpartition(".")
-    return next((plugin.meanings.get(name, "") for plugin in plugins() if plugin.path == above), "")
+    return next((plain(plugin.meanings.get(name, "")) for plugin in plugins() if plugin.path == above), "")
 
 
 def explain_foreign_key(typed: str, task: str) -> str:
@@ -240,22 +257,24 @@ def unknown_key(typed: str, task: str) -> str:
         name, members = rest.partition(".")[0], [plugin.name for plugin in plugins(family)]
         owners = [f"{plugin.path}.{name}" for plugin in plugins(family) if name in plugin.meanings]
         if name not in members and owners:
-            return f"{typed} is not a key but an option of one {family}; type {' or '.join(owners[:SUGGESTIONS])}"
+            return f"{typed} is not a key but an option of one {family}; type {' or '.join(owners[:MOST_OWNERS])}"
         mend = f"add {name} to the list, '{family}=[{name},...]', or drop the keys below it"
         if name not in members:
-            mend = f"there are: {nearest_first(name, members)}; options go below a member, {family}.<name>.{name}=..."
+            mend = (
+                f"{cure_for(name, members, listing_of(family))}; options go below a member, {family}.<name>.{name}=..."
+            )
         return f"{family}.{name} has options but is not chosen; {mend}"
     for plugin in plugins():
         for option in plugin.meanings:
             if typed.startswith(f"{plugin.path}.{option}."):
                 return f"{typed} does not exist yet; to add it to {plugin.path}.{option}, type a plus: '+{typed}=...'"
     above = typed.rpartition(".")[0]
-    beside = [name for name in names if name.rpartition(".")[0] == above] or names
-    near = f"nearest first: {nearest_first(typed, beside)} (all: --help)"
+    beside = [name for name in names if name.rpartition(".")[0] == above or name.endswith(f".{plain}")] or names
+    near = cure_for(typed, beside, listing_of_keys(task))
     name = spellings("keys").get(plain, typed)
     owners = [f"{plugin.path}.{name}" for plugin in plugins() if name in plugin.meanings and plugin.family in names]
     if owners:
-        near = f"type {' or '.join([*dict.fromkeys(map(with_words_of_changes, owners))][:SUGGESTIONS])}"
+        near = f"type {' or '.join([*dict.fromkeys(map(with_words_of_changes, owners))][:MOST_OWNERS])}"
     text = f"{typed} is not a key of task={task}; {near}"
     others = [
         f"task={name}"

@@ -4,7 +4,7 @@ from dataclasses import MISSING as NO_DEFAULT
 from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any, get_type_hints
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import MISSING, DictConfig, OmegaConf
 
 from brushexp.bounds import ANY, Bounds, Rule
 
@@ -26,6 +26,12 @@ class Key:
     default: Any
     meaning: str
     bounds: Bounds | Rule
+
+    def example(self) -> Any:
+        """Return a value for messages to propose: a typical one or the default; "..." if there is neither."""
+        value = self.bounds.example(self.default) if isinstance(self.bounds, Bounds) else self.default
+        is_unknown = value is None or (isinstance(value, str) and ("${" in value or value == MISSING))
+        return "..." if is_unknown else value
 
 
 def keys_of(schema: type[Any], above: str = "") -> dict[str, Key]:

@@ -14,21 +14,31 @@ from hydra.errors import CompactHydraException
 from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from brushexp.config.check import nearest_first, unknown_key, unknown_option
+from brushexp.bounds import Bounds
+from brushexp.config.check import cure_for, listing_of, meant_by, unknown_key, unknown_option
 from brushexp.config.compose import CHOSEN_GROUPS, compose_config, files_of
 from brushexp.config.key_types import type_of_key
 from brushexp.config.keys import groups_of, keys_of
 from brushexp.config.tasks import TASKS, add_task
+from brushexp.config.vocabulary import with_words_of_changes
 from brushexp.config.words import as_typed
 from brushexp.registry import MULTI_SELECT, loaded_plugins, plugins
 from brushexp.registry.loading import reasons_for_missing
 
 LIGHTNINGS = "; a plugin can wrap any other callback of Lightning, see docs/tutorial.md"
-EXAMPLES = {int: "100", float: "10"}  # values that messages propose if the default is null
 NONE = ("none", "no", "off", "false")  # spellings of an empty list
 DECIMAL_COMMA = re.compile(r"([+-]?(?:\d+|\d{1,3}(?:\.\d{3})+))(,\d+(?:e[+-]?\d+)?)?")  # a number with a decimal comma
 UNSET = (*NONE, "all", "auto", "automatic", "default", "max", "unlimited", "never", "random")  # spellings of null
-SCALES = {"k": 1000, "m": 60, "min": 60, "mins": 60, "minutes": 60, "h": 3600, "%": 0.01}  # units after a number
+SCALES = {
+    **dict.fromkeys(["", "px", "pixels", "db", "s", "sec"], 1),
+    "k": 1000,
+    "m": 60,
+    "min": 60,
+    "mins": 60,
+    "minutes": 60,
+    "h": 3600,
+    "%": 0.01,
+}  # units after a number
 KINDS = {int: "a whole number", float: "a number", bool: "true or false", str: "text", dict: "{name: value}"}
 
 
@@ -44,7 +54,8 @@ def explanation(error: BaseException, folders: Sequence[Path], arguments: Sequen
     if match := re.search(r"interpolation '\$\{look\}_(\w+)'", text):
         family = next((word.partition("=")[0].lstrip("+") for word in arguments if word.startswith("+")), "loss")
         return f"+{family}={match[1]} has no list to add to; type the whole list, {family}=[...,{match[1]}]"
-    return translate(text, task_of(arguments, folders), folders, arguments) or explain_unparsed(error) or text
+    message = translate(text, task_of(arguments, folders), folders, arguments)
+    return with_words_of_changes(message) if message else explain_unparsed(error) or text
 
 
 def translate(text: str, task: str, folders: Sequence[Path], arguments: Sequence[str] = ()) -> str | None:
@@ -54,26 +65,42 @@ def translate(text: str, task: str, folders: Sequence[Path], arguments: Sequence
     if match := re.search(r"Could not (?:find|load) '(\w+)/([^']*)'", text):
         names = choices(match[1], folders)
         more = LIGHTNINGS if match[1] == "callbacks" else ""
-        near = f"{nearest_first(match[2], names)} (all: --help)"
-        near += f", or {match[1]}=[] for none" if match[1] in MULTI_SELECT and match[2] in NONE else ""
-        return (
-            f"{match[1]}={match[2]} does not exist; choose one of {near}{more}{reasons_for_missing()}"
-            if names
-            else None
-        )
+        near = cure_for(match[2], names, listing_of(match[1]))
+        near = f"type {match[1]}=[] for none" if match[1] in MULTI_SELECT and match[2] in NONE else near
+        return f"{match[1]}={match[2]} does not exist; {near}{more}{reasons_for_missing()}" if names else None
     if match := re.search(r"Could not override '([\w.@/]+)'.*No match in the defaults list", text):
-        owners = [f"task={name}" for name, schema in TASKS.items() if match[1] in groups_of(schema)]
-        more = f". {match[1]} is one of {', '.join(owners)}" if owners else ""
-        if match[1] == "to" and (painted := TASKS[task].painted):
-            form = re.sub(r"[][]", "", next(word for word in arguments if word.startswith("to=")))
-            more = f"; drop {form}, and after painting, type: brushexp export {painted} {form}"
-        return f"task={task} has no {match[1]}; it has {', '.join(groups_of(TASKS[task])) or 'no plugins'}{more}"
+        formats = [re.sub(r"[][]", "", word) for word in arguments if word.startswith("to=")]
+        if match[1] != "to" or not formats or not TASKS[task].painted:
+            return group_of_others(match[1], task)
+        return formats_of_finished(formats[-1], TASKS[task].painted, choices("to", folders))
     if match := re.search(r"Key '(\w+)' not in '(\w+)'", text):
         found = [plugin for plugin in loaded_plugins() if plugin.config.__name__ == match[2]]
         return unknown_option(match[1], found[0], arguments) if found else None
-    if match := re.search(r"Key '[^']*' is not in struct full_key: (\S+)", text):
-        return unknown_key(match[1], task)
-    return wrong_type(text, task)
+    match = re.search(r"Key '[^']*' is not in struct full_key: (\S+)", text)
+    return unknown_key(match[1], task) if match else wrong_type(text, task)
+
+
+def group_of_others(group: str, task: str) -> str:
+    """Explain that a task does not have a config group, and name the groups that it has and the tasks that have it."""
+    owners = [f"task={name}" for name, schema in TASKS.items() if group in groups_of(schema)]
+    more = f". {group} is one of {', '.join(owners)}" if owners else ""
+    return f"task={task} has no {group}; it has {', '.join(groups_of(TASKS[task])) or 'no plugins'}{more}"
+
+
+def formats_of_finished(typed: str, painted: str, formats: Sequence[str]) -> str:
+    """Explain that ``to=`` is for finished paintings; for a format that does not exist, list those that do.
+
+    >>> formats_of_finished("to=pdff", "FOLDER", ["pdf", "png"])
+    'to=pdff does not exist; did you mean pdf? There are pdf, png; after painting, type: brushexp export FOLDER to=pdf'
+    """
+    names = typed.removeprefix("to=").split(",")
+    meant = {name: [name] if name in formats else meant_by(name, formats) for name in names}
+    cure = f"after painting, type: brushexp export {painted} to="
+    if {*names} <= {*formats}:
+        return f"{typed} is for finished paintings; drop {typed}, and {cure}{','.join(names)}"
+    known = ",".join(near[0] for near in meant.values() if near)
+    asked = f"did you mean {known}? There are" if known else "there are"
+    return f"{typed} does not exist; {asked} {', '.join(sorted(formats))}; {cure}{known or 'png'}"
 
 
 def explain_grammar_error(text: str) -> str | None:
@@ -175,15 +202,14 @@ def wrong_type(text: str, task: str) -> str | None:
     typed = re.search(r"full_key: ([^\s\[]+)", text)
     if typed is None or (declared := declaration_of(path := typed[1], task)) is None:
         return None
-    annotation, default, meaning = declared
+    annotation, usual, meaning = declared
     value = re.search(r"override [\w.@/]+=(.*?): (?=[A-Z])|Value '(.*?)' ", text)
-    example = "..." if default is MISSING else as_typed(default)
+    example = "..." if usual == MISSING else as_typed(usual)
     if re.search(r"is not Optional|Incompatible value 'None'", text):
         wrong = f"{path}=null, but {path} must have a value"
     else:
         given = (value[1] or value[2]) if value else "..."
         wrong = f"{path}={given} is not {in_words(annotation)}"
-        example = EXAMPLES.get(strip_null(annotation), example) if default is None else example
         example = guess_value(given, strip_null(annotation), meaning) or example
         if (first := re.match(r"\[([^][{}:,]+),", given)) and "[" not in in_words(annotation):
             wrong, example = f"{wrong}: only one value is allowed", first[1]
@@ -199,7 +225,8 @@ def guess_value(value: str, kind: Any, meaning: str) -> str | None:
     ('512', '1920', '120')
     >>> guess_value("all", int, "cores; null = all"), guess_value("none", int, "frames; 0 = none")
     ('null', '0')
-    >>> guess_value("many", int, "")
+    >>> guess_value("many", int, ""), guess_value("20cm", int, "longer side of the picture in pixels")
+    (None, None)
     >>> guess_value("1e3", int, ""), guess_value("50%", int, ""), guess_value("1:30", float, "seconds of optimisation")
     ('1000', None, '90')
     >>> guess_value("mask.png", list[str], "parts to measure"), guess_value("[a: 1]", list[str], "")
@@ -215,16 +242,16 @@ def guess_value(value: str, kind: Any, meaning: str) -> str | None:
         return str(60 * int(time[1]) + int(time[2]))
     if kind is int and (sides := re.fullmatch(r"(\d+) ?[x×*:] ?(\d+)", value)):
         return str(max(int(side) for side in sides.groups()))
-    if not (match := re.fullmatch(r"(\d+(?:\.\d+)?(?:e\d+)?) ?([a-z%]*)", value)):
+    if not (match := re.fullmatch(r"(\d+(?:\.\d+)?(?:e\d+)?) ?([a-z%]*)", value)) or match[2] not in SCALES:
         return None
-    number = float(match[1]) * SCALES.get(match[2], 1)
+    number = float(match[1]) * SCALES[match[2]]
     return f"{number:g}" if kind is float else str(round(number)) if number >= 1 and math.isfinite(number) else None
 
 
 def declaration_of(path: str, task: str) -> tuple[Any, Any, str] | None:
-    """Look up the type, default and description of a key or plugin option; return None if it does not exist."""
+    """Look up the type, an example and the description of a key or plugin option; return None if it does not exist."""
     if (key := keys_of(TASKS[task]).get(path)) is not None:
-        return key.annotation, key.default, key.meaning
+        return key.annotation, key.example(), key.meaning
     above, _, option = path.rpartition(".")
     candidates = plugins(above.partition(".")[0])
     owners = [plugin for plugin in candidates if plugin.path == above and option in plugin.meanings]
@@ -232,7 +259,9 @@ def declaration_of(path: str, task: str) -> tuple[Any, Any, str] | None:
         return None
     (kind,) = (item.type for item in fields(owners[0].config) if item.name == option)
     node: DictConfig = OmegaConf.structured(owners[0].config)
-    return kind, MISSING if OmegaConf.is_missing(node, option) else node[option], ""
+    default = MISSING if OmegaConf.is_missing(node, option) else node[option]
+    bounds = owners[0].bounds[option]
+    return kind, bounds.example(default) if isinstance(bounds, Bounds) else default, ""
 
 
 def strip_null(annotation: Any) -> Any:

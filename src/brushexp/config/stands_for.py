@@ -14,10 +14,7 @@ from brushexp.system.words import table_of_words
 
 
 def spell_out(words: Sequence[str]) -> list[str]:
-    """Replace each key that stands for several settings with those settings.
-
-    If a key is repeated, the last one takes effect.
-    """
+    """Replace each key that stands for several settings with those settings."""
     table = table_of_words("stands_for")
     typed = {key: value for key, equal, value in (word.partition("=") for word in words) if equal and key in table}
     beside = {setting for key in typed for setting in table[key].get("beside", ())}

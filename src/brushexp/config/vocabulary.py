@@ -125,6 +125,15 @@ def _correct_spelling(path: str) -> str:
     return path if found == whole else found
 
 
+def plain(text: str) -> str:
+    """Remove the markup of docstrings from a text, for a terminal.
+
+    >>> plain("less sensitive to outliers than ``mse``")
+    'less sensitive to outliers than mse'
+    """
+    return text.replace("``", "")
+
+
 def plain_name(name: str) -> str:
     """Normalise a name for lookup in the tables.
 

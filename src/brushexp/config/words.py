@@ -16,7 +16,6 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from difflib import get_close_matches
 from enum import Enum
 from pathlib import Path
 from typing import Any, get_args, get_origin
@@ -28,6 +27,7 @@ from omegaconf import OmegaConf
 
 from brushexp.config.compose import CHOSEN_GROUPS, quote
 from brushexp.config.key_types import is_key, type_of_key
+from brushexp.config.keys import groups_of, keys_of
 from brushexp.config.tasks import TASKS, task_for
 from brushexp.config.vocabulary import (
     is_path,
@@ -38,7 +38,7 @@ from brushexp.config.vocabulary import (
     spellings,
     switch_spelling,
 )
-from brushexp.errors import UserError
+from brushexp.errors import UserError, similar_words
 from brushexp.pictures.load import samples
 from brushexp.registry import MULTI_SELECT, plugins
 from brushexp.system.caches import has_home
@@ -52,10 +52,13 @@ NO_FOLDERS = ("nan", "inf", "infinity", "null", "none", "true", "false")  # writ
 NOT_LITERAL = re.compile(r"[\['\"{]|null$|\w+\(|\$\{")  # start of values that Hydra does not read as text
 
 
-def expand_positional(word: str, task: str = "paint", beside: Mapping[str, str] | None = None) -> str:
+def expand_positional(
+    word: str, task: str = "paint", beside: Mapping[str, str] | None = None, following: str = ""
+) -> str:
     """Rewrite an argument as ``key=value``; a bare word is a task, a painter's word, or the path that a task takes.
 
-    ``beside`` contains the command line's other keys, which may mean that the path belongs to another task.
+    ``beside`` contains the command line's other keys, which may mean that the path belongs to another task. Error
+    messages use the ``following`` bare word, which may belong to this one.
     """
     path = Path(word)
     if is_setting(word):
@@ -75,7 +78,7 @@ def expand_positional(word: str, task: str = "paint", beside: Mapping[str, str] 
         return f"image={word}"
     if is_path(word) or word in samples():
         raise UserError(f"task={task} takes no path alone; type a key before it, KEY={word}")
-    raise UserError(unknown_word(word))
+    raise UserError(unknown_word(word, following))
 
 
 def is_setting(word: str) -> bool:
@@ -88,15 +91,38 @@ def is_setting(word: str) -> bool:
     return is_key(key.lstrip("+~")) and (is_path(value) or (os.sep not in word and not Path(word).suffix))
 
 
-def unknown_word(word: str) -> str:
-    """Explain that a bare word has no meaning, and name the most similar words that have one."""
-    group = word.removesuffix("s")
+def in_two_words(word: str, following: str) -> str:
+    """Explain that two words belong together, as in ``strokes 100`` and ``my photo.jpg``; return "" if they do not."""
+    if following and is_path(both := f"{word} {following}"):
+        return f"the name {both} has a space; type it in quotes: '{both}'"
+    if following and is_key(word) and not (word in CHOSEN_GROUPS and is_path(following)):
+        return f"{word} {following} needs an equals sign instead of the space; type {word}={following}"
+    return ""
+
+
+def key_without_value(word: str) -> str:
+    """Explain what may follow the name of a key or group, also in the plural; return "" for other words."""
+    group = word if word in CHOSEN_GROUPS else word.removesuffix("s")
     if group in CHOSEN_GROUPS:
         own = TASKS if group == "task" else members_of_group(group)
         names = ", ".join(sorted({*(plugin.name for plugin in plugins(group)), *own}))
         return f"{word} has no meaning alone; type {group}= and one of {names}"
-    if is_key(word):
-        return f"{word} is a key; type {word}=..., without spaces"
+    if not is_key(word):
+        return ""
+    key = keys_of(TASKS["paint"]).get(word)
+    return f"{word} is a key; type {word}={example_of(word)}, without spaces" + (f" ({key.meaning})" if key else "")
+
+
+def example_of(name: str) -> str:
+    """Write a value that a user may want for a key of ``task=paint``, or "..." for other keys."""
+    key = keys_of(TASKS["paint"]).get(name)
+    return "..." if key is None else "true" if key.annotation is bool else as_typed(key.example())
+
+
+def unknown_word(word: str, following: str = "") -> str:
+    """Explain that a bare word has no meaning, and name similar words that have one, or the ``following`` value."""
+    if message := in_two_words(word, following) or key_without_value(word):
+        return message
     if word in ("-v", "-V"):
         return f"{word} is not a flag; type brushexp --version"
     if re.match("-.", word):
@@ -108,19 +134,21 @@ def unknown_word(word: str) -> str:
     near = [ours] if ours in known else []
     near += [f"{plugin.family}={plugin.name}" for plugin in plugins() if plugin.name == word]
     if os.sep not in word:  # otherwise a path, which resembles none of our words
-        near += [name for name in get_close_matches(word.lower(), known, 3) if "=" not in name]
+        near += [name for name in similar_words(word, known) if "=" not in name]
+    if not near and os.sep not in word:
+        near = [f"{name}=" for name in similar_words(word, [*groups_of(TASKS["paint"]), *keys_of(TASKS["paint"])])]
     near += nearest_folders(word)
     meant = f"did you mean {' or '.join(dict.fromkeys(near))}? " if near else ""
-    meant += "correct the path" if os.sep in word else "--help lists the keys"
+    meant += "correct the path" if os.sep in word else "brushexp --help lists looks, tasks and keys"
     return f"{word} is not a file, a task or key=value; {meant}"
 
 
 def nearest_folders(word: str) -> list[str]:
-    """List up to two folders whose paths resemble a word."""
+    """List up to three folders whose paths resemble a word."""
     parent, name = os.path.split(word.rstrip(os.sep))
     with suppress(OSError):
         beside = [entry.name for entry in os.scandir(os.path.expanduser(parent) or ".") if entry.is_dir()]
-        return [os.path.join(parent, near, "") for near in get_close_matches(name, beside, 2)]
+        return [os.path.join(parent, near, "") for near in similar_words(name, beside)]
     return []
 
 
@@ -200,6 +228,8 @@ def output_folder(value: str) -> str:
 def spell_value(key: str, value: str, sweep: bool, task: str) -> str:
     """Write the value of a key in Hydra's grammar, according to the type of the key."""
     kind, optional = type_of_key(key, task)
+    if kind in (int, float, bool) and not value:
+        raise UserError(f"{key}= is empty; type {key}={example_of(key)}, or drop it")
     if kind is str:
         return quote_text(key, value, sweep, optional)
     if kind in (int, float) and not value.startswith(("[", "=", ":")) and not is_readable(value):

@@ -5,7 +5,6 @@ import os
 import re
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from difflib import get_close_matches
 from functools import cache, partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,7 +16,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from brushexp.bounds import Rule
-from brushexp.errors import UserError
+from brushexp.errors import UserError, similar_words
 from brushexp.pictures.decode import picture_size, read_picture
 from brushexp.pictures.folders import picture_suffixes
 from brushexp.pictures.held import pixels_of
@@ -191,7 +190,7 @@ def nearest_files(image: str, others: Iterable[str] = ()) -> list[str]:
         ]
         others = [*beside, *(() if folder else others)]
     names = {file.lower(): file for file in others}
-    return [os.path.join(folder, names[near]) for near in get_close_matches(name.lower(), names, 3)]
+    return [os.path.join(folder, names[near]) for near in similar_words(name, names)]
 
 
 def shrink_to(most: int, size: tuple[int, int]) -> tuple[int, int]:

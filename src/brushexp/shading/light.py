@@ -28,12 +28,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from brushexp.bounds import ANY, above, between
+from brushexp.bounds import Bounds, above, between
 
 DIRECT = 0.7  # fraction of the diffuse light that comes from the lamp; the rest is ambient
 SHININESS = 24.0  # oil paint; a highlight is visible where the surface is tilted up to 14 degrees from it
 GAMMA = 2.2  # gamma of displays; light is multiplied in physical units
-BOUNDS = {"azimuth": ANY, "elevation": above(0, 90), "depth": between(0, 1000), "gloss": between(0, 1)}  # of `Light`
+BOUNDS = {  # of `Light`
+    "azimuth": Bounds(typical=315),
+    "elevation": above(0, 90, typical=45),
+    "depth": between(0, 1000, typical=1),
+    "gloss": between(0, 1, typical=0.25),
+}
 Array = np.ndarray
 
 

@@ -83,7 +83,7 @@ def load_catalogue(path: Path, option: str = "catalogue") -> Saved:
     if str(path).isidentifier() and not path.exists() and (SHIPPED / f"{path}.h5").is_file():
         path = SHIPPED / f"{path}.h5"
     path = find_path(path)
-    cure, again = f"give the catalogue.h5 of a finished run, {option}=...", "save it again or give another one"
+    cure, again = f"give the folder of a finished run, {option}=outputs/x", "save it again or give another one"
     if path.is_dir():  # the folder of a run stands for its catalogue
         path = path / CATALOGUE_NAME
         if not path.exists() and (others := sorted(path.parent.glob("*/*.h5"))):  # a sweep or a film

@@ -71,10 +71,10 @@ class PlanSheets(Exporter):
     """
 
     tubes: str | None = None
-    mixtures: Annotated[int, between(1, 200)] | None = None
+    mixtures: Annotated[int, between(1, 200, typical=24)] | None = None
     brushes: Annotated[list[float], between(*BRUSH_MM)] | None = None
-    width_cm: Annotated[float, above(0, 2000)] | None = None
-    load: Annotated[float, between(1, 1000)] | None = None
+    width_cm: Annotated[float, above(0, 2000, typical=30)] | None = None
+    load: Annotated[float, between(1, 1000, typical=12)] | None = None
     scale: Annotated[float, above(0, 10)] = 1.0
     difficulty: Annotated[str, Rule(_check_difficulty)] | None = None
     target: Annotated[str, PICTURE] | None = None

@@ -34,7 +34,7 @@ class Wet(Change):
     for_all_painters = True
 
     amount: Annotated[float, between(0, 1)] = 0.5
-    every: Annotated[int, at_least(1)] | None = None
+    every: Annotated[int, at_least(1, typical=10)] | None = None
     after: Annotated[float, between(0, 1)] = 0.2
     _lack: Tensor | None = field(default=None, init=False, repr=False)  # (3, H, W) dry - wet at the last update
     _aimed: tuple[Tensor, Tensor] | None = field(default=None, init=False, repr=False)  # target, and target + dry - wet

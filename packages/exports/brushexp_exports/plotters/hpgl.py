@@ -29,7 +29,7 @@ class Hpgl(PenExporter):
     """
 
     plotter: str | None = None
-    speed: Annotated[int, between(1, 1000)] | None = None
+    speed: Annotated[int, between(1, 1000, typical=20)] | None = None
 
     @property
     def speeds(self) -> tuple[float, float]:

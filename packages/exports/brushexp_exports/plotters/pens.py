@@ -115,12 +115,12 @@ class PenExporter(Exporter):
     paper: str = "a4"
     landscape: bool | None = None
     margin_mm: Annotated[float, between(0, 1000)] = 10.0
-    width_mm: Annotated[float, between(0.1, 100_000)] | None = None
+    width_mm: Annotated[float, between(0.1, 100_000, typical=200)] | None = None
     colors: Annotated[int, between(1, 64)] = 8
     pens: list[str] | None = None
     layers: Annotated[int, between(1, 10_000)] = 1
     pen_mm: Annotated[float, between(0.05, 500)] = 0.5
-    passes: Annotated[int, between(1, 2000)] | None = None
+    passes: Annotated[int, between(1, 2000, typical=3)] | None = None
     hidden: Annotated[str, one_of("cut", "skip", "draw")] = "cut"
     tolerance_mm: Annotated[float, between(0.001, 10)] = 0.05
     wells: str | None = None

@@ -33,10 +33,12 @@ class RecoverTask(Task):
 
     image: str = key(MISSING, "photograph of a painting: a picture file, or the name of a sample", PICTURE)
     width_cm: float | None = key(
-        None, "width of the painting in the picture, in cm, to measure strokes in mm", above(0)
+        None, "width of the painting in the picture, in cm, to measure strokes in mm", above(0, typical=60)
     )
     scale: float | None = key(
-        None, "scale of the photograph for finding strokes; null = strokes are about 18 px wide", between(0.05, 8)
+        None,
+        "scale of the photograph for finding strokes; null = strokes are about 18 px wide",
+        between(0.05, 8, typical=1),
     )
     copies: int = key(
         1, "number of rotated and mirrored copies per look; more are slower but more certain", between(1, 8)
@@ -68,10 +70,10 @@ class MeasureTask(Task):
         None, "folder of its task=recover run, or the catalogue.h5 there; null = recover it now", CATALOGUE
     )
     against: str | None = key(None, "photograph of another painting to compare with", PICTURE)
-    width_cm: float | None = key(None, WIDTH_HELP, above(0))
+    width_cm: float | None = key(None, WIDTH_HELP, above(0, typical=60))
     size_cm: str | None = key(None, SIZE_HELP)
     sizes: str | None = key(None, "table (.csv) of the widths of several photographs: file,width_cm; null = none", FILE)
-    against_width_cm: float | None = key(None, WIDTH_HELP, above(0))
+    against_width_cm: float | None = key(None, WIDTH_HELP, above(0, typical=60))
     against_size_cm: str | None = key(None, SIZE_HELP)
     region: list[str] | None = key(None, "parts to measure: left,top,width,height in pixels, or masks, bright inside")
     views: int = key(6, "number of views used for intervals: the photograph and small changes of it", between(1, 50))
@@ -82,7 +84,7 @@ class MeasureTask(Task):
     threshold: float | None = key(
         None,
         "minimum confidence of the strokes shown first on the page; null = 0.5, or lower to show at least half",
-        between(0, 1),
+        between(0, 1, typical=0.5),
     )
     seed: int = key(0, "seed of views and draws", at_least(0))
 

@@ -17,6 +17,6 @@ class AnalyseTask(Task):
     catalogue: str = key(MISSING, "folder of a run, or its catalogue.h5", CATALOGUE)
     against: str | None = key(None, "folder or catalogue.h5 of a painting to compare with", CATALOGUE)
     radius: float | None = key(
-        None, "radius of a neighbourhood in pixels; null = 4 sqrt(pixels / strokes)", at_least(0)
+        None, "radius of a neighbourhood in pixels; null = 4 sqrt(pixels / strokes)", at_least(0, typical=30)
     )
-    visible: float = key(0, "visible share below which a stroke is left out, 0 to 1", between(0, 1))
+    visible: float = key(0, "fraction of a stroke that must be visible for the stroke to count, 0 to 1", between(0, 1))

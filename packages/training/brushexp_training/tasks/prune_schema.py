@@ -23,14 +23,16 @@ class PruneTask(Task):
 
     ratios: list[float] = key([0, 0.25, 0.5], "shares of every layer's channels to remove; 0 = none", between(0, 0.99))
     data: list[str] | None = key(None, DATA, STROKES)
-    n: int | None = key(None, "number of test strokes to measure on; null = all", at_least(1))
+    n: int | None = key(None, "number of test strokes to measure on; null = all", at_least(1, typical=1000))
     other_data: bool = key(False, "whether to allow strokes of a brush not used in training")
     batch_size: int = key(64, "strokes per gradient step", at_least(1))
-    epochs: int | None = key(None, "passes through the data to fine-tune each network; null = no limit", at_least(0))
+    epochs: int | None = key(
+        None, "passes through the data to fine-tune each network; null = no limit", at_least(0, typical=5)
+    )
     minutes: float | None = key(10, "wall time per network in minutes; null = no limit", at_least(0))
     lr: float = key(3.0e-4, "peak learning rate", above(0, 1))
     ema: float = key(0.999, EMA, between(0, 1))
-    limit: int | None = key(None, LIMIT, at_least(1))
+    limit: int | None = key(None, LIMIT, at_least(1, typical=10000))
     trainer: NetworkTrainerOptions = field(default_factory=NetworkTrainerOptions)
 
     @staticmethod

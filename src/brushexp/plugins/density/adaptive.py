@@ -40,7 +40,7 @@ class Adaptive(Rounds):
     """
 
     size: Annotated[float, between(MIN_PITCHES, 10)] = 0.25
-    psnr: Annotated[float | None, at_least(0)] = None
+    psnr: Annotated[float | None, at_least(0, typical=30)] = None
 
     def is_good_enough(self, state: DensificationState) -> bool:
         wanted = 0.0 if self.psnr is None else 10 ** (-self.psnr / 10)  # mean squared error

@@ -40,7 +40,7 @@ class PrintExporter(Exporter):
     """
 
     size_cm: str | None = None
-    dpi: Annotated[float, between(1, 10_000)] | None = None
+    dpi: Annotated[float, between(1, 10_000, typical=DPI)] | None = None
     weave: Annotated[float, between(0, 1)] = 0.0
 
     def __post_init__(self) -> None:

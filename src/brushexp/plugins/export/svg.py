@@ -75,7 +75,7 @@ class Svg(Exporter):
     paths: bool = False
     layers: Annotated[int, between(0, 100)] = 0
     colors: Annotated[int, between(0, 100)] = 0
-    width_mm: Annotated[float, between(1, 100_000)] | None = None
+    width_mm: Annotated[float, between(1, 100_000, typical=200)] | None = None
 
     @property
     def is_grouped(self) -> bool:

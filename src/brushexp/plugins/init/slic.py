@@ -28,7 +28,7 @@ class Slic(CellInitializer):
     with a focus, the most important ones.
 
     Args:
-        compactness: compactness of the superpixels; high values make them square, low values follow colours.
+        compactness: regularity of the superpixels: high values make them square, low values follow colours.
         detail: fraction of the strokes placed by detail, 0 to 1; the others are spread evenly.
     """
 

@@ -36,7 +36,7 @@ class TorchOptim(Optimizer):
         lr: learning rate; ``units`` scales it for each field.
         units: unit of each field. For Adam, ``lr`` times the unit is about the size of a step, in half-windows for the
             position and the points, and in fractions of the window for width and softness. A unit of 0 freezes a field.
-        schedule: schedule after ``hold``: constant, linear (to 0) or cosine (to 0).
+        schedule: course of the learning rate after ``hold``: constant, linear (to 0) or cosine (to 0).
         hold: fraction of the steps after which the learning rate begins to fall; at 1 it never falls.
         warmup: fraction of the steps over which the learning rate first rises from 0.
         options: further arguments for the class, such as ``{betas: [0.9, 0.99]}``.
