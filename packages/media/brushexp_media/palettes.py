@@ -12,12 +12,12 @@ from brushexp.contracts import Rule, between, register
 from brushexp.contracts.families import Palette
 from brushexp.contracts.pictures import as_lab, as_picture, flatten_picture, load_picture, named_color, palette, recolor
 from brushexp.contracts.tasks import PICTURE
-from brushexp_media.init.ink import rgb_of
+from brushexp_media.init.ink import INK, rgb_of
 from brushexp_media.picture.decolorization import contrast_weights, decolorize
 from brushexp_media.picture.lines import edge_lines
 
 Array = np.ndarray
-COLOR = Rule(named_color)
+GROUND = Rule(named_color)
 
 
 def group_tones(lightness: Array, values: int, blend: float) -> Array:
@@ -160,12 +160,12 @@ class OneInk(Toned):
     the lightness of the tone that it stands for.
 
     Args:
-        paper: colour of the lightest tone, as '#rrggbb'.
+        paper: colour of the lightest tone, as '#rrggbb'; ``mean`` and ``transparent`` = white.
         wash: colour of one wash on white paper, as '#rrggbb'.
     """
 
-    paper: Annotated[str, COLOR] = "#f6efe0"
-    wash: Annotated[str, COLOR] = "#d8c7aa"
+    paper: Annotated[str, GROUND] = "#f6efe0"
+    wash: Annotated[str, INK] = "#d8c7aa"
     has_hues: ClassVar[bool] = False
 
     def __call__(self, picture: Tensor) -> Tensor:
@@ -173,10 +173,11 @@ class OneInk(Toned):
         grey = torch.from_numpy(decolorize(planes, contrast_weights(planes))).to(picture)
         tone = as_lab(super().__call__(grey.expand(3, -1, -1).contiguous()))[..., 0]
         depth = np.linspace(0, DEEPEST, SHADES)[:, None]
-        washes = rgb_of(self.paper) * rgb_of(self.wash) ** depth
+        paper = np.ones(3) if named_color(self.paper, "palette.paper") is None else rgb_of(self.paper)
+        washes = paper * rgb_of(self.wash) ** depth
         lightness = as_lab(torch.from_numpy(washes.T[:, :, None]))[:, 0, 0]
         darkness = np.interp(-tone, -lightness, depth[:, 0])
-        color = rgb_of(self.paper) * rgb_of(self.wash) ** darkness[..., None]
+        color = paper * rgb_of(self.wash) ** darkness[..., None]
         return torch.from_numpy(color).permute(2, 0, 1).to(picture).contiguous()
 
 

@@ -26,6 +26,7 @@ from omegaconf import OmegaConf
 from scipy.ndimage import gaussian_filter
 from torch.testing import assert_close
 
+from brushexp.errors import UserError
 from brushexp.pictures.color import as_lab, as_picture
 from brushexp.plugins.loss.base import PaintedView
 from brushexp.registry import build_named
@@ -94,6 +95,23 @@ def test_washes_of_one_ink_have_the_tones_of_a_grey_palette_and_hues_that_only_d
     shares = density[:, density.sum(0) > 0.5]
     shares = shares / shares.sum(0)
     assert_close(shares, shares[:, :1].expand_as(shares), atol=1e-3, rtol=0)
+
+
+@pytest.mark.parametrize("paper", ["mean", "transparent", "black", "white"])
+def test_any_ground_is_a_paper_for_washes(paper):
+    picture = torch.rand(3, 12, 16)
+    washes = build_named("palette", "one_ink", {"paper": paper})(picture)
+    assert washes.isfinite().all()
+    assert float(washes.min()) >= 0
+    white = build_named("palette", "one_ink", {"paper": "white"})(picture)
+    assert torch.equal(washes, white) == (paper != "black")
+
+
+@pytest.mark.parametrize("option", ["palette.one_ink.wash", "init.drawing.color", "init.rows.outline"])
+def test_no_ink_has_the_colour_of_the_picture(option):
+    family, name, key = option.split(".")
+    with pytest.raises(UserError, match=r"=mean is not the colour of an ink; try .*=sienna"):
+        build_named(family, name, {key: "mean"})
 
 
 def test_a_palette_lifts_lights_to_white_and_keeps_black_from_it():

@@ -8,14 +8,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.contracts import Rule, UserError, above, between, register
+from brushexp.contracts import UserError, above, between, register
 from brushexp.contracts.families import Initializer
 from brushexp.contracts.members import InLayers
-from brushexp.contracts.pictures import flatten_picture, named_color, sample_at
+from brushexp.contracts.pictures import flatten_picture, sample_at
 from brushexp.contracts.strokes import Strokes
 from brushexp_media.init.contours import LOOKED_AT, TINY, contours
 from brushexp_media.init.hatching import ANGLES, EVEN, forms, hatching
-from brushexp_media.init.ink import INKED, rgb_of, strokes_of
+from brushexp_media.init.ink import INK, INKED, rgb_of, strokes_of
 from brushexp_media.init.shapes import fill_shape, remove_specks
 from brushexp_media.marks import PEN
 from brushexp_media.picture.decolorization import contrast_weights, decolorize
@@ -39,7 +39,6 @@ GROUPS, SWAY = 0.35, 0.15  # longer sides between groups of lines, and their rot
 FACE_WASHES = 0.6  # share of washes among the strokes of a face; the others are contours
 WASH_OPACITY, CALM = 0.9, 0.2  # of washes
 PRESSED = 0.3  # standard deviation of the logarithm of the width of hatching lines
-INK = Rule(named_color)
 
 
 @register("init", "drawing")

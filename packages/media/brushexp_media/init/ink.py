@@ -4,6 +4,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from brushexp.contracts import Rule, UserError
 from brushexp.contracts.pictures import named_color
 from brushexp.contracts.strokes import Strokes, strokes_along
 
@@ -11,9 +12,20 @@ Array = np.ndarray
 INKED = 0.5  # strength above which lines are filled at their own thickness, as with a reed pen
 
 
+def bytes_of(color: str, option: str) -> bytes:
+    """Convert a colour name or '#rrggbb' to bytes; raise a UserError for other words, also ``mean``."""
+    rgb = named_color(color, option)
+    if rgb is None:
+        raise UserError(f"{option}={color} is not the colour of an ink; try {option}=sienna")
+    return rgb
+
+
+INK = Rule(bytes_of)
+
+
 def rgb_of(color: str) -> Array:
     """Convert a colour name or '#rrggbb' to RGB (3,), 0 to 1."""
-    return np.frombuffer(named_color(color, "init.color") or b"", np.uint8) / 255
+    return np.frombuffer(bytes_of(color, "color"), np.uint8) / 255
 
 
 def strokes_of(curve: Array, width: Array, seen: Array, color: Array, n: int) -> Strokes:

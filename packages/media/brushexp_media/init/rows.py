@@ -10,13 +10,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from brushexp.contracts import Rule, above, between, register
+from brushexp.contracts import above, between, register
 from brushexp.contracts.families import Initializer
 from brushexp.contracts.members import FAR_AWAY, InLayers
-from brushexp.contracts.pictures import FarStructure, along_edges, named_color, sample_at
+from brushexp.contracts.pictures import FarStructure, along_edges, sample_at
 from brushexp.contracts.strokes import Strokes
 from brushexp_media.init.accents import accents
-from brushexp_media.init.ink import rgb_of, strokes_of
+from brushexp_media.init.ink import INK, rgb_of, strokes_of
 from brushexp_media.picture.noise import fractal_noise
 
 Array = np.ndarray
@@ -37,7 +37,6 @@ INKED = 0.5  # shift of outlines from the picture's colour towards their own
 OUTLINE = 2.0, 1.3  # length and width of the strongest outline relative to the finest marks
 THIRDS = 2 * math.pi / 3 * np.arange(3)
 MIDDLE = np.array([0.25, 0.5, 0.25])  # weights of a curve's control points at its middle
-INK = Rule(named_color)
 
 
 @register("init", "rows")
