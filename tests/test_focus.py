@@ -163,7 +163,7 @@ def test_masks_that_do_not_fit_are_refused_in_one_line(tmp_path):
     reasons = {
         "empty.png": "is empty",
         "words.png": "is not a picture",
-        "nowhere.png": "is not there; did you mean .*words.png. give auto",
+        "word.png": "is not there; did you mean .*words.png. give auto",
     }
     for name, reason in (reasons | {"turned.png": "has 40 x 60 pixels, the picture 60 x 40; give one with"}).items():
         with pytest.raises(UserError, match=rf"^focus=.*{name} {reason}.*$") as error:

@@ -56,7 +56,7 @@ def test_a_catalogue_alone_is_drawn_and_has_no_target(folder, tmp_path):
 
 
 def test_what_is_no_painting_is_refused(folder, tmp_path):
-    refuses(r"give the catalogue\.h5 of a finished run, source=", brushexp.load, tmp_path)
+    refuses("give the folder of a finished run, source=outputs/x", brushexp.load, tmp_path)
     shutil.copytree(folder, tmp_path / "sweep" / "0")
     refuses(r"give one of the folders below it, source=.*0.catalogue\.h5", brushexp.load, tmp_path / "sweep")
 
