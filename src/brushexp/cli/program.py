@@ -147,14 +147,14 @@ def drop_implied(words: Sequence[str]) -> list[str]:
 def check_duplicates(typed: Sequence[str], meant: Sequence[str], alone: str) -> None:
     """Raise a UserError if two words set a key differently, such as finer and bolder, or if a group is chosen twice.
 
-    Of two plain values of a key, such as ``steps=30 steps=40``, the last one counts, as always in Hydra. ``alone`` is
-    the key of a task's paths, which may be repeated, like sets of pictures.
+    Of two plain values of a key, such as ``steps=30 steps=40``, the last one counts, as always in Hydra. Pictures, sets
+    of pictures and the paths of a task, whose key is ``alone``, may be repeated.
     """
     first: dict[str, tuple[str, str]] = {}
     for word, setting in zip(typed, meant, strict=True):
         key, equal, value = setting.partition("=")
         key, value = respell(key, value)
-        if not equal or key in (alone, "pictures") or word.startswith("-"):
+        if not equal or key in (alone, "image", "pictures") or word.startswith("-"):
             continue
         other, before = first.setdefault(key, (word, value))
         is_typed = {other.partition("=")[0], word.partition("=")[0]} == {key}
