@@ -8,6 +8,7 @@ from painters import assert_resumes, error_of, painter_of, take
 from refusals import refuses
 from scenes import random_strokes
 from torch import Tensor
+from torch.testing import assert_close
 from typed import nodes
 
 from brushexp.errors import UserError
@@ -15,8 +16,9 @@ from brushexp.painting.stroke_optimizer import StrokeOptimizer
 from brushexp.plugins.density.base import DensificationUpdate, Density
 from brushexp.plugins.optimizer.base import Optimizer
 from brushexp.plugins.optimizer.torch import LIBRARIES, TorchOptim
+from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.registry import build, build_named
-from brushexp.strokes.catalogue import Catalogue
+from brushexp.strokes.catalogue import Catalogue, Strokes
 from brushexp.system.words import SHIPPED
 
 SIZE = (24, 33)
@@ -53,6 +55,28 @@ def test_a_preset_lowers_the_error_in_twenty_steps_and_lets_each_stage_start_afr
     painter._restart(optimizer)
     assert not optimizer.state
     assert all(group.get("step", 0) == 0 for group in optimizer.param_groups)
+
+
+class HoldsOdd(Analytic):
+    """Holds every second stroke."""
+
+    def held(self, strokes: Strokes) -> Tensor:
+        return (strokes.brush % 2).nonzero()[:, 0]
+
+
+@pytest.mark.parametrize("sampler", ["whole", "patches"])
+@pytest.mark.parametrize("optimizer", ["Adam", "AdamW", "LBFGS"])
+def test_steps_leave_strokes_that_the_renderer_holds_whatever_the_losses(optimizer, sampler):
+    losses = {name: build_named("loss", name, {}) for name in ("mse", "width", "kl")}
+    parts = {"renderer": HoldsOdd(), "losses": losses, "sampler": build_named("sampler", sampler, {})}
+    painter = scene(TorchOptim(name=optimizer), **parts)
+    before = painter.strokes()
+    take(painter, 20)
+    after = painter.strokes()
+    for name, value in before.items():
+        assert_close(getattr(after, name)[1::2], value[1::2], rtol=0, atol=1e-5, msg=name)
+    assert bool((after.color - before.color)[::2].abs().amax(1).gt(1e-3).any())
+    assert bool((after.width - before.width)[::2].abs().gt(1e-3).any())
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])

@@ -55,8 +55,6 @@ class Marks(Renderer):
 
     def forward(self, strokes: Strokes) -> TexturedProfile:
         is_line = strokes.brush >= PEN
-        if self.kind == "pen":
-            strokes = strokes.map(lambda value: _hold(value, is_line))
         half = half_width_of(strokes)
         softened = (half.square() + THIN**2).sqrt()
         finer = (ROWS / (2 * SPREAD) / softened.detach()).clamp(1e-3, 1e9).log2().floor()
@@ -79,10 +77,8 @@ class Marks(Renderer):
             sheets=_sheets(self.kind, half.device),
         )
 
-
-def _hold(value: Tensor, held: Tensor) -> Tensor:
-    """Stop the gradient of the rows (N,) of a field (N, ...) that are ``held``."""
-    return torch.where(held.view(-1, *[1] * (value.ndim - 1)), value.detach(), value)
+    def held(self, strokes: Strokes) -> Tensor | None:
+        return (strokes.brush >= PEN).nonzero()[:, 0] if self.kind == "pen" else None
 
 
 @lru_cache(maxsize=len(KINDS))

@@ -5,14 +5,17 @@ import pytest
 import torch
 from brushexp_media.init.contours import contours
 from brushexp_media.init.drawing import dark_features
-from brushexp_media.init.hatching import forms
+from brushexp_media.init.hatching import forms, hatching, rows_drawn
 from brushexp_media.marks import PEN
 from brushexp_media.picture.lines import find_apart
 from brushexp_media.picture.outlines import find_outlines, strokes_over
 from torch.testing import assert_close
 
+import brushexp
 from brushexp.errors import UserError
+from brushexp.plugins.order.base import front_to_back
 from brushexp.registry import build_named
+from brushexp.strokes.catalogue import Strokes
 
 
 def drawn(target, n=300, focus=None, **options):
@@ -72,16 +75,50 @@ def test_washes_lie_under_the_lines_and_have_the_colours_of_the_picture():
 
 
 def test_steps_move_washes_and_leave_the_lines_of_a_pen():
-    target = torch.rand(3, 40, 60, generator=torch.Generator().manual_seed(1))
-    strokes = build_named("init", "drawing", {"tones": (0.0, 0.1, 0.2)})(target, 60, torch.Generator().manual_seed(0))
-    strokes = strokes.map(lambda value: value.clone().requires_grad_())
-    layers = build_named("renderer", "marks", {"kind": "pen"})(strokes)
-    image = build_named("blend", "tiled", {})(layers, torch.arange(60).flip(0), (40, 60), torch.ones(3)).image
-    (image - target).square().sum().backward()
-    is_line = strokes.brush >= PEN
-    assert bool(strokes.color.grad[~is_line].abs().sum(1).gt(0).any())
-    for name, value in strokes.items():
-        assert value.grad is None or not value.grad[is_line].any(), name
+    picture = torch.rand(3, 40, 60, generator=torch.Generator().manual_seed(1))
+    first, last = (brushexp.paint(picture, look="ink", steps=steps, strokes=80, frames=0).strokes for steps in (1, 12))
+    lines = [{int(one.brush): one for one in strokes if one.brush >= PEN} for strokes in (first, last)]
+    assert len(lines[0].keys() & lines[1].keys()) > 20
+    for number in lines[0].keys() & lines[1].keys():
+        for name, value in lines[0][number].items():
+            assert_close(getattr(lines[1][number], name), value, rtol=0, atol=1e-4, msg=name)
+    washes = [strokes[strokes.brush < PEN] for strokes in (first, last)]
+    assert not torch.equal(washes[0].width, washes[1].width)
+
+
+def test_lines_lie_on_all_washes_even_if_these_come_later():
+    strokes = drawn(torch.zeros(3, 90, 120), 40)
+    strokes = Strokes.join(strokes, strokes)
+    depth = build_named("order", "lines", {}).depth(strokes, None)
+    top_down = front_to_back(depth)
+    is_line = (strokes.brush >= PEN)[top_down]
+    assert 0 < int(is_line.sum()) < len(strokes)
+    assert bool(is_line[: int(is_line.sum())].all())
+    washes = top_down[~is_line]
+    assert torch.equal(washes, washes.sort(descending=True).values)
+
+
+def test_hatching_begins_with_every_fourth_row_and_gets_denser_where_it_is_darker():
+    def rows(darkness):
+        dark, turned = np.full((200, 200), darkness), np.zeros((200, 200))
+        lines = hatching(dark, 0.5, 0.0, turned, 4.0, 80, np.random.default_rng(0))
+        return len(np.unique((lines[:, 1, 1] / 4.0).round()))
+
+    assert 8 < rows(0.51) < 0.5 * rows(0.95)
+    assert rows_drawn(np.full((10, 10), 0.9), 0.5) > rows_drawn(np.full((10, 10), 0.55), 0.5) > 0
+    assert rows_drawn(np.full((10, 10), 0.4), 0.5) == 0
+
+
+def test_lines_are_smaller_on_a_small_face_and_none_runs_along_another():
+    y, x = np.mgrid[:200, :300]
+    away = np.hypot(x - 60, y - 60)
+    picture = np.repeat((0.5 + 0.3 * np.sin(away / 4) * (away < 40))[None], 3, 0)
+    focus = 1.0 + 8.0 * (away < 40)
+    options = {"n": 60, "length": 30.0, "width": 3.0, "color": np.zeros(3)}
+    small = contours(picture, picture[0], focus=focus, **options)
+    large = contours(picture, picture[0], **options)
+    drawn_width = [float((one.width * one.scale)[one.opacity > 0].max()) for one in (small, large)]
+    assert drawn_width[0] < 0.8 * drawn_width[1]
 
 
 def test_two_tones_are_refused_in_words():

@@ -22,7 +22,7 @@ def list_plugins(family: str | None = None) -> dict[str, dict[str, str]]:
     """Map each plugin family to its plugins and their one-line descriptions, including plugins in the current folder.
 
     >>> list(list_plugins("order")["order"])
-    ['accuracy', 'area', 'fixed']
+    ['accuracy', 'area', 'fixed', 'lines']
     """
     load_choices()
     if family not in (None, *FAMILIES):

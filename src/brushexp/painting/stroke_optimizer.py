@@ -204,7 +204,7 @@ class StrokeOptimizer(PaintingModule):
 
             moving.keep_in_range()
             strokes = moving()
-            drawable = self.within_limits(self.renderer.clamp(strokes), before, view.active)
+            drawable = self.within_limits(self._as_renderer_needs(strokes, before), before, view.active)
             if drawable is not strokes:
                 moving.replace(drawable)
 
@@ -213,6 +213,11 @@ class StrokeOptimizer(PaintingModule):
         if not is_coarse and self.components.density.due(self.schedule.step, self.schedule.steps):
             self._densify(plain_optimizer, view.zoom)
         self.picture.aim(self.picture.target, self.picture.own_background)  # the ground of the displayed picture
+
+    def _as_renderer_needs(self, strokes: Strokes, before: Strokes) -> Strokes:
+        """Clamp strokes to those that the renderer can draw, and restore those that it holds from ``before``."""
+        clamped, held = self.renderer.clamp(strokes), self.renderer.held(before)
+        return clamped if held is None else clamped.with_rows(held, before[held])
 
     def _aim(self, view: View) -> None:
         """Set the target and the ground for a step as the changes request."""

@@ -32,12 +32,14 @@ LIGHTEST = 0.35  # width of the faintest lines relative to the strongest
 OUTLINE_LENGTH = 0.5  # length of the strokes of an outline, relative to that of single lines
 FADING = 1.5  # exponent of the focus by which faint features fade
 FINER = 0.55  # size of fine contours relative to the others
+LARGE, SLIGHTEST = 0.3, 0.35  # radius of a part with lines of full size, in longer sides; least relative size
 SUBTLE = 0.004  # least difference of fine features, relative to the lightness around them
 SHORTEST_LINE = 0.3  # share of the full length below which a contour is dropped
 MORE, APART = 3, 0.7  # lines traced per line drawn; least distance between two of them in widths
 TINY = 1e-9  # variation below which focus or sharpness counts as uniform
 SCALES = ((2.0, 1.0, 0.8 * FAINTEST), (1.0, FINER, 1.6 * FAINTEST))  # scale, relative width, strength of outlines
 THINNEST_LOOP, HOOKED = 8.0, 0.6  # thinnest shape with an outline in line widths; chord of such outlines over length
+NONE_DRAWN = np.zeros((0, 3, 2))
 FINEST = 0.7  # least scale of outlines in pixels
 
 
@@ -62,13 +64,15 @@ def contours(
     bold = round(BOLD * (n - few))
     flow = along_edges(structure_tensor(picture, max(1.0, FLOW_BLUR * side)))
     coarse = np.maximum(edge_lines(picture), 0.8 * edge_lines(picture, 2.0)) * clear
-    single = _trace(coarse, flow, straight, bold, length, width)
+    size = _relative_size(looked_at > LOOKED_AT)
+    single = _trace(coarse, flow, straight, bold, size, length, width)
     clear = clear * straight * (1 - SHADED * looked_at)
     parts = [single, _draw_outlines(grey, clear, single[0], n - few - bold, length, width)]
     if few:
         attended = looked_at > LOOKED_AT
         faint = _fine_lines(picture, SUBTLE) * inner * attended * looked_at**FADING
-        parts.append(_trace(faint, flow, straight, few, FINER * length, FINER * width, float(attended.sum())))
+        finer = FINER * length, FINER * width
+        parts.append(_trace(faint, flow, straight, few, size, *finer, float(attended.sum()), single[0]))
     curve, across = (np.concatenate(part) for part in zip(*parts, strict=True))
     return strokes_of(curve, across, across > 0, color, n)
 
@@ -79,7 +83,7 @@ def _draw_outlines(grey: Array, clear: Array, drawn: Array, n: int, length: floa
     Outlines are omitted beside curves already ``drawn`` (k, 3, 2), and where edges are not ``clear`` (H, W).
     """
     side, near = max(grey.shape), max(1, round(APART * width))
-    taken, curves, widths, count = np.zeros(grey.shape, bool), [np.zeros((0, 3, 2))], [np.zeros(0)], 0
+    taken, curves, widths, count = np.zeros(grey.shape, bool), [NONE_DRAWN], [np.zeros(0)], 0
     _take(taken, points_of(drawn).reshape(-1, 2), near)
     for scale, broad, lowest in SCALES:
         lines = find_outlines(grey, max(FINEST, scale * SIGMA * side), clear, lowest, 2 * lowest)
@@ -119,25 +123,46 @@ def _take(taken: Array, points: Array, near: int) -> None:
         taken[max(row - near, 0) : row + near + 1, max(column - near, 0) : column + near + 1] = True
 
 
+def _relative_size(attended: Array) -> Array:
+    """Compute the relative size (H, W) of lines, which is below 1 in small parts of the area of attention (H, W)."""
+    from scipy.ndimage import label  # noqa: PLC0415  (slow to import)
+
+    part, count = label(attended)
+    radius = np.sqrt(np.bincount(part.reshape(-1), minlength=count + 1) / math.pi)
+    radius[0] = math.inf  # elsewhere
+    return (radius / (LARGE * max(attended.shape))).clip(SLIGHTEST, 1)[part]
+
+
 def _fine_lines(picture: Array, least: float) -> Array:
     """Find lines (H, W) in a picture (3, H, W) that are no thicker than a pen line."""
     return np.maximum(*(edge_lines(picture, scale, least) for scale in (FINER, 1.0)))
 
 
 def _trace(
-    lines: Array, flow: Array, straight: Array, n: int, length: float, width: float, area: float | None = None
+    lines: Array,
+    flow: Array,
+    straight: Array,
+    n: int,
+    size: Array,
+    length: float,
+    width: float,
+    area: float | None = None,
+    drawn: Array = NONE_DRAWN,
 ) -> tuple[Array, Array]:
     """Trace at most n lines in a strength map (H, W) along a flow (H, W); return curves (m, 3, 2) and widths (m,).
 
     Lines where ``straight`` (H, W) is high are traced first. At most one line starts in each cell of a grid, whose cell
-    size follows from n and the ``area`` in pixels (None: the whole map).
+    size follows from n and the ``area`` in pixels (None: the whole map). Lines are at most ``length`` long and
+    ``width`` wide, times the relative ``size`` (H, W), and do not run along curves already ``drawn`` (k, 3, 2).
     """
     _, x, y = worst_of_cells(lines, max(2, round(0.6 * math.sqrt((area or lines.size) / max(n, 1)))))
     strength = sample_at(lines, x, y)
     best = np.argsort(-strength * sample_at(straight, x, y), kind="stable")[: MORE * n]
     places, strength = np.stack([x, y], 1)[best] + 0.5, strength[best]
-    pressed = _relative_width(strength)
+    here = sample_at(size, *places.T)
+    pressed = here * _relative_width(strength)
     curve = follow_flow(places, flow, 0.5 * length * pressed, lines, FAINTEST)
-    seen = (strength > FAINTEST) & (np.linalg.norm(curve[:, 2] - curve[:, 0], axis=1) > SHORTEST_LINE * length)
-    kept = find_apart(curve[seen], lines.shape, APART * width)[:n]
+    seen = (strength > FAINTEST) & (np.linalg.norm(curve[:, 2] - curve[:, 0], axis=1) > SHORTEST_LINE * length * here)
+    apart = find_apart(np.concatenate([drawn, curve[seen]]), lines.shape, APART * width) - len(drawn)
+    kept = apart[apart >= 0][:n]
     return curve[seen][kept], (width * pressed)[seen][kept]

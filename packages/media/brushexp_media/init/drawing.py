@@ -14,7 +14,7 @@ from brushexp.contracts.members import InLayers
 from brushexp.contracts.pictures import flatten_picture, sample_at
 from brushexp.contracts.strokes import Strokes
 from brushexp_media.init.contours import LOOKED_AT, TINY, contours
-from brushexp_media.init.hatching import ANGLES, EVEN, forms, hatching
+from brushexp_media.init.hatching import ANGLES, EVEN, forms, hatching, rows_drawn
 from brushexp_media.init.ink import INK, INKED, rgb_of, strokes_of
 from brushexp_media.init.shapes import fill_shape, remove_specks
 from brushexp_media.marks import PEN
@@ -38,6 +38,7 @@ STRAIGHT = 0.2  # turn of hatching with forms, relative to that of other media
 GROUPS, SWAY = 0.35, 0.15  # longer sides between groups of lines, and their rotation in radians
 FACE_WASHES = 0.6  # share of washes among the strokes of a face; the others are contours
 WASH_OPACITY, CALM = 0.9, 0.2  # of washes
+CLOSEST = 0.6  # least distance between rows of hatching, in widths of the broadest contour
 PRESSED = 0.3  # standard deviation of the logarithm of the width of hatching lines
 
 
@@ -148,8 +149,8 @@ class Drawing(Initializer):
     def _hatching(self, dark: Array, turned: Array, n: int, random: np.random.Generator) -> Strokes:
         """Draw hatching over dark areas, at fixed angles plus ``turned`` (H, W), as densely as ``n`` lines allow."""
         side, tones = max(dark.shape), self._above(self.tones, dark)
-        area = sum(float((dark > tone).sum()) for tone in tones)
-        gap = max(1.2, area / max(n, 1) / (0.9 * self._longest(side)))
+        area = sum(rows_drawn(dark, tone) for tone in tones)
+        gap = max(CLOSEST * self._widest(side), area / max(n, 1) / (0.9 * self._longest(side)))
         hatchings = zip(tones, ANGLES, strict=True)
         parts = [hatching(dark, tone, angle, turned, gap, self._longest(side), random) for tone, angle in hatchings]
         curve = np.concatenate(parts)

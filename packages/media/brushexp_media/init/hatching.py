@@ -9,9 +9,10 @@ from brushexp_media.picture.lines import follow_flow
 
 Array = np.ndarray
 ANGLES = (-0.9, -0.7, -0.4)  # angles of hatching in radians, starting with that of the half tones
-SPARSE = 0.3  # share of hatching lines that remain where hatching begins
+BEGIN = 0.0, 0.3, 0.15, 0.45  # depth of tone from which each of four successive rows is drawn; the first: everywhere
 FORM, TURN = 0.02, 0.4  # standard deviation of the blur of forms in longer sides; turn of hatching with forms, radians
 WEAK = 0.5  # strength of a form, relative to the mean, below which hatchings follow it less
+UNEVEN = 0.05  # standard deviation of these depths
 EVEN = 0.02  # margin of darkness that still counts as dark, so that even areas are not omitted
 LONGER = 0.45  # standard deviation of the logarithm of the length of hatching lines
 
@@ -25,6 +26,12 @@ def forms(picture: Array) -> Array:
     return turned
 
 
+def rows_drawn(dark: Array, tone: float) -> float:
+    """Compute the area in pixels where ``dark`` (H, W) exceeds ``tone``, weighted by the share of rows drawn there."""
+    deeper = _depth(dark[dark > tone], tone)
+    return float(np.mean([(deeper > begin).sum() for begin in BEGIN]))
+
+
 def hatching(
     dark: Array, tone: float, angle: float, turned: Array, gap: float, length: float, random: np.random.Generator
 ) -> Array:
@@ -35,12 +42,19 @@ def hatching(
     height, width = dark.shape
     half = 0.5 * math.hypot(height, width)
     u, v = np.meshgrid(np.arange(-half, half, 0.8 * length), np.arange(-half, half, gap))
+    begin = np.resize(BEGIN, len(v))[:, None] + UNEVEN * random.standard_normal(u.shape)
     u = u + length * (random.uniform(-0.5, 0.5, len(v))[:, None] + 0.15 * random.standard_normal(u.shape))
     v = v + 0.4 * gap * random.standard_normal(v.shape)
     c, s = math.cos(angle), math.sin(angle)
     places = np.stack([width / 2 + c * u - s * v, height / 2 + s * u + c * v], -1).reshape(-1, 2)
-    places = places[((places >= 0) & (places < (width, height))).all(1)]
-    deeper = (sample_at(dark, *places.T) - tone) / max(1 - tone, EVEN)
-    places = places[(deeper > 0) & (random.random(len(places)) < SPARSE + (1 - SPARSE) * 1.4 * deeper)]
+    inner = ((places >= 0) & (places < (width, height))).all(1)
+    places, begin = places[inner], begin.reshape(-1)[inner]
+    places = places[_depth(sample_at(dark, *places.T), tone) > begin.clip(0)]
     reach = 0.5 * length * random.lognormal(-0.4, LONGER, len(places))
     return follow_flow(places, angle + turned, reach, dark, tone)
+
+
+def _depth(dark: Array, tone: float) -> Array:
+    """Compute by how much darkness exceeds ``tone``, relative to black."""
+    depth: Array = (dark - tone) / max(1 - tone, EVEN)
+    return depth

@@ -103,6 +103,10 @@ class Renderer(nn.Module, ABC):
         """Clamp strokes to the nearest strokes that this renderer can draw; painters call this after every step."""
         return strokes
 
+    def held(self, strokes: Strokes) -> Tensor | None:
+        """Return the indices (K,) of the strokes that steps leave as they are; None if steps move all strokes."""
+        return None
+
     def distil(self, simulate: Callable[[Tensor, int], Simulated]) -> None:
         """Derive parameters directly from simulated strokes; called once, before training.
 

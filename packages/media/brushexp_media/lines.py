@@ -1,0 +1,18 @@
+"""Put the pen lines of a drawing on top of its washes."""
+
+from torch import Tensor
+
+from brushexp.contracts import register
+from brushexp.contracts.families import Order
+from brushexp.contracts.strokes import Strokes
+from brushexp_media.marks import PEN
+
+
+@register("order", "lines")
+class LinesOnTop(Order):
+    """Puts pen lines on top of all washes, also of those in faces; otherwise keeps the order of the catalogue."""
+
+    every = 2**31  # never again
+
+    def depth(self, strokes: Strokes, accuracy: Tensor | None) -> Tensor:
+        return (strokes.brush >= PEN).to(strokes.opacity.dtype)
