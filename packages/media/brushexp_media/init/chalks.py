@@ -14,7 +14,7 @@ from brushexp.contracts.members import InLayers
 from brushexp.contracts.pictures import sample_at, structure_tensor
 from brushexp.contracts.strokes import Strokes
 from brushexp_media.init.accents import accents
-from brushexp_media.init.hatching import ANGLES, forms, hatching
+from brushexp_media.init.hatching import ANGLES, forms, hatching, rows_drawn
 from brushexp_media.init.ink import strokes_of
 from brushexp_media.marks import RUBBED, VARIANTS
 from brushexp_media.picture.noise import noise_of
@@ -110,7 +110,7 @@ class Chalks(Initializer):
             free *= 1 - FOCUSED * weight / weight.max()
         turned = FOLLOWED * forms(picture) + SWAY * noise_of(free.shape, GROUP, random)
         length = self.reach * thick
-        gap = max(LINE_SPACING * thick, free.clip(0).sum() / max(n, 1) / (0.7 * length))
+        gap = max(LINE_SPACING * thick, rows_drawn(free, 0.0) / max(n, 1) / (0.7 * length))
         curve = hatching(free, 0.0, ANGLES[0], turned, gap, length, random)
         curve = curve[np.sort(random.permutation(len(curve))[:n])]
         color = sample_at(blurred, *curve.mean(1).T).T + random.normal(0, BROKEN, (len(curve), 1))
