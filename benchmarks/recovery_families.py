@@ -1,4 +1,4 @@
-"""Compare how well recovery finds strokes of families of paint that its training left out and that it included.
+r"""Compare how well recovery finds strokes of families of paint that its training left out and that it included.
 
     brushexp task=train_recovery families=true 'leave_out=[dabs,hatching,scanned,washes]' minutes=26 threads=1 \
         paintings=150 output=half_a

@@ -3,16 +3,16 @@
 from torch import Tensor
 
 from brushexp.contracts import register
-from brushexp.contracts.families import Order
+from brushexp.contracts.families import ONCE, Order
 from brushexp.contracts.strokes import Strokes
-from brushexp_media.marks import PEN
+from brushexp_media.marks import is_line
 
 
 @register("order", "lines")
 class LinesOnTop(Order):
     """Puts pen lines on top of all washes, also of those in faces; otherwise keeps the order of the catalogue."""
 
-    every = 2**31  # never again
+    every = ONCE
 
     def depth(self, strokes: Strokes, accuracy: Tensor | None) -> Tensor:
-        return (strokes.brush >= PEN).to(strokes.opacity.dtype)
+        return is_line(strokes).to(strokes.opacity.dtype)

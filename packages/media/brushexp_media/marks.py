@@ -54,14 +54,13 @@ class Marks(Renderer):
         self.kind = kind
 
     def forward(self, strokes: Strokes) -> TexturedProfile:
-        is_line = strokes.brush >= PEN
         half = half_width_of(strokes)
         softened = (half.square() + THIN**2).sqrt()
         finer = (ROWS / (2 * SPREAD) / softened.detach()).clamp(1e-3, 1e9).log2().floor()
         once = torch.ones_like(strokes.brush)
         variant = strokes.brush % VARIANTS
         if self.kind == "pen":
-            variant = variant // 2 + is_line * (VARIANTS // 2)  # the second half of the textures are pen lines
+            variant = variant // 2 + is_line(strokes) * (VARIANTS // 2)  # the second half of the textures are pen lines
         if self.kind in WITH_DRY_ENDS:
             curve = curve_of(strokes).detach()
             spent = (curve[:, 2] - curve[:, 0]).norm(dim=1) > RUN_OUT * 2 * half.detach()
@@ -78,7 +77,12 @@ class Marks(Renderer):
         )
 
     def held(self, strokes: Strokes) -> Tensor | None:
-        return (strokes.brush >= PEN).nonzero()[:, 0] if self.kind == "pen" else None
+        return is_line(strokes).nonzero()[:, 0] if self.kind == "pen" else None
+
+
+def is_line(strokes: Strokes) -> Tensor:
+    """Mark the strokes (N,), bool, of ``init=drawing`` that are pen lines."""
+    return strokes.brush >= PEN
 
 
 @lru_cache(maxsize=len(KINDS))

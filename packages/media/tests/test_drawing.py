@@ -15,6 +15,7 @@ import brushexp
 from brushexp.errors import UserError
 from brushexp.plugins.order.base import front_to_back
 from brushexp.registry import build_named
+from brushexp.strokes.bezier import curve_of, length_of
 from brushexp.strokes.catalogue import Strokes
 
 
@@ -109,7 +110,7 @@ def test_hatching_begins_with_every_fourth_row_and_gets_denser_where_it_is_darke
     assert rows_drawn(np.full((10, 10), 0.4), 0.5) == 0
 
 
-def test_lines_are_smaller_on_a_small_face_and_none_runs_along_another():
+def test_lines_are_smaller_on_a_small_face():
     y, x = np.mgrid[:200, :300]
     away = np.hypot(x - 60, y - 60)
     picture = np.repeat((0.5 + 0.3 * np.sin(away / 4) * (away < 40))[None], 3, 0)
@@ -119,6 +120,16 @@ def test_lines_are_smaller_on_a_small_face_and_none_runs_along_another():
     large = contours(picture, picture[0], **options)
     drawn_width = [float((one.width * one.scale)[one.opacity > 0].max()) for one in (small, large)]
     assert drawn_width[0] < 0.8 * drawn_width[1]
+
+
+def test_fine_lines_in_the_focus_do_not_run_along_bold_ones():
+    picture = np.full((3, 160, 240), 0.8)
+    picture[:, :, 120:] = 0.2
+    focus = 1.0 + 8.0 * (np.abs(np.arange(240) - 120) < 60) * np.ones((160, 1))
+    strokes = contours(picture, picture[0], 30, 40.0, 3.0, np.zeros(3), focus)
+    strokes = strokes[strokes.opacity > 0]
+    length = length_of(curve_of(strokes))
+    assert 100 < float(length.sum()) < 1.5 * 160, "the only edge is drawn once"
 
 
 def test_two_tones_are_refused_in_words():

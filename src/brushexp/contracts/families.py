@@ -12,7 +12,7 @@ from brushexp.plugins.logger.base import Logger, Run
 from brushexp.plugins.loss.base import Loss, PaintedView, Surroundings, restore, state_of, weighted_sum
 from brushexp.plugins.metric.base import Comparison, Metric
 from brushexp.plugins.optimizer.base import Optimizer
-from brushexp.plugins.order.base import RENEWED_SHARE, Order, front_to_back
+from brushexp.plugins.order.base import ONCE, RENEWED_SHARE, Order, front_to_back
 from brushexp.plugins.painter.base import Painter, PaintRequest, PaintState
 from brushexp.plugins.palette.base import Palette
 from brushexp.plugins.paper.base import Paper, Rows
@@ -28,6 +28,7 @@ from brushexp.plugins.renderer.base import (
 from brushexp.plugins.sampler.base import Sampler, View
 
 __all__ = [
+    "ONCE",
     "PRECISIONS",
     "RENDERERS",
     "RENEWED_SHARE",

@@ -7,6 +7,7 @@ from torch import Tensor
 
 from brushexp.strokes.catalogue import Strokes
 
+ONCE = 2**31  # ``every`` of an order that is computed only at the start
 RENEWED_SHARE = 0.5  # default share of a stage's steps after which the order is fixed
 
 

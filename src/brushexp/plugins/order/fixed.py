@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from brushexp.plugins.order.base import Order
+from brushexp.plugins.order.base import ONCE, Order
 from brushexp.registry import register
 from brushexp.strokes.catalogue import Strokes
 
@@ -12,7 +12,7 @@ from brushexp.strokes.catalogue import Strokes
 class FixedOrder(Order):
     """Keeps the stroke order of the catalogue, whose last stroke is on top."""
 
-    every = 2**31  # never again
+    every = ONCE
 
     def depth(self, strokes: Strokes, accuracy: Tensor | None) -> Tensor:
         return torch.zeros_like(strokes.opacity)
