@@ -11,60 +11,47 @@ r"""Compare how well recovery finds strokes of families of paint that its traini
     python benchmarks/recovery_families.py families.csv
 
 Each painting is by a family that one half of the weights has seen and the other has not. Given the folders of the
-benchmarks, the script first writes the record. Intervals are over paintings, drawn again within each family.
+benchmarks, the script first writes the record. Intervals are over paintings. For the published record, all paintings of
+the trainings (``sets=``) existed before.
 """
 
 import argparse
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
+from brushexp_recovery.benchmark.report_tables import interval_table
 
-LOOKS = ("clean", "hard")
-ROWS = {"trained without the family": "unseen", "trained with it": "seen", "gain": "gain", "shipped weights": "shipped"}
-DRAWS, LEVEL = 4000, 0.95  # of the bootstrap
+COLUMNS = ["scene", "kind", "look", "seen", "f1"]
+ROWS = {"unseen": "trained without the family", "seen": "trained with it", "gain": "gain", "shipped": "shipped weights"}
 
 
 def read_benchmark(folder: Path, weights: str) -> pd.DataFrame:
     """Read the F1 of each painting from the folder of a benchmark."""
     rows = pd.read_csv(folder / "figures.csv")
-    rows = rows[rows["method"] == "recovery"]
-    return rows[["scene", "kind", "look", "seen", "f1"]].assign(weights=weights)
+    return rows.loc[rows["method"] == "recovery", COLUMNS].assign(weights=weights)
 
 
-def compare(record: pd.DataFrame, look: str) -> pd.DataFrame:
-    """Return the F1 of each painting in one look: unseen, seen, their difference (``gain``), and with shipped weights.
+def compare(record: pd.DataFrame) -> pd.DataFrame:
+    """Return the F1 of each painting in each look: unseen, seen, their difference (``gain``), with shipped weights.
 
     Raises a ValueError unless each painting was unseen to one half of the weights and seen by the other.
     """
-    rows = record[record["look"] == look]
-    halves = rows[rows["weights"] == "half"].pivot(index=["kind", "scene"], columns="seen", values="f1")
+    painting = ["kind", "scene", "look"]
+    halves = record[record["weights"] == "half"].pivot(index=painting, columns="seen", values="f1")
     if halves.shape[1] != 2 or halves.isna().any(axis=None):
         raise ValueError("a painting was not seen by exactly one half of the weights")
     table = halves.rename(columns={False: "unseen", True: "seen"})
     table["gain"] = table["seen"] - table["unseen"]
-    table["shipped"] = rows[rows["weights"] == "shipped"].set_index(["kind", "scene"])["f1"]
+    table["shipped"] = record[record["weights"] == "shipped"].set_index(painting)["f1"]
     return table
 
 
-def mean_and_interval(values: pd.Series) -> tuple[float, float, float]:
-    """Compute the mean and its bootstrap interval; ``values`` are indexed by (kind, scene)."""
-    random = np.random.default_rng(0)
-    kinds = [group.to_numpy() for _, group in values.groupby("kind")]
-    draws = [random.choice(kind, (DRAWS, len(kind))).mean(1) for kind in kinds]
-    low, high = np.quantile(np.mean(draws, axis=0), [(1 - LEVEL) / 2, (1 + LEVEL) / 2])
-    return float(np.mean([kind.mean() for kind in kinds])), float(low), float(high)
-
-
 def table_of(record: pd.DataFrame) -> list[str]:
-    """Make the lines of a Markdown table."""
-    tables = [compare(record, look) for look in LOOKS]
-    lines = [f"| F1: {len(tables[0])} paintings | clean | hard |", "|---|---|---|"]
-    for title, column in ROWS.items():
-        figures = [mean_and_interval(table[column]) for table in tables]
-        cells = " | ".join(f"{mean:z.2f} ({low:z.2f} to {high:z.2f})" for mean, low, high in figures)
-        lines.append(f"| {title} | {cells} |")
-    return lines
+    """Make the lines of a Markdown table of means over paintings."""
+    rows = compare(record)[list(ROWS)].melt(var_name="method", value_name="f1", ignore_index=False).reset_index()
+    means = [line for line in interval_table(rows.to_dict("records")) if line["kind"] == "mean of kinds"]
+    head = [f"| F1: {means[0]['paintings']} paintings | clean | hard |", "|---|---|---|"]
+    return head + [f"| {ROWS[line['method']]} | {line['clean']} | {line['hard']} |" for line in means]
 
 
 def main() -> None:

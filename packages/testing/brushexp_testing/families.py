@@ -92,6 +92,13 @@ def is_bounded_and_differentiable_in_every_field(make: Make) -> None:
     assert (alpha[0][beyond] == 0).all()
 
 
+def numbers_the_strokes_it_holds(make: Make) -> None:
+    """Check that a renderer returns distinct indices of existing strokes, or None, for the strokes that it holds."""
+    held = make().held(some_strokes(5, SIZE))
+    assert held is None or (held.dtype == torch.int64 and set(held.tolist()) <= set(range(5)))
+    assert held is None or len(held.unique()) == len(held)
+
+
 def loads_its_checkpoint(make: Make) -> None:
     """Check that a renderer with a ``checkpoint`` option raises a clear error if the file is missing."""
     if "checkpoint" in signature(type(make())).parameters:
@@ -261,7 +268,7 @@ def request_of(target: torch.Tensor, n: int, background: torch.Tensor) -> PaintR
 CHECKS: dict[str, list[Check]] = {
     "painter": [paints_within_stroke_budget],
     "init": [makes_requested_strokes_in_range],
-    "renderer": [is_bounded_and_differentiable_in_every_field, loads_its_checkpoint],
+    "renderer": [is_bounded_and_differentiable_in_every_field, numbers_the_strokes_it_holds, loads_its_checkpoint],
     "blend": [paints_requested_size],
     "order": [gives_every_stroke_a_depth],
     "loss": [is_finite_differentiable_and_zero_at_best],

@@ -5,12 +5,14 @@ from dataclasses import dataclass, replace
 import pytest
 import torch
 from brushexp_testing import contract
+from brushexp_testing.families import numbers_the_strokes_it_holds
 from brushexp_testing.words import has_clear_message, has_clear_texts
 
 import brushexp
 from brushexp.errors import UserError
 from brushexp.plugins.change.base import Change
 from brushexp.plugins.order.base import Order
+from brushexp.plugins.renderer.analytic import Analytic
 from brushexp.registry import FAMILIES
 
 
@@ -61,6 +63,19 @@ def test_a_message_says_in_one_line_what_is_wrong_and_what_to_do():
     ):
         with pytest.raises(AssertionError):
             has_clear_message(UserError(message))
+
+
+class HoldsByMask(Analytic):
+    """Draw strokes and hold them all, but give a mask instead of their indices."""
+
+    def held(self, strokes):
+        return torch.ones(len(strokes), dtype=torch.bool)
+
+
+def test_a_renderer_that_holds_strokes_by_a_mask_is_found():
+    numbers_the_strokes_it_holds(Analytic)
+    with pytest.raises(AssertionError):
+        numbers_the_strokes_it_holds(HoldsByMask)
 
 
 class Shrinks(Change):

@@ -64,12 +64,12 @@ def contours(
     bold = round(BOLD * (n - few))
     flow = along_edges(structure_tensor(picture, max(1.0, FLOW_BLUR * side)))
     coarse = np.maximum(edge_lines(picture), 0.8 * edge_lines(picture, 2.0)) * clear
-    size = _relative_size(looked_at > LOOKED_AT)
+    attended = looked_at > LOOKED_AT
+    size = _relative_size(attended)
     single = _trace(coarse, flow, straight, bold, size, length, width)
     clear = clear * straight * (1 - SHADED * looked_at)
     parts = [single, _draw_outlines(grey, clear, single[0], n - few - bold, length, width)]
     if few:
-        attended = looked_at > LOOKED_AT
         faint = _fine_lines(picture, SUBTLE) * inner * attended * looked_at**FADING
         finer = FINER * length, FINER * width
         parts.append(_trace(faint, flow, straight, few, size, *finer, float(attended.sum()), single[0]))
@@ -127,8 +127,8 @@ def _relative_size(attended: Array) -> Array:
     """Compute the relative size (H, W) of lines, which is below 1 in small parts of the area of attention (H, W)."""
     from scipy.ndimage import label  # noqa: PLC0415  (slow to import)
 
-    part, count = label(attended)
-    radius = np.sqrt(np.bincount(part.reshape(-1), minlength=count + 1) / math.pi)
+    part, _ = label(attended)
+    radius = np.sqrt(np.bincount(part.reshape(-1)) / math.pi)
     radius[0] = math.inf  # elsewhere
     return (radius / (LARGE * max(attended.shape))).clip(SLIGHTEST, 1)[part]
 

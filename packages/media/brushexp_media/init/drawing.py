@@ -34,7 +34,7 @@ KEPT = 0.5  # share of the given tone, rather than the one that leaves just enou
 FLAT_AT = 768  # longer side in pixels at which ``flatness`` is the weight of total variation
 MARGIN, WAVER, WAVES = 0.022, 0.35, 0.06  # longer sides that stay bare; deviation of its edge over it; longer sides
 SPARED = 0.4  # share of darkness that hatching leaves to lines in areas of attention
-STRAIGHT = 0.5  # turn of hatching with forms, relative to that of other media
+FOLLOWED = 0.5  # share of the turn towards the direction of forms that hatching takes
 GROUPS, SWAY = 0.35, 0.2  # longer sides between groups of lines, and their rotation in radians
 FACE_WASHES = 0.6  # share of washes among the strokes of a face; the others are contours
 WASH_OPACITY, CALM = 0.9, 0.2  # of washes
@@ -52,9 +52,9 @@ class Drawing(Initializer):
 
     Source: Winkenbach and Salesin (1994), on pen-and-ink illustration: tone is built up by successive layers of
     hatching, and outlines are drawn where neighbouring tones do not separate objects. Unlike in the source, hatching
-    has fixed angles, from which it turns by up to `TURN` where forms are strong. Tones are those of a flattened
-    picture, whose grey keeps the contrast between colours. In the focus, contours are finer, hatching is sparser, and
-    small dark shapes (lids, pupils, a mouth) are filled.
+    has fixed angles, from which it turns where forms are strong. Tones are those of a flattened picture, whose grey
+    keeps the contrast between colours. In the focus, contours are finer, hatching is sparser, and small dark shapes
+    (lids, pupils, a mouth) are filled.
 
     Args:
         washes: fraction of the strokes that are washes, 0 to 1.
@@ -116,7 +116,7 @@ class Drawing(Initializer):
         accents = min(n - washes - lines, round(n * self.accents))
         sparing = gaussian_filter(dark * (1 - SPARED * attended), SMOOTH * side)
         ink = Strokes.join(
-            self._hatching(sparing, _sway(STRAIGHT * forms(picture), random), n - washes - lines - accents, random),
+            self._hatching(sparing, _sway(FOLLOWED * forms(picture), random), n - washes - lines - accents, random),
             contours(picture, grey, lines, self._longest(side), self._widest(side), rgb_of(self.color), weight),
             self._fill_lines(
                 edge_lines(simple, *BLUNT) * (simple.max(0) < DEEPEST) * near * inner, inner, accents // 2, random

@@ -9,7 +9,7 @@ from brushexp_media.picture.lines import follow_flow
 
 Array = np.ndarray
 ANGLES = (-0.9, -0.7, -0.4)  # angles of hatching in radians, starting with that of the half tones
-BEGIN = 0.0, 0.3, 0.15, 0.45  # depth of tone from which each of four successive rows is drawn; the first: everywhere
+BEGIN = 0.0, 0.3, 0.15, 0.45  # depths from which four successive rows are drawn
 FORM, TURN = 0.02, 0.4  # standard deviation of the blur of forms in longer sides; turn of hatching with forms, radians
 WEAK = 0.5  # strength of a form, relative to the mean, below which hatchings follow it less
 UNEVEN = 0.05  # standard deviation of these depths
@@ -35,9 +35,9 @@ def rows_drawn(dark: Array, tone: float) -> float:
 def hatching(
     dark: Array, tone: float, angle: float, turned: Array, gap: float, length: float, random: np.random.Generator
 ) -> Array:
-    """Draw curves (n, 3, 2), ``gap`` pixels apart, where ``dark`` (H, W) exceeds ``tone``.
+    """Draw curves (n, 3, 2) where ``dark`` (H, W) exceeds ``tone``: every fourth row at first, all rows in the darkest.
 
-    Their direction is ``angle`` plus ``turned`` (H, W), in radians.
+    Rows are ``gap`` pixels apart. Their direction is ``angle`` plus ``turned`` (H, W), in radians.
     """
     height, width = dark.shape
     half = 0.5 * math.hypot(height, width)
@@ -55,6 +55,6 @@ def hatching(
 
 
 def _depth(dark: Array, tone: float) -> Array:
-    """Compute by how much darkness exceeds ``tone``, relative to black."""
+    """Compute how far darkness exceeds ``tone``, on a scale from 0 at ``tone`` to 1 at black."""
     depth: Array = (dark - tone) / max(1 - tone, EVEN)
     return depth

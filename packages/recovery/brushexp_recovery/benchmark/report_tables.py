@@ -126,7 +126,7 @@ def _resample_mean(values: Array, random: np.random.Generator) -> Array:
 def _with_interval(mean: float, means: Array, is_known: bool) -> str:
     """Format a mean; if ``is_known``, add the interval that contains 95 % of the resampled means."""
     low, high = np.quantile(means, [0.025, 0.975])
-    return f"{mean:.2f} ({low:.2f} to {high:.2f})" if is_known else f"{mean:.2f}"
+    return f"{mean:z.2f} ({low:z.2f} to {high:z.2f})" if is_known else f"{mean:z.2f}"
 
 
 def error_table(rows: Sequence[Row]) -> list[dict[str, Any]]:
